@@ -1,0 +1,86 @@
+"""One interface to variable-frequency drives of different makers over serial lines."""
+
+from drivecomm.bus import (
+    Bus as Bus,
+)
+from drivecomm.bus import (
+    Found as Found,
+)
+from drivecomm.bus import (
+    open_bus as open_bus,
+)
+from drivecomm.decoding import decode as decode
+from drivecomm.decoding import encode as encode
+from drivecomm.drive import Broadcast as Broadcast
+from drivecomm.drive import Drive as Drive
+from drivecomm.errors import (
+    AddressError as AddressError,
+)
+from drivecomm.errors import (
+    DamagedReplyError as DamagedReplyError,
+)
+from drivecomm.errors import (
+    DriveCommError as DriveCommError,
+)
+from drivecomm.errors import (
+    DriveError as DriveError,
+)
+from drivecomm.errors import (
+    FileFormatError as FileFormatError,
+)
+from drivecomm.errors import (
+    LinkDownError as LinkDownError,
+)
+from drivecomm.errors import (
+    LinkError as LinkError,
+)
+from drivecomm.errors import (
+    NoReplyError as NoReplyError,
+)
+from drivecomm.errors import (
+    NotSupported as NotSupported,
+)
+from drivecomm.errors import (
+    ParameterAddressError as ParameterAddressError,
+)
+from drivecomm.errors import (
+    PortError as PortError,
+)
+from drivecomm.errors import (
+    ProtocolLoadError as ProtocolLoadError,
+)
+from drivecomm.errors import (
+    RefusedError as RefusedError,
+)
+from drivecomm.errors import (
+    ReplyError as ReplyError,
+)
+from drivecomm.errors import (
+    StateError as StateError,
+)
+from drivecomm.errors import (
+    TelegramError as TelegramError,
+)
+from drivecomm.errors import (
+    UnexpectedReplyError as UnexpectedReplyError,
+)
+from drivecomm.errors import (
+    UnknownProtocolError as UnknownProtocolError,
+)
+from drivecomm.errors import (
+    UsageError as UsageError,
+)
+from drivecomm.errors import (
+    ValueRefusedError as ValueRefusedError,
+)
+from drivecomm.line import LineSettings as LineSettings
+from drivecomm.line import Timing as Timing
+from drivecomm.link import TraceEvent as TraceEvent
+from drivecomm.protocol import Capabilities as Capabilities
+from drivecomm.reading import Reading as Reading
+from drivecomm.registry import protocols as protocols
+from drivecomm.status import DriveState as DriveState
+from drivecomm.status import DriveStatus as DriveStatus
+from drivecomm.status import Stop as Stop
+from drivecomm.telegram import Telegram as Telegram
+from drivecomm.version import __version__ as __version__

@@ -1,0 +1,140 @@
+"""Everything that can go wrong, in one tree, branched by who is at fault.
+
+DriveCommError                      exit code 1
+├── UsageError                  2   the caller: a wrong name, address, value or file
+│   ├── UnknownProtocolError        `drive("modbus", 1)` with no such plug-in installed
+│   ├── ProtocolLoadError           a plug-in is installed and cannot be imported
+│   ├── AddressError                VABus node 31, FC address 127
+│   ├── ParameterAddressError       "48x" is no parameter address
+│   ├── ValueRefusedError           six digits for a telegram with room for five
+│   ├── NotSupported                DC brake on a drive that has none
+│   └── FileFormatError             a vector or model file with a missing key
+├── LinkError                   3   the line or its port
+│   ├── PortError                   the port does not exist or is in use
+│   └── LinkDownError               the adapter was unplugged, the serial server hung up
+├── ReplyError                  4   the reply is missing or damaged
+│   ├── NoReplyError                nothing came in time (also a TimeoutError)
+│   ├── DamagedReplyError           something came, no telegram could be made of it
+│   └── UnexpectedReplyError        a sound telegram that answers nothing the drive was asked
+├── DriveError                  5   the drive said no
+│   ├── RefusedError                a parameter access was refused, with the drive's code
+│   └── StateError                  the drive did not reach the state it was commanded to
+└── TelegramError               4   bytes that are no telegram, or fields that make none
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal, TypeAlias
+
+Category: TypeAlias = Literal["framing", "length", "checksum", "field"]
+
+
+class DriveCommError(Exception):
+    """Root of the tree; every error that drivecomm raises on purpose is one of these."""
+
+    exit_code: ClassVar[int] = 1
+
+
+class UsageError(DriveCommError, ValueError):
+    """The call cannot work as it stands; nothing was sent."""
+
+    exit_code = 2
+
+
+class UnknownProtocolError(UsageError):
+    """No installed plug-in has this name."""
+
+
+class ProtocolLoadError(UsageError):
+    """An installed plug-in cannot be loaded; the others still work."""
+
+
+class AddressError(UsageError):
+    """The protocol has no drive at this address."""
+
+
+class ParameterAddressError(UsageError):
+    """The text names no parameter in this protocol."""
+
+
+class ValueRefusedError(UsageError):
+    """The value does not fit the parameter: range, digits, decimals or type."""
+
+
+class NotSupported(UsageError):  # noqa: N818 - the public name since the first plan
+    """This drive cannot do that; its capabilities say what it can."""
+
+
+class FileFormatError(UsageError):
+    """A file (vectors, model, values) does not have the form that its reader expects."""
+
+
+class LinkError(DriveCommError):
+    """The line or its port does not work."""
+
+    exit_code = 3
+
+
+class PortError(LinkError):
+    """The port cannot be opened: it does not exist, is in use or refuses its settings."""
+
+
+class LinkDownError(LinkError):
+    """The port worked and has gone; it is opened again by the next exchange."""
+
+
+class ReplyError(DriveCommError):
+    """A drive was asked and no believable reply came."""
+
+    exit_code = 4
+
+
+class NoReplyError(ReplyError, TimeoutError):
+    """Nothing that answers the request came within the reply time."""
+
+
+class DamagedReplyError(ReplyError):
+    """Bytes came within the reply time, and none of them made a sound telegram."""
+
+
+class UnexpectedReplyError(ReplyError):
+    """The reply is sound and correlates, and still is no answer that this request can have."""
+
+
+class DriveError(DriveCommError):
+    """The drive understood and said no."""
+
+    exit_code = 5
+
+
+class RefusedError(DriveError):
+    """The drive refused an access to a parameter.
+
+    parameter: its address. code: the drive's number, None when it gave none. reason: the manual's words for it.
+    """
+
+    def __init__(self, parameter: str, code: int | None, reason: str) -> None:
+        self.parameter = parameter
+        self.code = code
+        self.reason = reason
+        number = "without a code" if code is None else f"with code {code}"
+        super().__init__(f"the drive refused parameter {parameter} {number}: {reason}")
+
+
+class StateError(DriveError):
+    """The drive is in, or came to, a state other than the one that was asked for."""
+
+
+class TelegramError(DriveCommError):
+    """Bytes are not a telegram of this protocol, or fields cannot be made into one.
+
+    category: framing (a fixed character is wrong), length, checksum, or field (a field holds what it may not).
+    field: the name of the field at fault, empty when it is the telegram as a whole.
+    """
+
+    exit_code = 4
+
+    def __init__(self, category: Category, message: str, *, field: str = "") -> None:
+        self.category: Category = category
+        self.field = field
+        super().__init__(message)

@@ -1,0 +1,102 @@
+"""A serial line: how its characters look, how long they last, how its partners take turns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Literal, TypeAlias
+
+from drivecomm.errors import UsageError
+
+Parity: TypeAlias = Literal["N", "E", "O", "M", "S"]
+
+_PARITIES = ("N", "E", "O", "M", "S")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineSettings:
+    """Speed and character format of a serial line, for example 9600 baud 8E1.
+
+    baudrate: bits per second. bytesize: data bits, 7 or 8. parity: N, E, O, M or S. stopbits: 1, 1.5 or 2.
+    """
+
+    baudrate: int = 9600
+    bytesize: int = 8
+    parity: Parity = "N"
+    stopbits: float = 1
+
+    def __post_init__(self) -> None:
+        if not 50 <= self.baudrate <= 4_000_000:
+            raise UsageError(f"a baud rate of {self.baudrate} is not between 50 and 4000000")
+        if self.bytesize not in (7, 8):
+            raise UsageError(f"{self.bytesize} data bits are not possible, drives use 7 or 8")
+        if self.parity not in _PARITIES:
+            raise UsageError(f"parity {self.parity!r} is not one of N, E, O, M, S")
+        if self.stopbits not in (1, 1.5, 2):
+            raise UsageError(f"{self.stopbits} stop bits are not possible, use 1, 1.5 or 2")
+
+    @property
+    def character_s(self) -> float:
+        """Seconds that one character takes: start bit, data bits, parity bit, stop bits."""
+        return (1 + self.bytesize + (self.parity != "N") + self.stopbits) / self.baudrate
+
+    def wire_s(self, characters: int) -> float:
+        """Seconds that this many characters take when they follow each other without a gap."""
+        return characters * self.character_s
+
+    def __str__(self) -> str:
+        return f"{self.baudrate} {self.bytesize}{self.parity}{self.stopbits:g}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Timing:
+    """When a master may speak and how long it waits; all in seconds, apart from the number of attempts.
+
+    reply_timeout_s: from the last character of a request to the first of the reply.
+    gap_s: the longest pause inside a telegram; a longer one ends it.
+    turnaround_s: from the end of a reply to the next request.
+    broadcast_pause_s: from the end of a broadcast to the next request.
+    late_s: how long after an unanswered request its reply may still arrive.
+    attempts: how often a request is sent at most, when repeating it is safe.
+    """
+
+    reply_timeout_s: float
+    gap_s: float
+    turnaround_s: float
+    broadcast_pause_s: float
+    late_s: float = 1.0
+    attempts: int = 3
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if getattr(self, field.name) < 0:
+                raise UsageError(f"{field.name} of {getattr(self, field.name)} is negative")
+        if self.attempts < 1:
+            raise UsageError("attempts of 0 would never send anything, use 1 or more")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineFacts:
+    """What holds on the line for one drive: its settings and its timing."""
+
+    settings: LineSettings
+    timing: Timing
+
+    def override(self, facts: dict[str, object]) -> LineFacts:
+        """Return these facts with the named ones replaced; names are those of LineSettings and Timing.
+
+        Raises UsageError for a value that cannot be.
+        """
+        known = {name: value for name, value in facts.items() if value is not None}
+        settings = {name: known[name] for name in _names(LineSettings) if name in known}
+        timing = {name: known[name] for name in _names(Timing) if name in known}
+        return LineFacts(
+            settings=replace(self.settings, **settings),  # type: ignore[arg-type]
+            timing=replace(self.timing, **timing),  # type: ignore[arg-type]
+        )
+
+
+def _names(kind: type[LineSettings | Timing]) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind))
+
+
+LINE_FACT_NAMES = frozenset(_names(LineSettings) + _names(Timing))

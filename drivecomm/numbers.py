@@ -1,0 +1,39 @@
+"""Exact numbers: what a caller gives, made into what a telegram can carry, without rounding."""
+
+from __future__ import annotations
+
+from decimal import Decimal, InvalidOperation
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import ValueRefusedError
+
+if TYPE_CHECKING:
+    from drivecomm.reading import Value
+
+
+def exact(value: Value | float, parameter: str) -> Decimal:
+    """Return the number that a caller means: 10.1 is ten and one tenth, whatever binary floats make of it.
+
+    Raises ValueRefusedError for text that is no number, and for infinities.
+    """
+    try:
+        number = Decimal(str(value)) if isinstance(value, float) else Decimal(value)
+    except (InvalidOperation, TypeError, ValueError) as error:
+        raise ValueRefusedError(f"{value!r} for parameter {parameter} is no number") from error
+    if not number.is_finite() or isinstance(value, bool):
+        raise ValueRefusedError(f"{value!r} for parameter {parameter} is no number")
+    return number
+
+
+def unscaled(physical: Decimal, factor: Decimal, parameter: str, unit: str = "") -> int:
+    """Return the whole number that stands for a physical value. Raises ValueRefusedError if it is not exact."""
+    raw = physical / factor
+    if raw != raw.to_integral_value() or raw * factor != physical:
+        shown = f"{factor} {unit}".rstrip()
+        raise ValueRefusedError(f"{physical} for parameter {parameter} is no multiple of {shown}; it is not rounded")
+    return int(raw)
+
+
+def scaled(raw: int, factor: Decimal) -> int | Decimal:
+    """Return the physical value of a raw one; a whole number stays one where there is nothing to scale."""
+    return raw if factor == 1 else raw * factor

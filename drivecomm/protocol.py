@@ -1,0 +1,180 @@
+"""The plug-in contract: what a protocol package gives to drivecomm.
+
+A package has one `Protocol` object, named by the entry-point group `drivecomm.protocols`. Everything else is found from
+there. The object and all it refers to do no I/O, read no clock and import nothing that does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+from typing import Protocol as Interface
+
+from drivecomm.status import Stop
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from drivecomm.exchange import Exchange
+    from drivecomm.framing import Codec, Damaged, Framed
+    from drivecomm.line import LineFacts, LineSettings
+    from drivecomm.models import Model
+    from drivecomm.motor import Motor
+    from drivecomm.reading import Reading, Value
+    from drivecomm.status import DriveStatus
+    from drivecomm.telegram import Direction, Message
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Capabilities:
+    """What a drive can be asked to do over this protocol.
+
+    stops: the ways to stop. reverse: whether it can start backwards. reference_percent, reference_hz: how a reference
+    can be given. stored_writes: `store=True` writes to EEPROM. volatile_writes: `store=False` keeps a write out of
+    EEPROM. broadcast: commands to all drives at once. link_loss: what the drive does when the master falls silent and
+    which parameter decides it.
+    """
+
+    stops: frozenset[Stop]
+    reverse: bool
+    reference_percent: bool
+    reference_hz: bool
+    stored_writes: bool
+    volatile_writes: bool
+    broadcast: bool
+    link_loss: str
+
+
+class Operations(Interface):
+    """The operations of one drive, or of all drives at the broadcast address, as exchanges.
+
+    The object remembers what a master must remember about one drive (the control word it last sent, say). What cannot
+    be done raises NotSupported before anything is sent; a value that does not fit raises ValueRefusedError. The
+    keywords of `read` and `write` beyond those here are the protocol's own and are part of its documentation.
+    """
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What this drive can be asked to do."""
+        ...
+
+    @property
+    def read(self) -> Callable[..., Exchange[Reading]]:
+        """`read(parameter, **own options)`: read one parameter, by its address or by its name in the model."""
+        ...
+
+    @property
+    def write(self) -> Callable[..., Exchange[Reading | None]]:
+        """`write(parameter, value, *, store=False, **own options)`: write one parameter.
+
+        The result is what the drive then reports, None where it only confirms.
+        """
+        ...
+
+    def status(self) -> Exchange[DriveStatus]:
+        """Read the status word, commanding nothing that is not commanded already."""
+        ...
+
+    def start(self, *, reverse: bool = False) -> Exchange[None]:
+        """Start the motor."""
+        ...
+
+    def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
+        """Stop the motor."""
+        ...
+
+    def reset(self) -> Exchange[None]:
+        """Acknowledge a fault; the motor stays stopped."""
+        ...
+
+    def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
+        """Set the reference as a share of the reference range; it is never stored."""
+        ...
+
+    def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
+        """Set the reference as an output frequency; it is never stored."""
+        ...
+
+    def probe(self) -> Exchange[None]:
+        """Ask once, with something that cannot move a motor; returns when a drive of this protocol is there."""
+        ...
+
+    def identify(self) -> Exchange[Mapping[str, str]]:
+        """Read what the drive tells of itself: name plate, software, address. Moves nothing; may be empty."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VirtualReply:
+    """What a virtual drive sends, and how long after the request's last character it begins."""
+
+    data: bytes
+    delay_s: float
+
+
+class VirtualDrive(Interface):
+    """A drive that answers as the manual says a real one does. It hears whole telegrams and damaged ones."""
+
+    address: int
+    settings: LineSettings
+    gap_s: float
+    motor: Motor
+
+    @property
+    def codec(self) -> Codec:
+        """The telegrams that this drive understands."""
+        ...
+
+    def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
+        """Act on a request of this protocol heard on the line at this time; None is silence."""
+        ...
+
+    def peek(self, parameter: str, now: float) -> int | str:
+        """Return what the drive holds, as `Reading.raw` would show it. Raises ParameterAddressError."""
+        ...
+
+    def poke(self, parameter: str, raw: int | str) -> None:
+        """Set what the drive holds, as if at its keypad: no access check. Raises ParameterAddressError."""
+        ...
+
+    def trip(self, code: int, now: float) -> None:
+        """Make the drive trip with this fault code."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Protocol:
+    """One drive protocol.
+
+    name: as in `PROTOCOL:ADDRESS`. title: maker and protocol for people. package: the Python package that holds
+    vectors.toml, models/ and README.md. facts: default line settings and timing, with their source in `facts_source`.
+    addresses: those a single drive can have; scan_addresses: those a scan asks unless told otherwise.
+    default_model: the model of the package whose parameters a virtual drive holds unless told otherwise.
+    broadcast_address: what `operations` takes to mean all drives.
+    options: frozen keyword-only dataclass of what differs between drives and decoders of this protocol; its docstring
+    explains each. codec: telegrams for these options. message: builds a message from fields as vectors name them.
+    mismatch: names the first field in which a sound reply does not belong to the request, empty when it belongs.
+    operations: the verbs for a drive at an address. virtual: a drive to talk to.
+    blind_spots: positions in a telegram where the protocol cannot notice a single wrong bit.
+    forms: names and drawings for the documentation: title to rows of (field, size, meaning).
+    parameter_examples: parameter addresses that show the forms of this protocol.
+    """
+
+    name: str
+    title: str
+    package: str
+    facts: LineFacts
+    facts_source: str
+    addresses: range
+    scan_addresses: range
+    default_model: str
+    broadcast_address: int
+    options: type[Any]
+    codec: Callable[[Any], Codec]
+    message: Callable[[Mapping[str, Any], Direction], Message]
+    mismatch: Callable[[Message, Message], str]
+    operations: Callable[[int, Any, Model | None], Operations]
+    virtual: Callable[[int, Any, Model], VirtualDrive]
+    blind_spots: Callable[[bytes, Direction], frozenset[int]]
+    forms: Callable[[], Mapping[str, list[tuple[str, str, str]]]]
+    parameter_examples: tuple[str, ...] = field(default=())

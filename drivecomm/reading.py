@@ -1,0 +1,37 @@
+"""A value that was read from a drive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import TypeAlias
+
+Value: TypeAlias = int | Decimal | str
+"""What a parameter can hold: a whole number, an exact decimal, or characters."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """One value of one parameter.
+
+    parameter: its address, in the protocol's form. value: the physical value where type and scale are known, otherwise
+    what is certain (the characters or the unsigned number). raw: the value as the telegram carried it. unit: of value,
+    empty when there is none or it is not known. type: in the words of the protocol's manual, empty when not known.
+    name: from the drive's model, empty without one. text: what the value stands for, such as an option's or fault's
+    name. note: what is not certain about this reading. time_s: when the reply had arrived, in seconds since 1970 (on a
+    virtual line: since its start).
+    """
+
+    parameter: str
+    value: Value
+    raw: int | str
+    unit: str = ""
+    type: str = ""
+    name: str = ""
+    text: str = ""
+    note: str = ""
+    time_s: float = 0.0
+
+    def __str__(self) -> str:
+        shown = f"{self.value} {self.unit}".rstrip()
+        return f"{shown} ({self.text})" if self.text else shown

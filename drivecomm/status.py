@@ -1,0 +1,63 @@
+"""The state of a drive and the ways to stop it, in words that hold for every maker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from decimal import Decimal
+
+
+class Stop(Enum):
+    """How a motor is stopped.
+
+    RAMP: down the normal ramp. COAST: output off, the motor runs out. QUICK: down the quick-stop ramp. DC_BRAKE: with
+    direct current.
+    """
+
+    RAMP = "ramp"
+    COAST = "coast"
+    QUICK = "quick"
+    DC_BRAKE = "dc_brake"
+
+
+class DriveState(Enum):
+    """What a drive is doing.
+
+    NOT_READY: cannot start (disabled, switched off, initialising). READY: would start on command. RUNNING: the motor is
+    being driven. STOPPING: a quick stop is under way. FAULT: tripped, needs a reset.
+    """
+
+    NOT_READY = "not_ready"
+    READY = "ready"
+    RUNNING = "running"
+    STOPPING = "stopping"
+    FAULT = "fault"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveStatus:
+    """A drive's status word and what it says; None where this drive's word says nothing about it.
+
+    word: the status word as it came. state: the one state it means. running: the motor is being driven. fault: tripped.
+    warning: a warning is active. at_reference: speed equals the reference. reverse: the motor turns backwards.
+    remote: the bus may command the drive. fault_code, fault_text: of the active fault, where the drive tells.
+    actual_percent: output as a share of the reference range. actual_hz: output frequency. flags: the names of the
+    set bits in the manual's words.
+    """
+
+    word: int
+    state: DriveState
+    running: bool
+    fault: bool
+    warning: bool | None = None
+    at_reference: bool | None = None
+    reverse: bool | None = None
+    remote: bool | None = None
+    fault_code: int | None = None
+    fault_text: str = ""
+    actual_percent: Decimal | None = None
+    actual_hz: Decimal | None = None
+    flags: tuple[str, ...] = ()

@@ -1,0 +1,64 @@
+"""A telegram as everybody outside the protocol packages sees it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from decimal import Decimal
+from typing import Any, ClassVar, Literal, Protocol, TypeAlias
+
+Direction: TypeAlias = Literal["request", "reply"]
+"""request: master to drive; reply: drive to master."""
+
+
+class Message(Protocol):
+    """The content of a telegram: a frozen dataclass of its protocol, one field for each field of the telegram.
+
+    A field that is None is not in the telegram.
+    """
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def kind(self) -> str:
+        """Which of the protocol's telegrams this is, in the manual's word."""
+        ...
+
+
+def fields_of(message: Message) -> dict[str, Any]:
+    """Return the fields of a message by name, as test vectors write them: exact decimals as text."""
+    named: dict[str, Any] = {"kind": message.kind}
+    for field in fields(message):
+        value = getattr(message, field.name)
+        if value is not None:
+            named[field.name] = _as_written(value)
+    return named
+
+
+def _as_written(value: object) -> object:
+    if isinstance(value, Decimal):
+        return str(value)
+    return list(value) if isinstance(value, tuple) else value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Telegram:
+    """One message on the line: its bytes and what they mean.
+
+    protocol: the protocol's name. direction: request or reply. data: the bytes as they stand on the line.
+    message: the content as the protocol's own dataclass.
+    """
+
+    protocol: str
+    direction: Direction
+    data: bytes
+    message: Message
+
+    @property
+    def kind(self) -> str:
+        """Which of the protocol's telegrams this is."""
+        return self.message.kind
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """The decoded fields by name; fields that this telegram does not have are absent."""
+        return fields_of(self.message)

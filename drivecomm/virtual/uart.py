@@ -1,0 +1,58 @@
+"""What a receiver makes of characters that were sent with other line settings than its own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from drivecomm.line import LineSettings
+
+
+def heard(data: bytes, sender: LineSettings, receiver: LineSettings) -> bytes:
+    """Return the characters that a receiver reads while a sender sends these.
+
+    The line's level over time is sampled as a UART does: wait for a start bit, take each bit in its middle. Parity is
+    not checked and a missing stop bit is passed over, as common receivers with default settings do.
+    """
+    if sender == receiver:
+        return data if receiver.bytesize == 8 else bytes(byte & 0x7F for byte in data)
+    levels = list(_levels(data, sender))
+    return bytes(_characters(levels, sender.baudrate / receiver.baudrate, receiver))
+
+
+def _levels(data: bytes, sender: LineSettings) -> Iterator[int]:
+    """Yield the line's level, one entry for each bit time of the sender."""
+    for byte in data:
+        bits = [byte >> place & 1 for place in range(sender.bytesize)]
+        yield 0
+        yield from bits
+        if sender.parity != "N":
+            yield {"E": sum(bits) % 2, "O": 1 - sum(bits) % 2, "M": 1, "S": 0}[sender.parity]
+        yield 1
+        if sender.stopbits > 1:
+            yield 1
+
+
+def _characters(levels: list[int], step: float, receiver: LineSettings) -> Iterator[int]:
+    """Yield characters; step is the receiver's bit time in bit times of the sender."""
+    at = 0.0
+    length = receiver.bytesize + (receiver.parity != "N")
+    while True:
+        place = int(at)
+        while place < len(levels) and levels[place]:
+            place += 1
+            at = float(place)
+        if place >= len(levels):
+            return
+        middle = at + step / 2
+        samples = [_level(levels, middle + step * bit) for bit in range(1, length + 2)]
+        yield sum(bit << place for place, bit in enumerate(samples[: receiver.bytesize]))
+        at = middle + step * (length + 1)
+        if not samples[length]:
+            at += step / 2
+
+
+def _level(levels: list[int], at: float) -> int:
+    return levels[int(at)] if at < len(levels) else 1

@@ -1,0 +1,42 @@
+"""What differs between VABus drives and is therefore configurable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivecomm.errors import UsageError
+from drivecomm_vabus.telegrams import VALUE_TYPES, ValueType
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VabusOptions:
+    """Options of a VABus drive.
+
+    sys: system-bus node behind the drive, 0 for the drive itself. ram_datasets: the drive knows data sets 5 to 9, which
+    keep a write out of EEPROM (Agile VABus manual p. 30); without them every write is stored and needs `store=True`.
+    trailing_eot: close every exchange with EOT, as all manuals draw it. lower_case_hex: accept a-f in values.
+    reference_hz_parameter: what `set_reference(hz=)` writes, fixed frequency 1. reference_percent_parameter: what
+    `set_reference(percent=)` writes, fixed percent 1. Which of them the drive follows is its parameter 475 or 476.
+    state_timeout_s: how long a commanded state may take to come. type: for single telegrams, the type of their data.
+    reply_delay_s, silent_on, fault_lock_s: for a virtual drive: how long it takes to answer, the error codes that it
+    answers with silence instead of NAK, and how long after a fault it refuses the reset (ACT/ACU Modbus manual, German
+    edition, p. 51).
+    """
+
+    sys: int = 0
+    ram_datasets: bool = True
+    trailing_eot: bool = True
+    lower_case_hex: bool = False
+    reference_hz_parameter: int = 480
+    reference_percent_parameter: int = 520
+    state_timeout_s: float = 2.0
+    type: ValueType = ""
+    reply_delay_s: float = 0.010
+    silent_on: tuple[int, ...] = ()
+    fault_lock_s: float = 15.0
+
+    def __post_init__(self) -> None:
+        if self.sys not in range(64):
+            raise UsageError(f"system-bus node {self.sys} is not 0 to 63")
+        if self.type not in ("", *VALUE_TYPES):
+            raise UsageError(f"{self.type!r} is no VABus type; they are {', '.join(VALUE_TYPES)}")

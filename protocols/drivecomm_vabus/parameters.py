@@ -1,0 +1,125 @@
+"""Parameter addresses and values: what `481`, `520[2]` and `fixed_frequency_2` mean and how their values look."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
+from drivecomm.numbers import exact, scaled, unscaled
+from drivecomm.reading import Reading, Value
+from drivecomm_vabus.telegrams import DATASETS, PARAMETERS, ValueType, check_type, data_of, number_of
+
+if TYPE_CHECKING:
+    from drivecomm.models import Model, ParameterInfo
+
+_ADDRESS = re.compile(r"(?P<hundreds>\d{0,2}|[A-F])(?P<rest>\d{1,2})(?:\[(?P<dataset>\d)\])?", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """A parameter in a data set, with what is known about it. dataset is None where the address names none."""
+
+    number: int
+    dataset: int | None
+    type: ValueType
+    info: ParameterInfo | None
+
+    @property
+    def address(self) -> str:
+        """The parameter address in its plainest form."""
+        return str(self.number) if self.dataset is None else f"{self.number}[{self.dataset}]"
+
+
+def target(parameter: str, model: Model | None, type: str, dataset: int | None) -> Target:
+    """Return what a parameter address or a name of the model means.
+
+    Numbers run from 0 to 1599, those from 1000 on may be written A00 to F99; the data set stands in brackets. Raises
+    ParameterAddressError for anything else.
+    """
+    name, _, bracket = parameter.partition("[")
+    known = model.find(name) if model else None
+    text = (known.address if known else name) + (f"[{bracket}" if bracket else "")
+    match = _ADDRESS.fullmatch(text)
+    if match is None:
+        remedy = f"nor a name of model {model.name}" if model else "such as 481, 520[2] or C00"
+        raise ParameterAddressError(f"{parameter!r} is no VABus parameter address {remedy}")
+    hundreds = match["hundreds"]
+    number = (int(hundreds, 16) if hundreds.isalpha() else int(hundreds or 0)) * 100 + int(match["rest"])
+    number = number if hundreds.isalpha() or not hundreds else int(hundreds + match["rest"])
+    if number not in PARAMETERS:
+        raise ParameterAddressError(f"parameter {number} is beyond 1599, the highest that VABus can name")
+    if match["dataset"] is not None:
+        if dataset is not None and dataset != int(match["dataset"]):
+            raise UsageError(f"{parameter} names data set {match['dataset']}, and dataset={dataset} another")
+        dataset = int(match["dataset"])
+    if dataset is not None and dataset not in DATASETS:
+        raise ParameterAddressError(f"data set {dataset} does not exist; data sets are 0 to 9")
+    info = known or (model.find(str(number)) if model else None)
+    chosen = check_type(type or (info.type if info else ""))
+    return Target(number=number, dataset=dataset, type=chosen, info=info)
+
+
+def reading(wanted: Target, data: str, *, lower_case_hex: bool) -> Reading:
+    """Return the reading that a value's data characters give.
+
+    Without a type the characters are all that is certain: 0x000003E8 in eight characters may be a long or a text.
+    Raises UnexpectedReplyError when the characters are no value of the type.
+    """
+    info = wanted.info
+    common: dict[str, Any] = {"parameter": wanted.address, "name": info.name if info else ""}
+    if wanted.type == "":
+        return Reading(value=data, raw=data, note="type not known: these are the characters as sent", **common)
+    if wanted.type == "string":
+        return Reading(value=data, raw=data, type="string", unit=info.unit if info else "", **common)
+    try:
+        raw = number_of(data, wanted.type, lower_case_hex=lower_case_hex)
+    except ValueError as error:
+        raise UnexpectedReplyError(f"parameter {wanted.address} is no {wanted.type}: {error}") from error
+    if info is None:
+        return Reading(value=raw, raw=data, type=wanted.type, **common)
+    return Reading(
+        value=scaled(raw, info.factor),
+        raw=data,
+        type=wanted.type,
+        unit=info.unit,
+        text=info.values.get(raw, ""),
+        note="" if info.sure == "manual" else f"type and unit are {info.sure}",
+        **common,
+    )
+
+
+def characters_for(wanted: Target, value: Value | float) -> str:
+    """Return the data characters that carry a value; physical where the model knows the scale.
+
+    Raises ValueRefusedError for a value that does not fit, UsageError when the type is not known.
+    """
+    if wanted.type == "":
+        raise UsageError(
+            f"the type of parameter {wanted.address} is not known, so its value cannot be written; "
+            "name a model or give type= (uint, int, long, string)"
+        )
+    if wanted.type == "string":
+        text = str(value)
+        if not 1 <= len(text) <= 99 or not all(0x20 <= ord(character) <= 0x7E for character in text):
+            raise ValueRefusedError(
+                f"{text!r} for parameter {wanted.address} is not 1 to 99 printable ASCII characters"
+            )
+        return text
+    info = wanted.info
+    number = exact(value, wanted.address)
+    if info is not None:
+        _check_limits(info, number)
+    raw = unscaled(number, info.factor if info else Decimal(1), wanted.address, info.unit if info else "")
+    try:
+        return data_of(raw, wanted.type)
+    except ValueError as error:
+        raise ValueRefusedError(f"{value} for parameter {wanted.address}: {error}") from error
+
+
+def _check_limits(info: ParameterInfo, number: Decimal) -> None:
+    if (info.minimum is not None and number < info.minimum) or (info.maximum is not None and number > info.maximum):
+        limits = f"{info.minimum} to {info.maximum} {info.unit}".rstrip()
+        raise ValueRefusedError(f"{number} for parameter {info.address} is outside {limits}")

@@ -1,0 +1,63 @@
+"""What VABus gives to drivecomm."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.line import LineFacts, LineSettings, Timing
+from drivecomm.protocol import Protocol
+from drivecomm_vabus.exchanges import VabusOperations
+from drivecomm_vabus.options import VabusOptions
+from drivecomm_vabus.telegrams import (
+    BROADCAST,
+    NODES,
+    VabusCodec,
+    blind_spots,
+    drawings,
+    message_from,
+    mismatch,
+)
+from drivecomm_vabus.virtual import VirtualVabusDrive
+
+if TYPE_CHECKING:
+    from drivecomm.models import Model
+    from drivecomm.protocol import VirtualDrive
+
+
+def _codec(options: VabusOptions) -> VabusCodec:
+    return VabusCodec(options.type, lower_case_hex=options.lower_case_hex)
+
+
+def _virtual(address: int, options: VabusOptions, model: Model) -> VirtualDrive:
+    return VirtualVabusDrive(address, options, model)
+
+
+protocol = Protocol(
+    name="vabus",
+    title="Bonfiglioli VABus",
+    package="drivecomm_vabus",
+    facts=LineFacts(
+        settings=LineSettings(baudrate=19200, bytesize=7, parity="E"),
+        timing=Timing(
+            reply_timeout_s=0.5, gap_s=0.050, turnaround_s=0.002, broadcast_pause_s=0.050, late_s=1.0, attempts=3
+        ),
+    ),
+    facts_source=(
+        "7E1 and 19200 baud: short description sections 4 and 8; 2 ms before the master speaks: Agile VABus manual p. 33; "
+        "500 ms and a later answer under load: ACT/ACU Modbus manual p. 35; three transmissions: Agile VABus manual p. 27; "
+        "gap and broadcast pause are not printed anywhere, defaults of drivecomm"
+    ),
+    addresses=NODES,
+    scan_addresses=NODES,
+    default_model="agile",
+    broadcast_address=BROADCAST,
+    options=VabusOptions,
+    codec=_codec,
+    message=message_from,
+    mismatch=mismatch,
+    operations=VabusOperations,
+    virtual=_virtual,
+    blind_spots=blind_spots,
+    forms=drawings,
+    parameter_examples=("481", "520[2]", "C00"),
+)

@@ -1,0 +1,218 @@
+"""How a VABus drive answers.
+
+Short description sections 6.3 and 6.5; Agile VABus manual p. 30-33; state machine Agile Modbus manual p. 70.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.framing import Damaged, Framed
+from drivecomm.line import LineSettings
+from drivecomm.motor import Command, Motor
+from drivecomm.protocol import VirtualReply
+from drivecomm_vabus import states
+from drivecomm_vabus.errorcodes import CHECKSUM_ERROR, ERROR_REGISTER, SYNTAX_ERROR, SYSTEM_BUS_UNREACHABLE
+from drivecomm_vabus.parameters import target
+from drivecomm_vabus.states import State, next_state
+from drivecomm_vabus.store import Refusal, Store, unknown
+from drivecomm_vabus.telegrams import (
+    BROADCAST,
+    Ack,
+    Enquiry,
+    Nak,
+    Select,
+    VabusCodec,
+    Value,
+    data_of,
+)
+
+if TYPE_CHECKING:
+    from drivecomm.models import Model
+    from drivecomm_vabus.options import VabusOptions
+
+_BLOCK_LIST, _BLOCK_WRITE, _BLOCK_READ = 17, 18, 19
+
+
+class VirtualVabusDrive:
+    """An inverter at one node: parameter store, error register with its write lock, state machine, motor."""
+
+    def __init__(self, address: int, options: VabusOptions, model: Model) -> None:
+        self.address = address
+        self.codec = VabusCodec()
+        self.settings = LineSettings()
+        self.gap_s = 0.050
+        self.motor = Motor()
+        self.store = Store(model, ram_datasets=options.ram_datasets)
+        self.error_register = 0
+        self.locked = False
+        self._model = model
+        self._options = options
+        self._state = State.SWITCH_ON_DISABLED
+        self._control = 0
+        self._tripped_at = 0.0
+        self.store.poke(394, 0, data_of(address, "uint"))
+
+    def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
+        """Act on a telegram: silence for what is broken or not for this drive, NAK for what is refused."""
+        self._live(now)
+        if isinstance(find, Damaged):
+            return self._complain(find)
+        message = find.message
+        if not isinstance(message, Enquiry | Select) or message.address not in (self.address, BROADCAST):
+            return None
+        try:
+            reply = self._obey(message, now)
+        except Refusal as refusal:
+            return self._refuse(refusal.code, broadcast=message.address == BROADCAST)
+        return None if message.address == BROADCAST else self._reply(reply)
+
+    def peek(self, parameter: str, now: float) -> str:
+        """Return the data characters that an enquiry would get."""
+        self._live(now)
+        wanted = target(parameter, self._model, "", None)
+        try:
+            return self.store.read(wanted.number, wanted.dataset or 0)
+        except Refusal as refusal:
+            raise unknown(parameter) from refusal
+
+    def poke(self, parameter: str, raw: int | str) -> None:
+        """Set a parameter's data characters, or its raw number."""
+        wanted = target(parameter, self._model, "", None)
+        try:
+            info = self.store.info(wanted.number)
+        except Refusal as refusal:
+            raise unknown(parameter) from refusal
+        data = raw if isinstance(raw, str) else data_of(raw, info.type)  # type: ignore[arg-type]
+        self.store.poke(wanted.number, wanted.dataset or 0, data)
+
+    def trip(self, code: int, now: float) -> None:
+        """Fault: output off, code in parameter 260, reset possible after the lock time."""
+        self.motor.trip(code, now)
+        self._state = State.FAULT
+        self._tripped_at = now
+
+    def _obey(self, message: Enquiry | Select, now: float) -> Value | Ack:
+        if message.sys != self._options.sys:
+            raise Refusal(SYSTEM_BUS_UNREACHABLE)
+        if isinstance(message, Enquiry):
+            return self._answer(message)
+        if self.locked:
+            # The register keeps the code that caused the lock (section 18 of the specification).
+            raise Refusal(self.error_register)
+        self._take(message, now)
+        return Ack(address=self.address)
+
+    def _answer(self, enquiry: Enquiry) -> Value:
+        if enquiry.parameter == ERROR_REGISTER:
+            data = data_of(self.error_register, "uint")
+            self.error_register, self.locked = 0, False
+        elif enquiry.parameter == _BLOCK_READ:
+            data = "".join(self.store.read(number, dataset) for number, dataset in self._block())
+        else:
+            data = self.store.read(enquiry.parameter, enquiry.dataset)
+        return Value(
+            address=self.address, sys=enquiry.sys, dataset=enquiry.dataset, parameter=enquiry.parameter, data=data
+        )
+
+    def _take(self, select: Select, now: float) -> None:
+        if select.parameter == _BLOCK_WRITE:
+            self._take_block(select.data)
+            return
+        self.store.write(select.parameter, select.dataset, select.data, running=self.motor.running)
+        if select.parameter == states.CONTROL_WORD:
+            self._control_word(self.store.number(states.CONTROL_WORD), now)
+        self._drive_motor(now)
+
+    def _block(self) -> list[tuple[int, int]]:
+        """Return number and data set of each entry of the block list: five characters `S d nnn` each."""
+        text = self.store.read(_BLOCK_LIST, 0).strip()
+        entries = [text[start : start + 5] for start in range(0, len(text), 5)]
+        if any(len(entry) != 5 or not entry[1].isdigit() for entry in entries):
+            raise Refusal(SYNTAX_ERROR)
+        return [(target(entry[2:], None, "", None).number, int(entry[1])) for entry in entries]
+
+    def _take_block(self, data: str) -> None:
+        for number, dataset in self._block():
+            length = 8 if self.store.info(number).type == "long" else 4
+            piece, data = data[:length], data[length:]
+            self.store.write(number, dataset, piece, running=self.motor.running)
+
+    def _control_word(self, control: int, now: float) -> None:
+        previous, self._control = self._control, control
+        if self.store.number(states.LOCAL_REMOTE) != 1 and self._state is not State.FAULT:
+            # Remote contacts: bit 0 releases, bit 1 starts clockwise.
+            self._state = State.OPERATION_ENABLED if control & 3 == 3 else State.SWITCHED_ON
+            return
+        if self._state is State.FAULT and now - self._tripped_at < self._options.fault_lock_s:
+            return
+        before = self._state
+        self._state = next_state(before, control, previous=previous)
+        if before is State.FAULT and self._state is not State.FAULT:
+            self.motor.reset(now)
+
+    def _drive_motor(self, now: float) -> None:
+        self.motor.maximum_hz = self.store.number(419) / 100 or 50.0
+        if self._state is State.OPERATION_ENABLED:
+            self.motor.run(self._reference_hz(), now)
+        elif self._state is State.QUICK_STOP_ACTIVE:
+            self.motor.stop(Command.QUICK_STOP, now)
+        elif self._state is State.SWITCHED_ON:
+            self.motor.stop(Command.RAMP_STOP, now)
+        else:
+            self.motor.stop(Command.OFF, now)
+
+    def _reference_hz(self) -> float:
+        percent = self.store.number(520) / 10000 * self.motor.maximum_hz
+        return self.store.number(480) / 100 + percent
+
+    def _live(self, now: float) -> None:
+        """Let the motor turn and put what is measured into the parameters that show it."""
+        motor = self.motor
+        motor.advance(now)
+        if motor.fault and self._state is not State.FAULT:
+            self._state, self._tripped_at = State.FAULT, now
+        if self._state is State.QUICK_STOP_ACTIVE and not motor.running:
+            self._state = State.SWITCH_ON_DISABLED
+        for number, value in (
+            (210, motor.output_hz * 100),
+            (211, motor.current_a * 10),
+            (213, motor.power_kw * 10),
+            (228, motor.target_hz * 100),
+            (230, self.store.number(520)),
+            (241, motor.shaft_hz * 100),
+            (260, motor.fault),
+            (270, 1 if motor.warning else 0),
+            (282, self.store.number(480)),
+            (283, self._reference_hz() * 100),
+            (states.STATE_WORD, self._state_word()),
+        ):
+            if number in self.store.numbers():
+                self.store.poke(number, 0, data_of(round(value), self.store.info(number).type))  # type: ignore[arg-type]
+
+    def _state_word(self) -> int:
+        word = states.STATE_BITS[self._state][1] | 1 << states.VOLTAGE_BIT
+        if self.store.number(states.LOCAL_REMOTE) == 1:
+            word |= 1 << states.REMOTE_BIT
+        if self.motor.warning:
+            word |= 1 << states.WARNING_BIT
+        if self.motor.at_reference:
+            word |= 1 << states.REACHED_BIT
+        return word
+
+    def _complain(self, find: Damaged) -> VirtualReply | None:
+        """A wrong BCC or text in a select for this drive is refused; a broken structure meets silence."""
+        to_us = len(find.data) > 2 and find.data[1] - 0x40 == self.address and find.data[2:3] == b"\x02"
+        code = {"checksum": CHECKSUM_ERROR, "field": SYNTAX_ERROR}.get(find.error.category)
+        if not to_us or code is None or find.error.field == "address":
+            return None
+        return self._refuse(code, broadcast=False)
+
+    def _refuse(self, code: int, *, broadcast: bool) -> VirtualReply | None:
+        self.error_register, self.locked = code, True
+        if broadcast or code in self._options.silent_on:
+            return None
+        return self._reply(Nak(address=self.address))
+
+    def _reply(self, message: Value | Ack | Nak) -> VirtualReply:
+        return VirtualReply(data=self.codec.encode(message), delay_s=self._options.reply_delay_s)
