@@ -102,8 +102,8 @@ class Bus:
         """Yield the drives that answer, protocol by protocol; sends only what cannot move a motor.
 
         only: protocol names, all installed ones if absent. addresses: those to ask, the protocol's usual ones if
-        absent; addresses that a protocol does not have are left out. progress: told the protocol, how many addresses are
-        done, and how many there are. options: line facts for all drives asked.
+        absent; addresses that a protocol does not have are left out. progress: told the protocol, how many addresses
+        are done, and how many there are. options: line facts for all drives asked.
         """
         plugins = [installed[name] for name in only] if only is not None else list(installed.working())
         wanted = None if addresses is None else list(addresses)

@@ -6,7 +6,7 @@ import inspect
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from drivecomm.errors import UsageError
+from drivecomm.errors import NotSupported, UsageError
 from drivecomm.status import Stop
 
 if TYPE_CHECKING:
@@ -36,10 +36,10 @@ class Runs(Protocol):
 
 
 class Drive:
-    """One addressed drive. Made by `Bus.drive`; every verb is one exchange on the bus and may raise.
+    """One addressed drive, made by `Bus.drive`; every verb is one exchange on the bus.
 
-    LinkError (port or line), ReplyError (no believable reply), DriveError (the drive said no), and UsageError before
-    anything is sent.
+    A verb may raise LinkError (port or line), ReplyError (no believable reply), DriveError (the drive said no), and
+    UsageError before anything is sent.
     """
 
     def __init__(self, bus: Runs, party: Party, operations: Operations, model: Model | None) -> None:
@@ -85,8 +85,9 @@ class Drive:
         return self._run(self._operations.status())
 
     def start(self, *, reverse: bool = False) -> None:
-        """Start the motor with the reference that is set. See `capabilities.link_loss` for what stops it if we fall
-        silent.
+        """Start the motor with the reference that is set.
+
+        What stops it when this program falls silent is a setting of the drive: see `capabilities.link_loss`.
         """
         self._run(self._operations.start(reverse=reverse))
 
@@ -117,6 +118,16 @@ class Drive:
     def identify(self) -> Mapping[str, str]:
         """Read what the drive tells of itself: name plate, software, address; empty when it tells nothing."""
         return self._run(self._operations.identify())
+
+    def call(self, verb: str, **arguments: Any) -> Any:
+        """Carry out a verb that only this protocol has, such as jogging or choosing a set-up.
+
+        The protocol's documentation lists them with their arguments. Raises NotSupported for a verb that it lacks.
+        """
+        extra = self._operations.extra
+        if verb not in extra:
+            raise NotSupported(f"{self.name} has no verb {verb!r}; it has {', '.join(sorted(extra)) or 'none'}")
+        return self._run(bound(extra[verb], **arguments))
 
     def _run(self, exchange: Exchange[T]) -> T:
         return self._bus.run(self._party, exchange)

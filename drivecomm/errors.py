@@ -33,6 +33,8 @@ class DriveCommError(Exception):
     """Root of the tree; every error that drivecomm raises on purpose is one of these."""
 
     exit_code: ClassVar[int] = 1
+    remedy: ClassVar[str] = ""
+    """What a person can do about it, for messages that do not say it themselves."""
 
 
 class UsageError(DriveCommError, ValueError):
@@ -92,13 +94,19 @@ class ReplyError(DriveCommError):
 class NoReplyError(ReplyError, TimeoutError):
     """Nothing that answers the request came within the reply time."""
 
+    remedy = "check its address, its line settings and the wiring, or scan the line"
+
 
 class DamagedReplyError(ReplyError):
     """Bytes came within the reply time, and none of them made a sound telegram."""
 
+    remedy = "check baud rate, parity and termination, and whether two drives have the same address"
+
 
 class UnexpectedReplyError(ReplyError):
     """The reply is sound and correlates, and still is no answer that this request can have."""
+
+    remedy = "check the type of the parameter and the drive's model"
 
 
 class DriveError(DriveCommError):

@@ -22,9 +22,9 @@ class Command(Enum):
 class Motor:
     """A motor with ramps, on a drive with a DC link; time is an argument of everything that passes time.
 
-    rated_hz, rated_v, rated_a, rated_kw, rated_rpm: the name plate. maximum_hz: limit of the output frequency. ramp_up_s,
-    ramp_down_s, quick_ramp_s: from standstill to rated_hz and back. load: torque share, 1 is rated. mains_v: line
-    voltage. Frequencies are signed: negative is reverse.
+    rated_hz, rated_v, rated_a, rated_kw, rated_rpm: the name plate. maximum_hz: limit of the output frequency.
+    ramp_up_s, ramp_down_s, quick_ramp_s: from standstill to rated_hz and back. load: torque share, 1 is rated.
+    mains_v: line voltage. Frequencies are signed: negative is reverse.
     """
 
     rated_hz: float = 50.0

@@ -71,6 +71,11 @@ class Operations(Interface):
         """
         ...
 
+    @property
+    def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
+        """Further verbs that only this protocol has, by name; `Drive.call` reaches them."""
+        ...
+
     def status(self) -> Exchange[DriveStatus]:
         """Read the status word, commanding nothing that is not commanded already."""
         ...

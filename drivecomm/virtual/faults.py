@@ -12,7 +12,9 @@ if TYPE_CHECKING:
 
 
 class Fault(Enum):
-    """DROP: nothing arrives. CORRUPT: one character is changed. TRUNCATE: the end is missing. DELAY: it arrives late.
+    """What can happen to a transmission.
+
+    DROP: nothing arrives. CORRUPT: one character is changed. TRUNCATE: the end is missing. DELAY: it arrives late.
     DUPLICATE: it arrives twice.
     """
 

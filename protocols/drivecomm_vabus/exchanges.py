@@ -6,7 +6,7 @@ Short description sections 6.1, 6.2, 6.5; timing and error handling Agile VABus 
 from __future__ import annotations
 
 from decimal import Decimal
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import (
     NotSupported,
@@ -28,7 +28,7 @@ from drivecomm_vabus.states import State, state_of
 from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Eot, Nak, Select, Value, number_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from drivecomm.models import Model
     from drivecomm.reading import Reading
@@ -82,6 +82,11 @@ class VabusOperations:
             broadcast=True,
             link_loss="fault F2010 after the watchdog time in parameter 413; 0 presumably means that it runs on",
         )
+
+    @property
+    def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
+        """One more verb: control_word(word=) writes parameter 410 as it stands, once."""
+        return {"control_word": self._command}
 
     def read(self, parameter: str, *, type: str = "", dataset: int | None = None) -> Exchange[Reading]:
         """Read a parameter. type: uint, int, long or string. dataset: 0 to 4."""
@@ -290,9 +295,9 @@ class VabusOperations:
             f"state word is 0x{word:04X}; check the hardware enable and parameter 412 (1 = state machine)"
         )
 
-    def _command(self, control: int) -> Exchange[None]:
+    def _command(self, word: int) -> Exchange[None]:
         """Write the control word, once: a repeated edge or start could act twice."""
-        return self._select(states.CONTROL_WORD, 0, f"{control:04X}", attempts=1)
+        return self._select(states.CONTROL_WORD, 0, f"{word:04X}", attempts=1)
 
     def _set_reference(self, number: int, type: str, value: ParameterValue | float) -> Exchange[None]:
         if not self._options.ram_datasets:

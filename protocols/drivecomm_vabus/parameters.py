@@ -39,10 +39,9 @@ def target(parameter: str, model: Model | None, type: str, dataset: int | None) 
     Numbers run from 0 to 1599, those from 1000 on may be written A00 to F99; the data set stands in brackets. Raises
     ParameterAddressError for anything else.
     """
-    name, _, bracket = parameter.partition("[")
+    name = parameter.partition("[")[0]
     known = model.find(name) if model else None
-    text = (known.address if known else name) + (f"[{bracket}" if bracket else "")
-    match = _ADDRESS.fullmatch(text)
+    match = _ADDRESS.fullmatch(known.address + parameter[len(name) :] if known else parameter)
     if match is None:
         remedy = f"nor a name of model {model.name}" if model else "such as 481, 520[2] or C00"
         raise ParameterAddressError(f"{parameter!r} is no VABus parameter address {remedy}")

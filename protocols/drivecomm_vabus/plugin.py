@@ -43,9 +43,9 @@ protocol = Protocol(
         ),
     ),
     facts_source=(
-        "7E1 and 19200 baud: short description sections 4 and 8; 2 ms before the master speaks: Agile VABus manual p. 33; "
-        "500 ms and a later answer under load: ACT/ACU Modbus manual p. 35; three transmissions: Agile VABus manual p. 27; "
-        "gap and broadcast pause are not printed anywhere, defaults of drivecomm"
+        "7E1 and 19200 baud: short description sections 4 and 8; 2 ms before the master speaks: Agile VABus manual "
+        "p. 33; 500 ms and a later answer under load: ACT/ACU Modbus manual p. 35; three transmissions: Agile VABus "
+        "manual p. 27; gap and broadcast pause are not printed anywhere, defaults of drivecomm"
     ),
     addresses=NODES,
     scan_addresses=NODES,

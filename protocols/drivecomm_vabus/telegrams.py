@@ -14,8 +14,8 @@ the parameter, aa the number of data characters in decimal. BCC is the exclusive
 including ETX: it covers neither ADR nor EOT, and it may be any 7-bit character, so reception goes by length and never
 looks for a control character inside a block.
 
-Faults to expect: a wrong BCC, a cut telegram, a reply of another drive, an ACK that belongs to an earlier select (ACK and
-NAK name no parameter).
+Faults to expect: a wrong BCC, a cut telegram, a reply of another drive, an ACK that belongs to an earlier select (ACK
+and NAK name no parameter).
 """
 
 from __future__ import annotations
@@ -170,7 +170,8 @@ _ANYBODY = frozenset([*NODES, BROADCAST])
 
 
 def _with_length(message: Select | Value) -> dict[str, Any]:
-    return {field.name: getattr(message, field.name) for field in fields(message)} | {"length": len(message.data)}
+    length = len(message.data) if isinstance(message.data, str) else 0
+    return {field.name: getattr(message, field.name) for field in fields(message)} | {"length": length}
 
 
 ENQUIRY = Form(Enquiry, constant(EOT, "EOT"), _node(_ANYBODY), *_HEAD, constant(ENQ, "ENQ"))

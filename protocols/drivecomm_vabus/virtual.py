@@ -72,7 +72,7 @@ class VirtualVabusDrive:
         self._live(now)
         wanted = target(parameter, self._model, "", None)
         try:
-            return self.store.read(wanted.number, wanted.dataset or 0)
+            return self._held(wanted.number, wanted.dataset or 0)
         except Refusal as refusal:
             raise unknown(parameter) from refusal
 
@@ -104,16 +104,19 @@ class VirtualVabusDrive:
         return Ack(address=self.address)
 
     def _answer(self, enquiry: Enquiry) -> Value:
+        data = self._held(enquiry.parameter, enquiry.dataset)
         if enquiry.parameter == ERROR_REGISTER:
-            data = data_of(self.error_register, "uint")
             self.error_register, self.locked = 0, False
-        elif enquiry.parameter == _BLOCK_READ:
-            data = "".join(self.store.read(number, dataset) for number, dataset in self._block())
-        else:
-            data = self.store.read(enquiry.parameter, enquiry.dataset)
         return Value(
             address=self.address, sys=enquiry.sys, dataset=enquiry.dataset, parameter=enquiry.parameter, data=data
         )
+
+    def _held(self, number: int, dataset: int) -> str:
+        if number == ERROR_REGISTER:
+            return data_of(self.error_register, "uint")
+        if number == _BLOCK_READ:
+            return "".join(self.store.read(listed, place) for listed, place in self._block())
+        return self.store.read(number, dataset)
 
     def _take(self, select: Select, now: float) -> None:
         if select.parameter == _BLOCK_WRITE:

@@ -1,0 +1,6 @@
+"""`python -m drivecomm` is the command line."""
+
+from drivecomm.cli import main
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,3 @@
+"""The command line: `drivecomm`, and `python -m drivecomm`."""
+
+from drivecomm.cli.entry import main as main

@@ -1,0 +1,60 @@
+"""The application: its commands, each from the module of its group."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from drivecomm.cli import drives, telegrams
+from drivecomm.cli.demo import demo
+from drivecomm.cli.line_options import on_a_line
+from drivecomm.cli.scan import scan
+from drivecomm.cli.simulate import simulate
+from drivecomm.cli.vectors import check
+from drivecomm.version import __version__
+
+app = typer.Typer(
+    name="drivecomm",
+    help="Variable-frequency drives of different makers over serial lines: scan, read, write, command, simulate.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+vectors = typer.Typer(name="vectors", help="Test vectors: the packaged ones and a stranger's.", no_args_is_help=True)
+vectors.command("check")(check)
+
+_NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"drivecomm {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+) -> None:
+    """Variable-frequency drives of different makers over serial lines."""
+
+
+app.command()(on_a_line(demo))
+app.command()(telegrams.protocols)
+app.command(context_settings=_NEGATIVE_NUMBERS)(telegrams.decode)
+app.command()(telegrams.encode)
+app.command()(on_a_line(scan))
+app.command()(on_a_line(drives.read))
+app.command(context_settings=_NEGATIVE_NUMBERS)(on_a_line(drives.write))
+app.command()(on_a_line(drives.status))
+app.command()(on_a_line(drives.start))
+app.command()(on_a_line(drives.stop))
+app.command()(on_a_line(drives.reset))
+app.command(context_settings=_NEGATIVE_NUMBERS)(on_a_line(drives.reference))
+app.command()(on_a_line(drives.call))
+app.command()(simulate)
+app.add_typer(vectors)

@@ -1,0 +1,3 @@
+"""The demo command: a tour of everything, on virtual lines or on a real one."""
+
+from drivecomm.cli.demo.command import demo as demo

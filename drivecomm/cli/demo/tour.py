@@ -1,0 +1,198 @@
+"""The stops of the tour. Each is a function over one line; what goes wrong is a failed step, not the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from rich.markup import escape
+
+from drivecomm.cli.demo.cases import case_for
+from drivecomm.cli.demo.drawing import drawn
+from drivecomm.cli.output import sentence
+from drivecomm.decoding import decode, encode
+from drivecomm.errors import DriveCommError, NotSupported
+from drivecomm.registry import installed
+from drivecomm.status import Stop
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from drivecomm.bus import Found
+    from drivecomm.cli.demo.sites import Site
+    from drivecomm.conformance.vectors import Vector
+    from drivecomm.drive import Drive
+
+_FAULT_LOCK_S = 16.0
+
+
+@dataclass(slots=True)
+class Tour:
+    """A console to print on, and what has been done so far: title, whether it worked, what was seen."""
+
+    console: Console
+    steps: list[tuple[str, bool, str]] = field(default_factory=list)
+
+    @contextmanager
+    def step(self, title: str) -> Iterator[Callable[[str], None]]:
+        """Carry out a step; the block tells what it saw. Errors of the tree and failed checks fail the step."""
+        seen: list[str] = []
+        try:
+            yield seen.append
+        except (DriveCommError, AssertionError) as error:
+            self.steps.append((title, False, sentence(error)))
+            self.console.print(f"  [red]failed:[/red] {title}: {escape(sentence(error))}")
+        else:
+            self.steps.append((title, True, "; ".join(seen)))
+
+    def heading(self, text: str) -> None:
+        """Print the heading of a stop."""
+        self.console.print(f"\n[bold cyan]{escape(text)}[/bold cyan]")
+
+    @property
+    def failed(self) -> int:
+        """How many steps failed."""
+        return sum(not worked for _, worked, _ in self.steps)
+
+
+def scan(tour: Tour, site: Site) -> list[Found]:
+    """Find the drives of a line; on a virtual one exactly those that are there."""
+    tour.heading(f"Scan of {site.title}")
+    found: list[Found] = []
+    with tour.step(f"scan {site.title.partition(':')[0]}") as tell:
+        for one in site.bus.scan(addresses=range(1, 32)):
+            found.append(one)
+            told = ", ".join(f"{name} {value}" for name, value in one.identity.items()) or "answers"
+            tour.console.print(f"  {one.name:<14} {told}", highlight=False, markup=False)
+        names = {one.name for one in found}
+        missing = sorted(set(site.virtual) - names)
+        surplus = sorted(names - set(site.virtual)) if site.virtual else []
+        if missing or surplus:
+            raise AssertionError(f"not found: {missing}, found without being there: {surplus}")
+        tell(f"{len(found)} drives")
+    return found
+
+
+def values(tour: Tour, drive: Drive, protocol: str) -> None:
+    """Read what a plant engineer looks at first."""
+    case = case_for(protocol, installed[protocol].parameter_examples)
+    with tour.step(f"read {drive.name}") as tell:
+        shown = []
+        for parameter in case.parameters:
+            reading = drive.read(parameter)
+            label = reading.name.replace("_", " ") if reading.name else ""
+            shown.append(f"{reading.parameter} {label} = {reading}" if label else f"{reading.parameter} = {reading}")
+        tour.console.print(f"  {drive.name:<14} {escape('   '.join(shown))}", highlight=False)
+        tell(f"{len(shown)} parameters")
+
+
+def motion(tour: Tour, site: Site, drive: Drive, protocol: str) -> None:
+    """Start, watch the ramp, reverse, stop."""
+    case = case_for(protocol, ())
+    can = drive.capabilities
+    with tour.step(f"start, ramp, reverse, stop {drive.name}") as tell:
+        drive.set_reference(**case.reference)
+        drive.start()
+        forwards = _ramp(site, drive, case.frequency)
+        if can.reverse:
+            drive.stop()
+            site.let_pass(6.0)
+            drive.start(reverse=True)
+        else:
+            drive.set_reference(**case.backwards)
+        backwards = _ramp(site, drive, case.frequency)
+        status = drive.status()
+        drive.stop(Stop.RAMP)
+        site.let_pass(8.0)
+        stopped = drive.status()
+        tour.console.print(f"  {drive.name:<14} forwards {forwards}   backwards {backwards}", highlight=False)
+        if not status.running or stopped.running:
+            raise AssertionError(f"running {status.running} after the start, {stopped.running} after the stop")
+        tell(f"forwards {forwards}, backwards {backwards}, stopped")
+
+
+def _ramp(site: Site, drive: Drive, frequency: str) -> str:
+    steps = []
+    for _ in range(4):
+        site.let_pass(1.5)
+        steps.append(str(drive.read(frequency).value))
+    return " > ".join(steps) + " Hz"
+
+
+def fault(tour: Tour, site: Site, drive: Drive, protocol: str) -> None:
+    """Let the virtual drive trip, see it, reset it."""
+    case = case_for(protocol, ())
+    with tour.step(f"fault and reset {drive.name}") as tell:
+        site.virtual[drive.name].trip(case.fault, site.now())
+        tripped = drive.status()
+        site.let_pass(_FAULT_LOCK_S)
+        drive.reset()
+        cleared = drive.status()
+        code = f" code {tripped.fault_code}" if tripped.fault_code else ""
+        text = f" {tripped.fault_text}" if tripped.fault_text else ""
+        tour.console.print(
+            f"  {drive.name:<14} word 0x{tripped.word:04X}: fault{code}{text}, after the reset 0x{cleared.word:04X}: "
+            f"{cleared.state.value}",
+            highlight=False,
+            markup=False,
+        )
+        if not tripped.fault or cleared.fault:
+            raise AssertionError(f"fault {tripped.fault} after the trip, {cleared.fault} after the reset")
+        tell(f"tripped{code}, reset, {cleared.state.value}")
+
+
+def refusals(tour: Tour, drive: Drive) -> None:
+    """Ask for what cannot be: every refusal is one sentence."""
+    attempts: list[tuple[str, Callable[[], object]]] = [
+        ("a parameter that is none", lambda: drive.read("not a parameter")),
+        ("a value that does not fit", lambda: drive.write("481", 10**9)),
+        ("a brake that it lacks", lambda: drive.stop(Stop.DC_BRAKE)),
+    ]
+    for what, attempt in attempts:
+        with tour.step(f"refuse {what}") as tell:
+            try:
+                attempt()
+            except (DriveCommError, NotSupported) as error:
+                tour.console.print(f"  {what}: {escape(sentence(error))}", highlight=False)
+                tell("refused in one sentence")
+            else:
+                raise AssertionError(f"{what} was not refused")
+
+
+def one_exchange(tour: Tour, site: Site, drive: Drive, protocol: str, parameter: str) -> None:
+    """Show the telegrams of one read, byte by byte."""
+    tour.heading(f"One exchange in full: {drive.name} read {parameter}")
+    with tour.step(f"telegrams of one read of {drive.name}") as tell:
+        start = len(site.heard)
+        drive.read(parameter)
+        telegrams = [event for event in site.heard[start:] if event.message is not None]
+        for event in telegrams:
+            if event.message is not None:
+                arrow = "master to drive" if event.what == "sent" else "drive to master"
+                title = f"{event.time:.4f} s  {arrow}: {event.message.kind}"
+                tour.console.print(drawn(protocol, title, event.data, event.message))
+                tour.console.print()
+        if len(telegrams) < 2:
+            raise AssertionError("no request and reply in the trace")
+        tell(f"{len(telegrams)} telegrams")
+
+
+def printed_telegrams(tour: Tour, protocol: str, vectors: list[Vector]) -> None:
+    """Decode every telegram that stands byte by byte in a manual, and build it again."""
+    with tour.step(f"telegrams printed in {protocol} manuals") as tell:
+        wrong = []
+        for vector in vectors:
+            telegram = decode(protocol, vector.data, direction=vector.direction, **vector.options)
+            differing = {name for name, value in vector.fields.items() if telegram.fields.get(name) != value}
+            rebuilt = not vector.canonical or encode(protocol, vector.fields, direction=vector.direction) == vector.data
+            tour.console.print(
+                f"  {escape(vector.source)}\n    {vector.data.hex(' ').upper()}\n    {escape(str(telegram.fields))}",
+                highlight=False,
+            )
+            if differing or not rebuilt:
+                wrong.append(vector.id)
+        if wrong:
+            raise AssertionError(f"differs from the manual: {', '.join(wrong)}")
+        tell(f"{len(vectors)} telegrams, decoded and rebuilt")

@@ -1,0 +1,233 @@
+"""Commands for one drive: read, write, status, start, stop, reset, reference, call."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from decimal import Decimal, InvalidOperation
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drivecomm.cli.drive_names import parse_drive, parse_settings
+from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.output import complain, emit, plain, say
+from drivecomm.errors import DriveCommError, DriveError, LinkError, UsageError
+from drivecomm.status import Stop
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from drivecomm.drive import Drive
+    from drivecomm.reading import Reading
+    from drivecomm.status import DriveStatus
+
+Name = Annotated[
+    str, typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS, such as vabus:1, with ,name=value options.")
+]
+Model = Annotated[str | None, typer.Option("--model", "-m", help="Model by name, or a .toml file.")]
+Type = Annotated[str | None, typer.Option("--type", "-t", help="Type in the words of the protocol's manual.")]
+Further = Annotated[
+    list[str] | None,
+    typer.Option("--option", "-o", metavar="NAME=VALUE", help="Option of this protocol's read or write."),
+]
+
+
+def read(
+    drive: Name,
+    parameters: Annotated[list[str], typer.Argument(metavar="PARAM...", help="Addresses or names of the model.")],
+    line: LineOptions,
+    model: Model = None,
+    type: Type = None,
+    option: Further = None,
+) -> int:
+    """Read parameters. A parameter that cannot be read does not keep the others from being read."""
+    options = _verb_options(type, option)
+    code = 0
+    with _drive(line, drive, model) as one:
+        for parameter in parameters:
+            try:
+                reading = one.read(parameter, **options)
+            except LinkError:
+                raise
+            except DriveCommError as error:
+                complain(error, as_json=line.json, where=f"{line.port}, {one.name}, {parameter}")
+                code = code or error.exit_code
+            else:
+                _show_reading(one, parameter, reading, as_json=line.json)
+    return code
+
+
+def write(
+    drive: Name,
+    parameter: Annotated[str, typer.Argument(metavar="PARAM", help="Address or name of the model.")],
+    value: Annotated[str, typer.Argument(help="Physical where the model knows the scale.")],
+    line: LineOptions,
+    store: Annotated[bool, typer.Option("--store", help="Keep it over power-off (EEPROM).")] = False,
+    model: Model = None,
+    type: Type = None,
+    option: Further = None,
+) -> int:
+    """Write a parameter; into RAM unless --store is given, where the protocol makes the difference."""
+    with _drive(line, drive, model) as one:
+        reading = one.write(parameter, value, store=store, **_verb_options(type, option))
+        if reading is not None:
+            _show_reading(one, parameter, reading, as_json=line.json)
+        elif line.json:
+            emit(drive=one.name, parameter=parameter, written=value, stored=store)
+        else:
+            say(f"{one.name}  {parameter} = {value}  written{' and stored' if store else ''}")
+    return 0
+
+
+def status(drive: Name, line: LineOptions, model: Model = None) -> int:
+    """Read the status word; commands nothing. Exit code 5 when the drive has a fault."""
+    with _drive(line, drive, model) as one:
+        found = one.status()
+        _show_status(one, found, as_json=line.json)
+    return DriveError.exit_code if found.fault else 0
+
+
+def start(
+    drive: Name,
+    line: LineOptions,
+    reverse: Annotated[bool, typer.Option("--reverse", help="Backwards.")] = False,
+    percent: Annotated[str | None, typer.Option(help="Set the reference first, in percent.")] = None,
+    hz: Annotated[str | None, typer.Option(help="Set the reference first, in hertz.")] = None,
+    model: Model = None,
+) -> int:
+    """Start the motor."""
+    with _drive(line, drive, model) as one:
+        if percent is not None or hz is not None:
+            one.set_reference(percent=_number(percent), hz=_number(hz))
+        one.start(reverse=reverse)
+        _done(one, line, "started", note=f"if this line falls silent: {one.capabilities.link_loss}")
+    return 0
+
+
+def stop(
+    drive: Name,
+    line: LineOptions,
+    how: Annotated[str, typer.Option("--how", help="ramp, coast, quick or dc_brake.")] = "ramp",
+    model: Model = None,
+) -> int:
+    """Stop the motor. The address `*` stops all drives of the protocol at once; nobody confirms that."""
+    try:
+        chosen = Stop(how.lower().replace("-", "_"))
+    except ValueError:
+        raise UsageError(f"{how!r} is no way to stop; they are ramp, coast, quick and dc_brake") from None
+    protocol, colon, address = drive.partition(":")
+    if colon and address == "*":
+        with line.bus() as bus:
+            bus.broadcast(protocol, **({"model": model} if model else {})).stop(chosen)
+        say(f"{drive}  stop ({chosen.value}) sent to all; nobody confirms a broadcast")
+        return 0
+    with _drive(line, drive, model) as one:
+        one.stop(chosen)
+        _done(one, line, f"stop ({chosen.value}) commanded")
+    return 0
+
+
+def reset(drive: Name, line: LineOptions, model: Model = None) -> int:
+    """Acknowledge a fault; the motor does not start by it."""
+    with _drive(line, drive, model) as one:
+        one.reset()
+        _done(one, line, "reset")
+    return 0
+
+
+def reference(
+    drive: Name,
+    line: LineOptions,
+    value: Annotated[str | None, typer.Argument(metavar="[VALUE]", help="With its unit: 50% or 25Hz.")] = None,
+    percent: Annotated[str | None, typer.Option(help="Share of the reference range.")] = None,
+    hz: Annotated[str | None, typer.Option(help="Output frequency.")] = None,
+    model: Model = None,
+) -> int:
+    """Set the reference; never stored."""
+    if value is not None:
+        text = value.strip().lower()
+        if text.endswith("%"):
+            percent = text[:-1]
+        elif text.endswith("hz"):
+            hz = text[:-2]
+        else:
+            raise UsageError(f"{value!r} has no unit; write {value}% or {value}Hz")
+    with _drive(line, drive, model) as one:
+        one.set_reference(percent=_number(percent), hz=_number(hz))
+        _done(one, line, f"reference {percent} %" if percent is not None else f"reference {hz} Hz")
+    return 0
+
+
+def call(
+    drive: Name,
+    verb: Annotated[str, typer.Argument(help="A verb that only this protocol has; a wrong one lists them.")],
+    line: LineOptions,
+    arguments: Annotated[list[str] | None, typer.Argument(metavar="NAME=VALUE...")] = None,
+    model: Model = None,
+) -> int:
+    """Carry out a verb that only this protocol has, such as jog or set_up."""
+    with _drive(line, drive, model) as one:
+        result = one.call(verb, **parse_settings(arguments or []))
+        _done(one, line, verb, result=result)
+    return 0
+
+
+@contextmanager
+def _drive(line: LineOptions, text: str, model: str | None) -> Iterator[Drive]:
+    """Open the line and yield the drive; errors within the block then name both."""
+    name = parse_drive(text)
+    with line.bus() as bus:
+        drive = bus.drive(name.protocol, name.address, **{**name.options, **({"model": model} if model else {})})
+        try:
+            yield drive
+        except DriveCommError as error:
+            if drive.name not in str(error):
+                error.args = (f"{drive.name}: {error}", *error.args[1:])
+            raise
+
+
+def _verb_options(type: str | None, further: list[str] | None) -> dict[str, Any]:
+    return {**parse_settings(further or []), **({"type": type} if type else {})}
+
+
+def _number(text: str | None) -> Decimal | None:
+    if text is None:
+        return None
+    try:
+        return Decimal(text.strip().removesuffix("%").strip())
+    except InvalidOperation:
+        raise UsageError(f"{text!r} is no number") from None
+
+
+def _show_reading(drive: Drive, parameter: str, reading: Reading, *, as_json: bool) -> None:
+    if as_json:
+        emit(drive=drive.name, **{**plain(reading), "parameter": parameter, "address": reading.parameter})
+        return
+    name = reading.name or ""
+    note = f"  [{reading.note}]" if reading.note else ""
+    say(f"{drive.name}  {parameter:<8} {reading!s:>14}  {name}{note}".rstrip())
+
+
+def _show_status(drive: Drive, found: DriveStatus, *, as_json: bool) -> None:
+    if as_json:
+        emit(drive=drive.name, **plain(found))
+        return
+    words = [f"{drive.name}  {found.state.value}  word 0x{found.word:04X}"]
+    if found.fault_code:
+        words.append(f"fault {found.fault_code}" + (f" {found.fault_text}" if found.fault_text else ""))
+    if found.actual_percent is not None:
+        words.append(f"actual {found.actual_percent} %")
+    if found.actual_hz is not None:
+        words.append(f"actual {found.actual_hz} Hz")
+    if found.flags:
+        words.append(f"({', '.join(found.flags)})")
+    say("  ".join(words))
+
+
+def _done(drive: Drive, line: LineOptions, what: str, *, note: str = "", result: object = None) -> None:
+    if line.json:
+        emit(drive=drive.name, done=what, result=result)
+        return
+    say(f"{drive.name}  {what}" + (f": {result}" if result is not None else ""))
+    if note:
+        say(f"  {note}")

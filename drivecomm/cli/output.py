@@ -1,0 +1,108 @@
+"""What commands print: JSON objects for scripts, lines for people."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from decimal import Decimal
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import DriveCommError
+from drivecomm.telegram import fields_of
+
+if TYPE_CHECKING:
+    from drivecomm.link import TraceEvent
+    from drivecomm.telegram import Message
+
+
+def plain(value: Any) -> Any:
+    """Return a value in the types of JSON; exact decimals become text, so that nothing is rounded."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Decimal):
+        return str(value)
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, bytes):
+        return value.hex(" ").upper()
+    if isinstance(value, dict):
+        return {str(key): plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return sorted(map(plain, value)) if isinstance(value, set | frozenset) else [plain(each) for each in value]
+    return value
+
+
+def emit(**content: Any) -> None:
+    """Print one JSON object on a line of its own."""
+    sys.stdout.write(json.dumps(plain(content)) + "\n")
+    sys.stdout.flush()
+
+
+def say(text: str = "") -> None:
+    """Print a line for people."""
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
+def sentence(error: Exception | str, *, where: str = "") -> str:
+    """Return an error as one sentence: where, what, and what to do about it."""
+    text = " ".join(str(error).split())
+    place = where if where and where not in text else ""
+    remedy = error.remedy if isinstance(error, DriveCommError) else ""
+    return (f"{place}: " if place else "") + text + (f"; {remedy}" if remedy else "")
+
+
+def complain(error: Exception | str, *, as_json: bool, where: str = "") -> None:
+    """Print an error: as a sentence on standard error, and with --json as an object on standard output."""
+    text = sentence(error, where=where)
+    if as_json:
+        code = error.exit_code if isinstance(error, DriveCommError) else 1
+        kind = type(error).__name__ if isinstance(error, Exception) else "Error"
+        emit(error=text, kind=kind, exit_code=code)
+    sys.stderr.write(f"drivecomm: {text}\n")
+    sys.stderr.flush()
+
+
+def fields_text(message: Message) -> str:
+    """Return a message's fields on one line."""
+    fields = {name: value for name, value in fields_of(message).items() if name != "kind"}
+    return message.kind + "".join(f" {name}={_short(name, value)}" for name, value in fields.items())
+
+
+def _short(name: str, value: object) -> str:
+    if isinstance(value, int) and not isinstance(value, bool) and ("word" in name or name == "ind"):
+        return f"0x{value:04X}"
+    return repr(value) if isinstance(value, str) else str(value)
+
+
+_ARROWS = {"sent": "->", "received": "<-", "echo": "=>", "stray": "<?", "damaged": "<!", "noise": "<~", "note": "  "}
+
+
+def trace_line(event: TraceEvent) -> str:
+    """Return a trace event on one line: time, direction, drive, bytes, meaning."""
+    meaning = fields_text(event.message) if event.message else ""
+    remark = f"[{event.what}: {event.detail}]" if event.detail else "" if event.message else f"[{event.what}]"
+    parts = (f"{event.time:12.4f}", _ARROWS[event.what], event.drive, event.data.hex(" ").upper(), meaning, remark)
+    return "  ".join(part for part in parts if part)
+
+
+def trace_to_standard_error(event: TraceEvent) -> None:
+    """Print a trace event for people."""
+    sys.stderr.write(trace_line(event) + "\n")
+    sys.stderr.flush()
+
+
+def trace_as_json(event: TraceEvent) -> None:
+    """Print a trace event as a JSON object on standard error, apart from the command's own objects."""
+    content = {
+        "trace": event.what,
+        "time": round(event.time, 6),
+        "drive": event.drive,
+        "data": event.data,
+        "fields": fields_of(event.message) if event.message else None,
+        "detail": event.detail,
+    }
+    sys.stderr.write(json.dumps(plain(content)) + "\n")
+    sys.stderr.flush()

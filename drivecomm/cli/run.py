@@ -1,0 +1,35 @@
+"""Running the application: exceptions become sentences and exit codes here, and only here."""
+
+from __future__ import annotations
+
+import typer
+
+from drivecomm.cli.app import app
+from drivecomm.cli.entry import INTERRUPTED
+from drivecomm.cli.output import complain
+from drivecomm.errors import DriveCommError
+
+
+def run(arguments: list[str]) -> int:
+    """Run one command and return its exit code."""
+    as_json = "--json" in arguments
+    try:
+        code = app(args=arguments, prog_name="drivecomm", standalone_mode=False)
+    except DriveCommError as error:
+        complain(error, as_json=as_json)
+        return error.exit_code
+    except (KeyboardInterrupt, typer.Abort):
+        complain("interrupted", as_json=as_json)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader of our output has gone, as `head` does.
+        return 0
+    except Exception as error:
+        exit_code = getattr(error, "exit_code", None)
+        if exit_code is None or not hasattr(error, "format_message"):
+            raise
+        context = getattr(error, "ctx", None)
+        hint = f" (see {context.command_path} --help)" if context else ""
+        complain(f"{error.format_message().rstrip('.')}{hint}", as_json=as_json)
+        return int(exit_code)
+    return code if isinstance(code, int) else 0

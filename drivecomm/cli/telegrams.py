@@ -1,0 +1,160 @@
+"""Commands about protocols and single telegrams; they touch no port."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from drivecomm.cli.drive_names import parse_settings
+from drivecomm.cli.output import complain, emit, fields_text, say
+from drivecomm.decoding import decode as decode_telegram
+from drivecomm.decoding import encode as encode_telegram
+from drivecomm.errors import TelegramError, UsageError
+from drivecomm.models import model_names
+from drivecomm.registry import installed
+from drivecomm.telegram import Direction
+
+if TYPE_CHECKING:
+    from drivecomm.telegram import Telegram
+
+AsJson = Annotated[bool, typer.Option("--json", help="One JSON object per line.")]
+Options = Annotated[
+    list[str] | None, typer.Option("--option", "-o", metavar="NAME=VALUE", help="Protocol option, such as pnu_bits=11.")
+]
+Way = Annotated[Literal["request", "reply"] | None, typer.Option("--direction", "-d", help="Both if absent.")]
+
+
+def protocols(json: AsJson = False) -> int:
+    """List the installed protocols with their defaults and models."""
+    broken = installed.broken()
+    for name in installed:
+        if name in broken:
+            complain(broken[name], as_json=json)
+            continue
+        plugin = installed[name]
+        facts = plugin.facts
+        if json:
+            emit(
+                protocol=name,
+                title=plugin.title,
+                addresses=[plugin.addresses.start, plugin.addresses.stop - 1],
+                broadcast=plugin.broadcast_address,
+                line=str(facts.settings),
+                reply_timeout_s=facts.timing.reply_timeout_s,
+                models=model_names(plugin.package),
+                parameters=list(plugin.parameter_examples),
+            )
+            continue
+        span = f"{plugin.addresses.start}-{plugin.addresses.stop - 1}"
+        say(f"{name:<11} {plugin.title}")
+        say(f"{'':<11} addresses {span}, {facts.settings}, parameters like {', '.join(plugin.parameter_examples)}")
+        say(f"{'':<11} models {', '.join(model_names(plugin.package)) or 'none'}")
+    return 2 if broken else 0
+
+
+def decode(
+    data: Annotated[list[str], typer.Argument(help="The telegram in hexadecimal, in any spacing.")],
+    protocol: Annotated[str | None, typer.Option("--protocol", help="All installed ones if absent.")] = None,
+    direction: Way = None,
+    option: Options = None,
+    json: AsJson = False,
+) -> int:
+    """Decode one telegram. Without a protocol, say which installed ones it fits."""
+    content = _bytes(data)
+    names = [protocol] if protocol else [plugin.name for plugin in installed.working()]
+    ways: list[Direction] = [direction] if direction else ["request", "reply"]
+    fits: list[Telegram] = []
+    refusals: list[tuple[str, Direction, TelegramError]] = []
+    for name in names:
+        for way in ways:
+            try:
+                fits.append(decode_telegram(name, content, direction=way, **parse_settings(option or [])))
+            except TelegramError as refusal:
+                refusals.append((name, way, refusal))
+    for telegram in fits:
+        _show(telegram, as_json=json)
+    if fits:
+        return 0
+    for name, way, error in refusals:
+        if json:
+            emit(protocol=name, direction=way, valid=False, category=error.category, reason=str(error))
+        else:
+            say(f"{name} {way}: refused ({error.category}): {error}")
+    sys.stderr.write("drivecomm: these bytes are no telegram of the protocols asked\n")
+    return TelegramError.exit_code
+
+
+def encode(
+    protocol: Annotated[str, typer.Argument(help="Which protocol.")],
+    fields: Annotated[
+        list[str], typer.Argument(metavar="NAME=VALUE...", help="Fields as decode shows them, such as kind=enquiry.")
+    ],
+    direction: Annotated[Literal["request", "reply"], typer.Option("--direction", "-d")] = "request",
+    option: Options = None,
+    json: AsJson = False,
+) -> int:
+    """Build one telegram from its fields and print it in hexadecimal."""
+    written = dict(_pair(text) for text in fields)
+    given = {name: _field(name, value) for name, value in written.items()}
+    options = parse_settings(option or [])
+    try:
+        data = encode_telegram(protocol, given, direction=direction, **options)
+    except TelegramError as error:
+        # Digits may be meant as text: VABus data 1234 are four characters.
+        if not isinstance(given.get(error.field), int):
+            raise
+        given[error.field] = written[error.field]
+        data = encode_telegram(protocol, given, direction=direction, **options)
+    if json:
+        emit(protocol=protocol, direction=direction, data=data, fields=given)
+    else:
+        say(data.hex(" ").upper())
+    return 0
+
+
+def _show(telegram: Telegram, *, as_json: bool) -> None:
+    if as_json:
+        emit(
+            protocol=telegram.protocol,
+            direction=telegram.direction,
+            valid=True,
+            data=telegram.data,
+            fields=telegram.fields,
+        )
+        return
+    say(f"{telegram.protocol} {telegram.direction}: {fields_text(telegram.message)}")
+
+
+def _bytes(words: list[str]) -> bytes:
+    text = "".join("".join(words).split()).replace(":", "").replace(",", "").replace("-", "")
+    text = text.replace("0x", "").replace("0X", "").replace("\\x", "")
+    try:
+        return bytes.fromhex(text)
+    except ValueError:
+        raise UsageError(f"{' '.join(words)!r} is not hexadecimal; write bytes such as 04 41 or 0441") from None
+
+
+def _pair(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise UsageError(f"{text!r} is no field; write name=value")
+    return name, value
+
+
+_TEXT_FIELDS = frozenset(["kind", "text", "value", "function", "command", "frame", "address_format"])
+
+
+def _field(name: str, value: str) -> Any:
+    """Return a field's value in the type that vectors give it: numbers for numbers, text for texts."""
+    if name in _TEXT_FIELDS:
+        return value
+    if value.startswith("[") and value.endswith("]"):
+        return [int(part, 0) for part in value[1:-1].split(",")]
+    if value.lower() in ("true", "false"):
+        return value.lower() == "true"
+    try:
+        return int(value, 0)
+    except ValueError:
+        return value

@@ -1,0 +1,39 @@
+"""What a serial port is made of below its clock: something that takes bytes and hands them over.
+
+There is one kind of channel for each way an operating system or pyserial waits for bytes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from drivecomm.line import LineSettings
+
+
+class ChannelGoneError(Exception):
+    """The other end has gone: unplugged, closed, or it takes no more bytes. The text says which."""
+
+
+class SettingsRefusedError(Exception):
+    """The port stays as it is; the text says why, as far as that is known."""
+
+
+class Channel(Protocol):
+    """An open port. Everything but `close` may raise ChannelGoneError; foreign exceptions stay inside."""
+
+    def apply(self, settings: LineSettings) -> str:
+        """Set the line settings without closing; return a note on what is not carried. Raises SettingsRefusedError."""
+        ...
+
+    def send(self, data: bytes, limit_s: float) -> None:
+        """Hand over all bytes within this time."""
+        ...
+
+    def receive(self, wait_s: float, wanted: int) -> bytes:
+        """Return what is there; if that is nothing, wait so long, or a shorter time, for this many bytes."""
+        ...
+
+    def close(self) -> None:
+        """Give the port back; never raises."""
+        ...

@@ -1,0 +1,120 @@
+"""Why a port cannot be opened, in one sentence with the remedy."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+import stat
+from urllib.parse import urlsplit
+
+from serial.tools import list_ports
+
+from drivecomm.errors import PortError
+
+_ABSENT = frozenset({errno.ENOENT, errno.ENOTDIR})
+_EMPTY = frozenset({errno.ENXIO, errno.ENODEV, errno.EIO})
+_FORBIDDEN = frozenset({errno.EACCES, errno.EPERM})
+_TAKEN = frozenset({errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK})
+_OTHER_FILE = frozenset({errno.ENOTTY, errno.EISDIR, errno.EINVAL})
+
+
+def cannot_open(url: str, error: BaseException) -> PortError:
+    """Return the error for a port that does not open."""
+    if "://" in url:
+        return PortError(_network_reason(url, error))
+    return PortError(_local_reason(url, error))
+
+
+def error_number(error: BaseException | None) -> int | None:
+    """Return the errno behind an exception, also where pyserial has made a text of it."""
+    while error is not None:
+        number = getattr(error, "errno", None)
+        if isinstance(number, int):
+            return number
+        # termios.error is no OSError, and carries the number as its first argument.
+        if error.args and isinstance(error.args[0], int):
+            return error.args[0]
+        error = error.__cause__ or error.__context__
+    return None
+
+
+def _local_reason(name: str, error: BaseException) -> str:
+    number, text = error_number(error), str(error)
+    # On Windows pyserial keeps only the text of the operating system's error.
+    if number in _ABSENT or "FileNotFoundError" in text:
+        return f"port {name} does not exist; {_present()}"
+    if number in _TAKEN or "PermissionError" in text:
+        return f"port {name} is in use by another program; end that program, or use another port"
+    if number in _FORBIDDEN:
+        return f"port {name} may not be opened by this user; {_membership(name)}"
+    if number in _EMPTY:
+        return f"port {name} has no hardware behind it; plug the adapter in, or use another port"
+    if number in _OTHER_FILE:
+        return f"{name} is not a serial port; {_present()}"
+    return f"port {name} cannot be opened ({text}); check its name and its driver"
+
+
+def _present() -> str:
+    try:
+        names = sorted(port.device for port in list_ports.comports())
+    except OSError:
+        names = []
+    if not names:
+        return "this machine shows no serial port, so plug the adapter in or check its driver"
+    return f"this machine has {', '.join(names)}"
+
+
+def _membership(name: str) -> str:
+    try:
+        import grp  # noqa: PLC0415 - Windows has no groups
+
+        found = os.stat(name)  # noqa: PTH116 - may be a name that Path would change
+        group = grp.getgrgid(found.st_gid).gr_name
+    except (ImportError, OSError, KeyError):
+        return "ask who administrates this machine for access to it"
+    if not found.st_mode & stat.S_IRGRP or group == "root":
+        return f"it belongs to the group {group}, so ask who administrates this machine for access to it"
+    return f"it belongs to the group {group}, so join it (sudo usermod -a -G {group} $USER) and log in again"
+
+
+def _network_reason(url: str, error: BaseException) -> str:
+    scheme = url.split("://", 1)[0].lower()
+    if isinstance(error, ValueError) and "not known" in str(error):
+        return (
+            f"port {url} has the unknown scheme {scheme}://; "
+            "use a port's name, socket://HOST:PORT, rfc2217://HOST:PORT or loop://"
+        )
+    if scheme not in ("socket", "rfc2217"):
+        return f"port {url} cannot be opened ({error}); check its name"
+    if not _has_host_and_port(url):
+        return f"port {url} names no host and port number; write {scheme}://HOST:PORT"
+    cause = _deepest(error)
+    host = urlsplit(url).hostname
+    if isinstance(cause, socket.gaierror):
+        return (
+            f"port {url} cannot be reached: the host name {host} is not known; check its spelling, or use the address"
+        )
+    if isinstance(cause, ConnectionRefusedError):
+        return f"port {url} cannot be reached: nothing listens there; check the port number and that the server runs"
+    if isinstance(cause, TimeoutError):
+        return f"port {url} cannot be reached: {host} does not answer; check the address, the network and its firewall"
+    if "support RFC2217" in str(error):
+        return f"port {url} does not speak RFC 2217; use socket://, or switch RFC 2217 on at the server"
+    if isinstance(cause, ConnectionError):
+        return f"port {url} closed the connection at once; check whether somebody else is connected to it"
+    return f"port {url} cannot be reached ({cause}); check the address and the network"
+
+
+def _has_host_and_port(url: str) -> bool:
+    try:
+        parts = urlsplit(url)
+        return bool(parts.hostname and parts.port)
+    except ValueError:
+        return False
+
+
+def _deepest(error: BaseException) -> BaseException:
+    while (below := error.__cause__ or error.__context__) is not None:
+        error = below
+    return error

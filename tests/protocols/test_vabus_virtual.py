@@ -1,0 +1,302 @@
+"""A virtual VABus drive on a virtual line, commanded through the public face."""
+
+from random import Random
+
+import pytest
+from drivecomm_vabus.telegrams import BROADCAST, Enquiry, Nak, Select, VabusCodec
+from drivecomm_vabus.virtual import VirtualVabusDrive
+
+import drivecomm
+from drivecomm.errors import ParameterAddressError
+from drivecomm.framing import Damaged, Framed
+from drivecomm.status import DriveState, Stop
+from drivecomm.virtual import FaultPlan, VirtualLine, virtual_drive
+
+
+def line_with(**options):
+    drive = virtual_drive("vabus", 1, **options)
+    assert isinstance(drive, VirtualVabusDrive)
+    return VirtualLine([drive]), drive
+
+
+@pytest.fixture
+def virtual():
+    line, drive = line_with()
+    with drivecomm.open_bus(line.port) as bus:
+        yield line, drive, bus.drive("vabus", 1, model="agile")
+
+
+def ask(drive, message, now=0.0):
+    reply = drive.hear(Framed(VabusCodec().encode(message), message), now)
+    return None if reply is None else VabusCodec().decode(reply.data, "reply")
+
+
+class TestMotor:
+    def test_start_ramp_stop(self, virtual):
+        line, _, drive = virtual
+        drive.set_reference(hz=40)
+        drive.start()
+        assert not drive.status().at_reference
+        line.advance(10)
+        assert drive.status().at_reference
+        assert str(drive.read("stator_frequency")) == "40.00 Hz"
+        assert drive.read("rms_current").value > 0
+        drive.stop()
+        line.advance(2)
+        assert 0 < drive.read("stator_frequency").value < 40
+        line.advance(10)
+        assert drive.status().state is DriveState.READY
+        assert drive.read("stator_frequency").value == 0
+
+    def test_reverse_by_a_negative_reference(self, virtual):
+        line, _, drive = virtual
+        drive.set_reference(hz=-20)
+        drive.start()
+        line.advance(10)
+        assert drive.read("stator_frequency").value == -20
+
+    def test_percent_adds_to_the_frequency(self, virtual):
+        line, _, drive = virtual
+        drive.set_reference(hz=10)
+        drive.set_reference(percent=40)
+        drive.start()
+        line.advance(10)
+        assert drive.read("stator_frequency").value == 30
+
+    def test_coast(self, virtual):
+        line, _, drive = virtual
+        drive.start()
+        line.advance(10)
+        drive.stop(Stop.COAST)
+        assert drive.status().state is DriveState.NOT_READY
+        assert drive.read("210").value == 0
+
+    def test_quick_stop_ends_in_disabled(self, virtual):
+        line, _, drive = virtual
+        drive.start()
+        line.advance(10)
+        drive.stop(Stop.QUICK)
+        assert drive.status().state is DriveState.STOPPING
+        line.advance(5)
+        assert drive.status().flags[0] == "switch on disabled"
+
+    def test_trip_and_reset(self, virtual):
+        line, virtual_one, drive = virtual
+        drive.start()
+        virtual_one.trip(0x0300, line.time)
+        status = drive.status()
+        assert (status.fault, status.fault_code) == (True, 0x0300)
+        with pytest.raises(drivecomm.StateError):
+            drive.start()
+        with pytest.raises(drivecomm.StateError, match="15 s"):
+            drive.reset()
+        line.advance(15)
+        drive.reset()
+        assert not drive.status().fault
+        assert not virtual_one.motor.running
+        drive.start()
+
+    def test_a_motor_that_trips_by_itself(self, virtual):
+        line, virtual_one, drive = virtual
+        virtual_one.motor.trip(5, line.time)
+        virtual_one.motor.warning = True
+        assert drive.status().fault_code == 5
+        assert drive.status().warning
+
+    def test_remote_contacts(self, virtual):
+        _, virtual_one, drive = virtual
+        drive.write("412", 2)
+        drive.call("control_word", word=3)
+        assert virtual_one.motor.running
+        drive.call("control_word", word=1)
+        assert drive.status().flags[0] == "switched on"
+
+    def test_broadcast_stops_and_nobody_answers(self):
+        drives = [virtual_drive("vabus", node) for node in (1, 2)]
+        line = VirtualLine(drives)
+        with drivecomm.open_bus(line.port) as bus:
+            for node in (1, 2):
+                bus.drive("vabus", node).start()
+            began = line.time
+            bus.broadcast("vabus").stop(Stop.COAST)
+            bus.broadcast("vabus", model="agile").write("481", "12.00")
+            assert line.time - began < 0.2
+            assert bus.drive("vabus", 2, model="agile").read("481").value == 12
+        line.advance(0.1)
+        assert not any(drive.motor.running for drive in drives)
+
+
+class TestParameters:
+    def test_every_parameter_of_the_tables_can_be_read(self, virtual):
+        line, virtual_one, drive = virtual
+        for address, info in drive.model.parameters.items():
+            if "r" in info.access:
+                assert drive.read(address).raw == virtual_one.peek(address, line.time)
+
+    def test_ram_and_eeprom(self, virtual):
+        _, virtual_one, drive = virtual
+        drive.write("481", 20, store=True)
+        drive.write("481", 30)
+        assert drive.read("481").value == 30
+        virtual_one.store.power_cycle()
+        assert drive.read("481").value == 20
+
+    def test_four_sets_that_differ(self, virtual):
+        _, _, drive = virtual
+        drive.write("481[2]", 33)
+        assert drive.read("481[2]").value == 33
+        with pytest.raises(drivecomm.RefusedError) as caught:
+            drive.read("481")
+        assert caught.value.code == 9
+
+    @pytest.mark.parametrize(
+        ("parameter", "given", "options", "code"),
+        [
+            ("210", 1, {"type": "long"}, 4),
+            ("999", 1, {"type": "uint"}, 11),
+            ("394", 31, {"type": "uint"}, 1),
+            ("481", 1, {"type": "uint"}, 14),
+            ("481", "ABCDEFGH", {"type": "string"}, 13),
+            ("394[2]", 1, {"type": "uint"}, 2),
+        ],
+    )
+    def test_refusals(self, virtual, parameter, given, options, code):
+        line, virtual_one, _ = virtual
+        with drivecomm.open_bus(line.port) as bus:
+            bare = bus.drive("vabus", 1)
+            with pytest.raises(drivecomm.RefusedError) as caught:
+                bare.write(parameter, given, **options)
+            assert caught.value.code == code
+            assert not virtual_one.locked
+            bare.write("481", 1000, type="long")
+
+    def test_reads_that_are_refused(self, virtual):
+        _, _, drive = virtual
+        for parameter, code in (("18", 3), ("394[1]", 2), ("999", 11)):
+            with pytest.raises(drivecomm.RefusedError) as caught:
+                drive.read(parameter)
+            assert caught.value.code == code
+
+    def test_not_while_running(self, tmp_path):
+        path = tmp_path / "mine.toml"
+        path.write_text(
+            'format = 1\nprotocol = "vabus"\nname = "mine"\n'
+            '[[parameter]]\naddress = "410"\nname = "control"\ntype = "uint"\n'
+            '[[parameter]]\naddress = "411"\nname = "state"\ntype = "uint"\naccess = "r"\n'
+            '[[parameter]]\naddress = "412"\nname = "mode"\ntype = "uint"\nstart = "1"\n'
+            '[[parameter]]\naddress = "394"\nname = "node"\ntype = "uint"\n'
+            '[[parameter]]\naddress = "372"\nname = "speed"\ntype = "uint"\naccess = "rw*"\n'
+            '[[parameter]]\naddress = "29"\nname = "user"\ntype = "string"\nstart = "PUMP 3"\n'
+        )
+        line, _ = line_with(model=path)
+        with drivecomm.open_bus(line.port) as bus:
+            drive = bus.drive("vabus", 1, model=path)
+            assert drive.read("user").value == "PUMP 3"
+            drive.write("speed", 1500)
+            drive.start()
+            with pytest.raises(drivecomm.RefusedError, match="runs"):
+                drive.write("speed", 1400)
+
+    def test_without_ram_data_sets(self):
+        line, _ = line_with(model="act")
+        with drivecomm.open_bus(line.port) as bus:
+            with pytest.raises(drivecomm.RefusedError) as caught:
+                bus.drive("vabus", 1, model="agile").write("481", 1)
+            assert caught.value.code == 2
+
+    def test_block_access(self, virtual):
+        _, _, drive = virtual
+        drive.write("481", 10)
+        drive.write("17", "0048100372")
+        assert drive.read("19").value == "000003E8" + drive.read("372").raw
+        drive.write("18", "000007D005AA")
+        assert (drive.read("481").value, drive.read("372").value) == (20, 1450)
+        drive.write("17", "004")
+        with pytest.raises(drivecomm.RefusedError):
+            drive.read("19")
+
+    def test_peek_and_poke(self, virtual):
+        line, virtual_one, drive = virtual
+        virtual_one.poke("481", 777)
+        assert drive.read("481").value * 100 == 777
+        virtual_one.poke("520[2]", "03E8")
+        assert virtual_one.peek("520[2]", line.time) == "03E8"
+        with pytest.raises(ParameterAddressError):
+            virtual_one.poke("999", 1)
+        with pytest.raises(ParameterAddressError):
+            virtual_one.peek("999", 0)
+
+
+class TestTelegrams:
+    def test_the_lock_keeps_the_first_code(self):
+        _, drive = line_with()
+        assert ask(drive, Enquiry(address=1, parameter=999)) == Nak(address=1)
+        assert ask(drive, Select(address=1, parameter=480, data="00000000")) == Nak(address=1)
+        assert drive.error_register == 11
+        assert ask(drive, Enquiry(address=1, parameter=480)).data == "00000BB8"
+        assert ask(drive, Enquiry(address=1, parameter=11)).data == "000B"
+        assert ask(drive, Enquiry(address=1, parameter=11)).data == "0000"
+        assert ask(drive, Select(address=1, parameter=480, data="00000000")).kind == "ack"
+
+    def test_system_bus(self):
+        _, drive = line_with()
+        assert ask(drive, Enquiry(address=1, sys=3, parameter=480)) == Nak(address=1)
+        assert drive.error_register == 20
+
+    def test_wrong_bcc_and_syntax_are_refused_structure_meets_silence(self):
+        _, drive = line_with()
+        codec = VabusCodec()
+        good = codec.encode(Select(address=1, parameter=480, data="00000000"))
+        for data, code in (
+            (good[:-1] + bytes([good[-1] ^ 1]), 12),
+            (good[:4] + b"x" + good[5:-1] + bytes([good[-1] ^ good[4] ^ ord("x")]), 13),
+            (good[:1] + b"B" + good[2:-1] + b"\0", None),
+            (codec.encode(Enquiry(address=1, parameter=480))[:-1] + b"\0", None),
+            (good[:1] + b"_" + good[2:], None),
+        ):
+            drive.error_register, drive.locked = 0, False
+            with pytest.raises(drivecomm.TelegramError) as caught:
+                codec.decode(data, "request")
+            reply = drive.hear(Damaged(data, caught.value), 0.0)
+            assert (reply is not None) is (code is not None), data
+            assert drive.error_register == (code or 0)
+
+    def test_silence_instead_by_option(self):
+        _, drive = line_with(silent_on=(11,))
+        assert ask(drive, Enquiry(address=1, parameter=999)) is None
+        assert drive.locked
+
+    def test_a_refused_broadcast_locks_in_silence(self):
+        _, drive = line_with()
+        assert ask(drive, Select(address=BROADCAST, parameter=999, data="0000")) is None
+        assert drive.locked
+
+    def test_others_are_ignored(self):
+        _, drive = line_with()
+        assert ask(drive, Enquiry(address=2, parameter=480)) is None
+
+    def test_options_are_checked(self):
+        with pytest.raises(drivecomm.UsageError):
+            virtual_drive("vabus", 1, sys=64)
+        with pytest.raises(drivecomm.UsageError):
+            drivecomm.decode("vabus", b"\x04", direction="request", type="float")
+
+
+def test_no_wrong_value_and_no_foreign_error_under_faults():
+    faults = FaultPlan(rate=0.1, seed=4711)
+    line = VirtualLine([virtual_drive("vabus", 1), virtual_drive("vabus", 2)], faults=faults)
+    choose = Random(1)
+    failures = 0
+    with drivecomm.open_bus(line.port) as bus:
+        drives = [bus.drive("vabus", node, model="agile") for node in (1, 2)]
+        for turn in range(2000):
+            drive, virtual_one = choose.choice(list(zip(drives, line.drives, strict=True)))
+            parameter = choose.choice(["480", "481", "482[2]", "372", "520", "30"])
+            try:
+                if turn % 5 == 0:
+                    drive.write("482", choose.randint(-50, 50))
+                assert drive.read(parameter).raw == virtual_one.peek(parameter, line.time), f"turn {turn}"
+            except drivecomm.DriveCommError:
+                failures += 1
+    assert faults.happened
+    assert failures < 200
