@@ -32,10 +32,8 @@ A model is a TOML file:
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -99,6 +97,8 @@ def load_model(package: str, protocol: str, model: str | Path | Model) -> Model:
         return model
     if isinstance(model, Path) or str(model).endswith(".toml"):
         return read_model(Path(model), protocol)
+    from importlib import resources  # noqa: PLC0415 - loaded with the first model, not with drivecomm
+
     known = model_names(package)
     if model not in known:
         raise UsageError(
@@ -110,6 +110,8 @@ def load_model(package: str, protocol: str, model: str | Path | Model) -> Model:
 
 def model_names(package: str) -> list[str]:
     """Return the names of the models that a protocol package brings."""
+    from importlib import resources  # noqa: PLC0415 - as above
+
     folder = resources.files(package) / "models"
     if not folder.is_dir():
         return []
@@ -118,6 +120,8 @@ def model_names(package: str) -> list[str]:
 
 def read_model(path: Path, protocol: str) -> Model:
     """Read a model file. Raises FileFormatError with the file's name and what is wrong in it."""
+    import tomllib  # noqa: PLC0415 - as above
+
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

@@ -15,6 +15,9 @@ def run(arguments: list[str]) -> int:
     as_json = "--json" in arguments
     try:
         code = app(args=arguments, prog_name="drivecomm", standalone_mode=False)
+        if code == INTERRUPTED:
+            # typer takes Ctrl-C for itself and only leaves its exit code.
+            raise KeyboardInterrupt
     except DriveCommError as error:
         complain(error, as_json=as_json)
         return error.exit_code

@@ -46,9 +46,9 @@ class Store:
         """Forget what was written to RAM only."""
         self._ram = dict(self._eeprom)
 
-    def numbers(self) -> list[int]:
-        """Return all parameter numbers."""
-        return sorted(self._infos)
+    def __contains__(self, number: int) -> bool:
+        """Whether there is a parameter with this number."""
+        return number in self._infos
 
     def info(self, number: int) -> ParameterInfo:
         """Return what is known of a parameter. Raises Refusal for one that does not exist."""

@@ -170,7 +170,7 @@ _ANYBODY = frozenset([*NODES, BROADCAST])
 
 
 def _with_length(message: Select | Value) -> dict[str, Any]:
-    length = len(message.data) if isinstance(message.data, str) else 0
+    length = len(message.data) if isinstance(message.data, str) else 1
     return {field.name: getattr(message, field.name) for field in fields(message)} | {"length": length}
 
 

@@ -190,7 +190,7 @@ class VirtualVabusDrive:
             (283, self._reference_hz() * 100),
             (states.STATE_WORD, self._state_word()),
         ):
-            if number in self.store.numbers():
+            if number in self.store:
                 self.store.poke(number, 0, data_of(round(value), self.store.info(number).type))  # type: ignore[arg-type]
 
     def _state_word(self) -> int:

@@ -3,9 +3,6 @@
 from decimal import Decimal
 
 import pytest
-from drivecomm_vabus.exchanges import VabusOperations
-from drivecomm_vabus.options import VabusOptions
-from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Eot, Nak, Select, Value
 
 from drivecomm.errors import (
     NoReplyError,
@@ -21,6 +18,9 @@ from drivecomm.exchange import Tell
 from drivecomm.models import load_model
 from drivecomm.runners.script import play
 from drivecomm.status import DriveState, Stop
+from drivecomm_vabus.exchanges import VabusOperations
+from drivecomm_vabus.options import VabusOptions
+from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Eot, Nak, Select, Value
 
 EOT = (Eot(), None)
 AGILE = load_model("drivecomm_vabus", "vabus", "agile")

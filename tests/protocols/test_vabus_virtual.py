@@ -3,14 +3,14 @@
 from random import Random
 
 import pytest
-from drivecomm_vabus.telegrams import BROADCAST, Enquiry, Nak, Select, VabusCodec
-from drivecomm_vabus.virtual import VirtualVabusDrive
 
 import drivecomm
 from drivecomm.errors import ParameterAddressError
 from drivecomm.framing import Damaged, Framed
 from drivecomm.status import DriveState, Stop
 from drivecomm.virtual import FaultPlan, VirtualLine, virtual_drive
+from drivecomm_vabus.telegrams import BROADCAST, Enquiry, Nak, Select, VabusCodec
+from drivecomm_vabus.virtual import VirtualVabusDrive
 
 
 def line_with(**options):

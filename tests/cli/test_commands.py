@@ -1,0 +1,208 @@
+"""protocols, decode, encode, scan, vectors, demo, and the command line itself."""
+
+import subprocess
+import sys
+
+import pytest
+
+import drivecomm
+from drivecomm.cli import main
+from drivecomm.cli.demo import sites
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+ALL = {"danfoss-fc", "fuji", "vabus", "vlt3500"}
+
+
+def test_protocols(shell):
+    assert shell("protocols", port=None) == 0
+    assert "Bonfiglioli VABus" in shell.out
+    assert shell("protocols", "--json", port=None) == 0
+    assert {one["protocol"] for one in shell.objects} >= ALL
+
+
+@pytest.mark.parametrize(
+    "spelling",
+    [
+        ["04 41 30 30 34 38 31 05"],
+        ["0441303034383105"],
+        ["04", "41", "30", "30", "34", "38", "31", "05"],
+        ["0x04 0x41 0x30 0x30 0x34 0x38 0x31 0x05"],
+        ["04:41:30:30:34:38:31:05"],
+        [r"\x04\x41\x30\x30\x34\x38\x31\x05"],
+    ],
+)
+def test_decode_in_any_spacing_tries_all_protocols(shell, spelling):
+    assert shell("decode", *spelling, port=None) == 0
+    assert shell.out == "vabus request: enquiry address=1 sys=0 dataset=0 parameter=481\n"
+
+
+def test_decode_as_json(shell):
+    assert shell("decode", "04 41 30 30 34 38 31 05", "--protocol", "vabus", "-d", "request", "--json", port=None) == 0
+    assert shell.objects == [
+        {
+            "protocol": "vabus",
+            "direction": "request",
+            "valid": True,
+            "data": "04 41 30 30 34 38 31 05",
+            "fields": {"kind": "enquiry", "address": 1, "sys": 0, "dataset": 0, "parameter": 481},
+        }
+    ]
+
+
+def test_decode_what_is_no_telegram(shell):
+    assert shell("decode", "00 11 22", port=None) == 4
+    assert "vabus request: refused (framing)" in shell.out
+    assert shell("decode", "00 11 22", "--json", port=None) == 4
+    assert shell.objects[0]["valid"] is False
+
+
+def test_decode_what_is_not_hexadecimal(shell):
+    assert shell("decode", "hello", port=None) == 2
+    assert "is not hexadecimal" in shell.err
+
+
+def test_encode(shell):
+    assert shell("encode", "vabus", "kind=enquiry", "address=1", "parameter=481", port=None) == 0
+    assert shell.out == "04 41 30 30 34 38 31 05\n"
+
+
+def test_encode_digits_that_are_text(shell):
+    assert shell("encode", "vabus", "kind=select", "address=1", "parameter=410", "data=1234", "--json", port=None) == 0
+    assert shell.objects[0]["data"].startswith("04 41 02 30 30 34 31 30 30 34 31 32 33 34 03")
+
+
+@pytest.mark.parametrize(
+    ("fields", "code"),
+    [
+        (["kind=enquiry", "address=31", "parameter=1"], 4),
+        (["kind=enquiry", "parameter=1"], 4),
+        (["kind"], 2),
+        (["kind=nonsense"], 4),
+        (["kind=enquiry", "address=[1,2]", "parameter=true"], 4),
+    ],
+)
+def test_encode_what_makes_no_telegram(shell, fields, code):
+    assert shell("encode", "vabus", *fields, port=None) == code
+    assert shell.err.count("\n") == 1
+
+
+def test_scan(shell):
+    line = shell.line(*(virtual_drive(protocol, address) for address, protocol in enumerate(sorted(ALL), 3)))
+    assert shell("scan", "--addresses", "1-8") == 0
+    assert all(f"{protocol}:{address}" in shell.out for address, protocol in enumerate(sorted(ALL), 3))
+    assert "4 drives found" in shell.out
+    assert not any(drive.motor.running for drive in line.drives)
+
+
+def test_scan_as_json_of_one_protocol(shell):
+    shell.line()
+    assert shell("scan", "--protocol", "vabus", "-a", "1,3-4", "--json") == 0
+    assert [one["drive"] for one in shell.objects] == ["vabus:1"]
+
+
+def test_scan_finds_nobody(shell):
+    shell.line()
+    assert shell("scan", "--protocol", "vabus", "-a", "7") == 1
+    assert "0 drives found" in shell.out
+    assert shell("scan", "-a", "seven") == 2
+
+
+def test_vectors(shell):
+    assert shell("vectors", "check", port=None) == 0
+    assert "vabus: " in shell.out
+
+
+def test_vectors_of_a_stranger(shell, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        'format = 2\nprotocol = "vabus"\n[[vector]]\nid = "mine"\nsource = "me"\nprinted = false\n'
+        'direction = "reply"\nhex = "41 06"\nvalid = true\n[vector.fields]\nkind = "ack"\naddress = 1\n'
+    )
+    assert shell("vectors", "check", str(path), port=None) == 0
+    path.write_text(path.read_text().replace("address = 1", "address = 2"))
+    assert shell("vectors", "check", str(path), port=None) == 1
+    assert "FAILED" in shell.out
+    assert shell("vectors", "check", str(path), "--json", port=None) == 1
+    path.write_text("format = 9")
+    assert shell("vectors", "check", str(path), port=None) == 2
+    assert str(path) in shell.err
+
+
+class TestDemo:
+    def test_the_tour_works(self, shell, tmp_path):
+        picture = tmp_path / "demo.svg"
+        assert shell("demo", "--picture", str(picture), port=None) == 0
+        assert "failed" not in shell.out
+        assert "steps worked" in shell.out
+        assert picture.read_text().startswith("<svg")
+
+    def test_as_json(self, shell):
+        assert shell("demo", "--json", port=None) == 0
+        assert all(step["ok"] for step in shell.objects)
+        assert len(shell.objects) > 20
+
+    def test_a_failed_step_fails_the_tour(self, shell, monkeypatch):
+        def deaf(protocol, address):
+            drive = virtual_drive(protocol, address)
+            drive.hear = lambda *_: None
+            return drive
+
+        monkeypatch.setattr(sites, "virtual_drive", deaf)
+        assert shell("demo", port=None) == 1
+        assert "failed" in shell.out
+
+    def test_on_a_line_it_only_reads(self, shell):
+        line = shell.line(virtual_drive("vabus", 2))
+        sent = []
+        transmit = line.transmit
+        line.transmit = lambda data: (sent.append(data), transmit(data))
+        assert shell("demo") == 0
+        assert not any(data[2:3] == b"\x02" for data in sent if data[:1] == b"\x04"), "nothing is written"
+
+    def test_with_leave_to_move(self, shell, monkeypatch):
+        line = shell.line(virtual_drive("vabus", 2))
+        monkeypatch.setattr(sites.time, "sleep", line.advance)
+        assert shell("demo", "--allow-motion") == 0
+        assert "forwards" in shell.out
+
+
+class TestCommandLine:
+    def test_version(self, shell):
+        assert shell("--version", port=None) == 0
+        assert shell.out == f"drivecomm {drivecomm.__version__}\n"
+
+    def test_help(self, shell):
+        assert shell("--help", port=None) == 0
+        assert "simulate" in shell.out
+
+    def test_as_a_module(self):
+        done = subprocess.run(
+            [sys.executable, "-m", "drivecomm", "--version"], capture_output=True, text=True, check=True
+        )
+        assert done.stdout == f"drivecomm {drivecomm.__version__}\n"
+
+    def test_interrupted(self, shell, monkeypatch):
+        def interrupt(*_):
+            raise KeyboardInterrupt
+
+        shell.line()
+        monkeypatch.setattr(VirtualLine, "receive", interrupt)
+        assert shell("status", "vabus:1") == 130
+        assert shell.err == "drivecomm: interrupted\n"
+
+    def test_a_reader_that_has_gone(self, shell, monkeypatch):
+        def gone(*_):
+            raise BrokenPipeError
+
+        shell.line()
+        monkeypatch.setattr(VirtualLine, "receive", gone)
+        assert shell("status", "vabus:1") == 0
+
+    def test_what_is_our_fault_is_not_hidden(self, shell, monkeypatch):
+        def broken(*_):
+            raise ZeroDivisionError
+
+        shell.line()
+        monkeypatch.setattr(VirtualLine, "receive", broken)
+        with pytest.raises(ZeroDivisionError):
+            main(["status", "vabus:1", "--port", "line"])

@@ -1,0 +1,239 @@
+"""read, write, status, start, stop, reset, reference, call."""
+
+import pytest
+
+from drivecomm.virtual import FaultPlan, virtual_drive
+from drivecomm.virtual.faults import Fault
+
+
+def test_read(shell):
+    shell.line()
+    assert shell("read", "vabus:1", "481", "fixed_frequency_1", "--model", "agile") == 0
+    assert "10.00 Hz" in shell.out
+    assert "fixed_frequency_1" in shell.out
+
+
+def test_read_without_a_type_says_what_is_not_known(shell):
+    shell.line()
+    assert shell("read", "vabus:1", "481") == 0
+    assert "000003E8" in shell.out
+    assert "type not known" in shell.out
+
+
+def test_read_with_a_type(shell):
+    shell.line()
+    assert shell("read", "vabus:1", "481", "--type", "long", "--json") == 0
+    assert shell.objects[0]["value"] == 1000
+    assert shell.objects[0]["drive"] == "vabus:1"
+
+
+def test_exact_decimals_stay_exact_in_json(shell):
+    shell.line()
+    shell("read", "vabus:1", "481", "--model", "agile", "--json")
+    assert shell.objects[0]["value"] == "10.00"
+    assert shell.objects[0]["unit"] == "Hz"
+
+
+def test_one_bad_parameter_does_not_fail_the_others(shell):
+    shell.line()
+    assert shell("read", "vabus:1", "999", "481", "nonsense", "480", "-m", "agile") == 5
+    assert "10.00 Hz" in shell.out
+    assert "30.00 Hz" in shell.out
+    assert "unknown parameter" in shell.err
+    assert "'nonsense' is no VABus parameter address" in shell.err
+
+
+def test_errors_are_objects_too_with_json(shell):
+    shell.line()
+    assert shell("read", "vabus:1", "999", "--json") == 5
+    assert shell.objects[0]["kind"] == "RefusedError"
+    assert shell.objects[0]["exit_code"] == 5
+    assert "line" in shell.objects[0]["error"]
+
+
+def test_options_behind_the_drive(shell):
+    shell.line(virtual_drive("vabus", 1, baudrate=9600))
+    assert shell("read", "vabus:1,model=agile,baudrate=9600,attempts=1", "481") == 0
+    assert shell("read", "vabus:1,attempts=1", "481") == 4
+    assert shell("read", "vabus:1", "481", "--baudrate", "9600", "--parity", "e", "--bytesize", "7") == 0
+
+
+def test_write_and_read_back(shell):
+    shell.line()
+    assert shell("write", "vabus:1", "480", "-12.50", "--model", "agile") == 0
+    assert "480 = -12.50" in shell.out
+    shell("read", "vabus:1", "480", "-m", "agile", "--json")
+    assert shell.objects[0]["value"] == "-12.50"
+
+
+def test_write_stored(shell):
+    line = shell.line()
+    assert shell("write", "vabus:1", "481", "20", "--store", "-m", "agile", "--json") == 0
+    assert shell.objects[0]["stored"] is True
+    line.drives[0].store.power_cycle()
+    shell("read", "vabus:1", "481", "-m", "agile")
+    assert "20.00 Hz" in shell.out
+
+
+def test_write_with_an_option_of_the_protocol(shell):
+    line = shell.line()
+    assert shell("write", "vabus:1", "481", "1500", "--type", "long", "--option", "dataset=3") == 0
+    assert line.drives[0].peek("481[3]", 0) == "000005DC"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("480", "10.001", "-m", "agile"), "not rounded"),
+        (("480", "1"), "type"),
+        (("394", "77", "-m", "agile"), "outside 1 to 30"),
+        (("480", "abc", "-m", "agile"), "no number"),
+        (("480", "1", "-m", "agile", "-o", "speed=3"), "no option 'speed'"),
+        (("480", "1", "-m", "agile", "-o", "speed"), "name=value"),
+        (("480", "1", "-m", "nothing"), "no model 'nothing'"),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_anything_is_sent(shell, arguments, sentence):
+    line = shell.line()
+    assert shell("write", "vabus:1", *arguments) == 2
+    assert sentence in shell.err
+    assert shell.err.count("\n") == 1
+    assert line.time < 0.01
+
+
+def test_motor(shell):
+    line = shell.line()
+    assert shell("reference", "vabus:1", "25Hz") == 0
+    assert shell("start", "vabus:1") == 0
+    assert "413" in shell.out
+    line.advance(10)
+    assert shell("status", "vabus:1", "--json") == 0
+    assert shell.objects[0]["state"] == "running"
+    assert shell.objects[0]["at_reference"] is True
+    assert shell("stop", "vabus:1", "--how", "coast") == 0
+    assert not line.drives[0].motor.running
+    assert shell("start", "vabus:1", "--hz", "10", "--json") == 0
+    assert shell("stop", "vabus:1") == 0
+    assert shell("reference", "vabus:1", "--percent", "-10") == 0
+    assert shell("reference", "vabus:1", "50%", "--json") == 0
+
+
+def test_fault_and_reset(shell):
+    line = shell.line()
+    line.drives[0].trip(0x0300, 0.0)
+    assert shell("status", "vabus:1") == 5
+    assert "fault 768" in shell.out
+    assert shell("start", "vabus:1") == 5
+    assert "reset it first" in shell.err
+    line.advance(20)
+    assert shell("reset", "vabus:1") == 0
+    assert shell("status", "vabus:1") == 0
+
+
+def test_stop_everybody(shell):
+    line = shell.line(virtual_drive("vabus", 1), virtual_drive("vabus", 2))
+    shell("start", "vabus:1")
+    shell("start", "vabus:2")
+    assert shell("stop", "vabus:*", "--how", "quick") == 0
+    assert "nobody confirms" in shell.out
+    line.advance(5)
+    for drive in line.drives:
+        drive.motor.advance(line.time)
+        assert not drive.motor.running
+
+
+def test_verbs_of_one_protocol(shell):
+    shell.line()
+    assert shell("call", "vabus:1", "control_word", "word=6") == 0
+    assert shell("call", "vabus:1", "fly") == 2
+    assert "control_word" in shell.err
+    assert shell("call", "vabus:1", "control_word", "speed=6") == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "sentence"),
+    [
+        (("stop", "vabus:1", "--how", "dc-brake"), 2, "dc_brake"),
+        (("stop", "vabus:1", "--how", "gently"), 2, "ramp, coast, quick and dc_brake"),
+        (("start", "vabus:1", "--reverse"), 2, "negative reference"),
+        (("reference", "vabus:1", "25"), 2, "25Hz"),
+        (("reference", "vabus:1"), 2, "percent or with hz"),
+        (("reference", "vabus:1", "--hz", "fast"), 2, "no number"),
+        (("status", "vabus:2"), 4, "vabus:2 did not answer"),
+        (("status", "vabus:31"), 2, "1 to 30"),
+        (("status", "vabus:x"), 2, "PROTOCOL:ADDRESS"),
+        (("status", "vabus"), 2, "PROTOCOL:ADDRESS"),
+        (("status", "modbus:1"), 2, "no installed protocol"),
+        (("status", "vabus:1,speed=3"), 2, "no option 'speed'"),
+        (("status", "vabus:1,baudrate=3"), 2, "baud rate"),
+        (("status", "vabus:1", "--parity", "x"), 2, "parity"),
+        (("status",), 2, "Missing argument"),
+        (("fly", "vabus:1"), 2, "No such command"),
+    ],
+)
+def test_errors_are_one_sentence(shell, arguments, code, sentence):
+    shell.line()
+    assert shell(*arguments) == code
+    assert sentence in shell.err
+    assert shell.err.startswith("drivecomm: ")
+    assert shell.err.count("\n") == 1
+    assert "Traceback" not in shell.err
+
+
+def test_no_port(shell):
+    assert shell("status", "vabus:1", port=None) == 2
+    assert "DRIVECOMM_PORT" in shell.err
+
+
+def test_a_port_that_does_not_exist(shell):
+    assert shell("status", "vabus:1", port="nowhere") == 3
+    assert "port nowhere does not exist" in shell.err
+
+
+def test_port_from_the_environment(shell, monkeypatch):
+    shell.line()
+    monkeypatch.setenv("DRIVECOMM_PORT", "line")
+    assert shell("status", "vabus:1", port=None) == 0
+
+
+def test_no_answer_names_port_drive_cause_and_remedy(shell):
+    shell.line()
+    shell("status", "vabus:4", "--attempts", "2", "--timeout", "0.2")
+    assert shell.err == (
+        "drivecomm: line: vabus:4 did not answer within 200 ms (asked 2 times); check its address, its line settings "
+        "and the wiring, or scan the line\n"
+    )
+
+
+def test_damaged_answers(shell):
+    shell.line(faults=FaultPlan(rate=1, kinds=(Fault.CORRUPT,), requests=False))
+    assert shell("status", "vabus:1") == 4
+    assert "vabus:1" in shell.err
+
+
+def test_a_line_that_goes_down(shell):
+    line = shell.line()
+    line.broken = True
+    assert shell("read", "vabus:1", "481") == 3
+
+
+def test_trace(shell):
+    shell.line()
+    assert shell("read", "vabus:1", "481", "--trace") == 0
+    assert "->  vabus:1  04 41 30 30 34 38 31 05  enquiry address=1" in shell.err
+    assert "<-  vabus:1  41 02" in shell.err
+
+
+def test_trace_as_json(shell):
+    import json  # noqa: PLC0415
+
+    shell.line()
+    shell("read", "vabus:1", "481", "--trace", "--json")
+    events = [json.loads(text) for text in shell.err.splitlines()]
+    assert [event["trace"] for event in events] == ["sent", "received", "sent"]
+    assert events[0]["fields"]["parameter"] == 481
+
+
+def test_echo(shell):
+    shell.line(echo=True)
+    assert shell("read", "vabus:1", "481", "--echo") == 0
