@@ -1,0 +1,148 @@
+"""Telegrams to bytes and back: which form a telegram has, and what may be sent to whom.
+
+Order of checks and reading of streams: section 13, point 20, of the specification.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import TelegramError
+from drivecomm_fuji.telegrams import (
+    BROADCAST,
+    COMMAND_REFUSED,
+    FORMS,
+    LENGTHS,
+    MESSAGES,
+    NAK,
+    REFUSED,
+    REFUSED_ZEROS,
+    RESET_REFUSED,
+    RESET_REFUSED_ZEROS,
+    SOH,
+    Kind,
+    Poll,
+    Select,
+    Standard,
+)
+
+if TYPE_CHECKING:
+    from drivecomm.schema import Form
+    from drivecomm.telegram import Direction, Message
+    from drivecomm_fuji.profiles import Profile
+
+
+class FujiCodec:
+    """Telegrams to bytes and back.
+
+    Decoding takes the telegrams of all generations. Encoding too, unless a profile is given: then only what its
+    inverters understand. number_check: refuse function numbers beyond the profile's.
+
+    A NAK that refuses a command which does not exist carries that command, and so has no length of its own. In a stream
+    it is taken to have 16 bytes (section 2.6 of the specification); a single telegram with such a command is refused.
+    So `decode` takes it only when `measure` has just met it.
+    """
+
+    def __init__(self, profile: Profile | None = None, *, number_check: bool = True) -> None:
+        self._profile = profile
+        self._number_check = number_check
+        self._in_stream = b""
+
+    def measure(self, head: bytes, direction: Direction) -> int:
+        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        if head[:1] != SOH:
+            return 0
+        needed = 5
+        if len(head) >= needed:
+            message = MESSAGES.get(chr(head[4]))
+            needed = LENGTHS[direction, message] if message else self._unlisted(head, direction)
+        return 0 if SOH in head[1:needed] else needed
+
+    def decode(self, data: bytes, direction: Direction) -> Message:
+        """Return the content of one telegram.
+
+        Checked in this order: SOH, command, length, ETX, sum, station, control character, function, byte 8, data.
+        """
+        if data and data[:1] != SOH:
+            raise TelegramError("framing", f"a telegram begins with SOH, not with {data[:1].hex().upper()}")
+        if len(data) < 5:
+            raise TelegramError("length", f"a telegram has at least 8 characters, not {len(data)}")
+        command = chr(data[4])
+        message = MESSAGES.get(command)
+        met = direction == "reply" and data[:5] == self._in_stream
+        if message is None and not met:
+            raise TelegramError("field", f"{command!r} is no command", field="command")
+        needed = LENGTHS[direction, message] if message else 16
+        if len(data) != needed:
+            raise TelegramError("length", f"a {direction} with {command!r} has {needed} characters, not {len(data)}")
+        form = FORMS[_kind(data[3:4], direction), command] if message else COMMAND_REFUSED
+        decoded: Message = form.parse(data)
+        return decoded
+
+    def encode(self, message: Message) -> bytes:
+        """Return the bytes of one telegram. Raises TelegramError for what the profile's inverters do not understand."""
+        if not isinstance(message, Standard | Select | Poll):
+            raise TelegramError("field", f"{type(message).__name__} is no telegram of this protocol")
+        form = self._form(message)
+        if form.message is not type(message):
+            raise TelegramError("field", f"{message.command!r} is no command of a {message.frame} frame", field="frame")
+        held = {leaf.name for leaf in form.schema.subcons}
+        for field in fields(message):
+            if field.name not in held and field.name != "frame" and getattr(message, field.name) is not None:
+                raise TelegramError(
+                    "field", f"a {message.kind} of {message.command!r} has no {field.name}", field=field.name
+                )
+        data = form.build(message)
+        if message.kind == "request":
+            self._check_request(message)
+        return data
+
+    def _form(self, message: Standard | Select | Poll) -> Form[Any]:
+        form = FORMS.get((message.kind, message.command))
+        if form is None:
+            raise TelegramError("field", f"{message.command!r} is no command", field="command")
+        if self._profile is not None and self._profile.nak_filler == b"00":
+            return {REFUSED: REFUSED_ZEROS, RESET_REFUSED: RESET_REFUSED_ZEROS}.get(form, form)
+        return form
+
+    def _unlisted(self, head: bytes, direction: Direction) -> int:
+        """Return the length of a telegram with a command that does not exist, 0 where it has none."""
+        if direction == "request" or head[3:4] != NAK:
+            return 0
+        self._in_stream = head[:5]
+        return 16
+
+    def _check_request(self, message: Standard | Select | Poll) -> None:
+        if message.command == "m" and message.data != 0:
+            raise TelegramError("field", "the data of m are zero", field="data")
+        if message.address == BROADCAST:
+            self._check_broadcast(message)
+        if self._profile is None:
+            return
+        known = self._profile.commands | set(self._profile.select) | set(self._profile.poll)
+        if message.command not in known:
+            raise TelegramError("field", f"{self._profile.title} has no command {message.command!r}", field="command")
+        if isinstance(message, Standard) and message.function is not None:
+            reason = self._profile.refusal_of(message.function, number_check=self._number_check)
+            if reason:
+                raise TelegramError("field", reason, field="function")
+
+    def _check_broadcast(self, message: Standard | Select | Poll) -> None:
+        if message.command == "A" or message.command in "Rghijk":
+            raise TelegramError(
+                "field", f"{message.command} cannot go to all stations: nobody would answer", field="address"
+            )
+        if not isinstance(message, Standard) or message.command == "E":
+            return
+        allowed = self._profile.broadcast_functions if self._profile else None
+        function = str(message.function)
+        if function[:1] != "S" or (allowed is not None and function not in allowed):
+            raise TelegramError("field", f"{function} cannot be written to all stations at once", field="function")
+
+
+def _kind(control: bytes, direction: Direction) -> Kind:
+    """Return the kind to read; a wrong control character is found after the sum, by the form."""
+    if direction == "request":
+        return "request"
+    return "nak" if control == NAK else "ack"

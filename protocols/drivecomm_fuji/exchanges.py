@@ -1,0 +1,371 @@
+"""The conversations of a host with a Fuji inverter: read, write, run, reset, status.
+
+FVR-E11S manual 9-18 to 9-20; FRENIC-VG option manual 5-13; HVAC/AQUA RS-485 manual 4-17; section 5 of the
+specification.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import NotSupported, RefusedError, ReplyError, StateError, UsageError, ValueRefusedError
+from drivecomm.exchange import Ask, Exchange, Pause
+from drivecomm.numbers import exact, unscaled
+from drivecomm.protocol import Capabilities
+from drivecomm.status import DriveState, DriveStatus, Stop
+from drivecomm_fuji import words
+from drivecomm_fuji.asking import Asking, read_request
+from drivecomm_fuji.parameters import command_word, reading, target, word_for
+from drivecomm_fuji.telegrams import BROADCAST, Poll
+from drivecomm_fuji.timing import reply_timeout
+from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, RUN, bit, flags_of, word_text
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from decimal import Decimal
+
+    from drivecomm.models import Model
+    from drivecomm.reading import Reading
+    from drivecomm.reading import Value as ParameterValue
+    from drivecomm_fuji.options import FujiOptions
+    from drivecomm_fuji.parameters import Target
+
+_NAME_PLATE = {"type_code": "M23", "capacity_code": "M24", "rom_version": "M25"}
+_POLL_S = 0.05
+
+
+class FujiOperations:
+    """The verbs of one Fuji inverter, or of all of them at station 99.
+
+    What was last commanded is remembered: the word in S06, so that terminals keep their state, and whether S01 and S05
+    are zero, since S01 beats S05 as soon as it is not.
+    """
+
+    def __init__(self, address: int, options: FujiOptions, model: Model | None) -> None:
+        self._address = address
+        self._options = options
+        self._profile = options.generation
+        self._model = model
+        self._asking = Asking(address, options)
+        self._word = 0
+        self._sent: dict[str, int | None] = {FREQUENCY_PU: None, FREQUENCY: None}
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What a Fuji inverter can be asked to do."""
+        stops = {Stop.RAMP, Stop.COAST} if self._options.coast_terminal else {Stop.RAMP}
+        hz = self._profile.s05_is_frequency or self._options.maximum_frequency_hz is not None
+        return Capabilities(
+            stops=frozenset(stops),
+            reverse=True,
+            reference_percent=True,
+            reference_hz=hz,
+            stored_writes=True,
+            volatile_writes=True,
+            broadcast=True,
+            link_loss=self._profile.link_loss,
+        )
+
+    @property
+    def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
+        """The verbs that only this protocol has."""
+        return {
+            "terminals": self.terminals,
+            "digital_outputs": self.digital_outputs,
+            "reset_by_command": self.reset_by_command,
+        }
+
+    def read(self, parameter: str, *, format: str | int | None = None) -> Exchange[Reading]:
+        """Read a function. format: its data format in the manual's numbering, such as "[5]", instead of the model's."""
+        wanted = target(parameter, self._model, self._options, format)
+        self._must_be_one_drive("read")
+        return self._read(wanted)
+
+    def write(
+        self,
+        parameter: str,
+        value: ParameterValue | float,
+        *,
+        store: bool = False,
+        format: str | int | None = None,
+    ) -> Exchange[Reading | None]:
+        """Write a function. format: its data format in the manual's numbering, such as "[5]", instead of the model's.
+
+        S codes are volatile. No other write can be kept out of the inverter's non-volatile memory, so it needs
+        `store=True`. The result is a reading with a note where the write has no effect, S01 and S05 both being given.
+        """
+        wanted = target(parameter, self._model, self._options, format)
+        function = wanted.function
+        if function[0] == "M" or (wanted.info is not None and "w" not in wanted.info.access):
+            raise NotSupported(f"{function} is read only")
+        if wanted.is_command and store:
+            raise NotSupported(f"{function} is a command, which no inverter stores; write it without store=True")
+        if not wanted.is_command and not store:
+            raise NotSupported(
+                f"an inverter may keep every write of {function} in its non-volatile memory, which wears out; "
+                "it is only written with store=True"
+            )
+        data = word_for(wanted, value, self._options)
+        if self._address == BROADCAST:
+            self._check_broadcast(function)
+        return self._write(wanted, data)
+
+    def status(self) -> Exchange[DriveStatus]:
+        """Read the operation status M14, and the latest alarm M16 if it says alarm."""
+        self._must_be_one_drive("status")
+        return self._status()
+
+    def start(self, *, reverse: bool = False) -> Exchange[None]:
+        """Set FWD or REV in S06, unless the inverter has an alarm."""
+        self._must_be_one_drive("start")
+        return self._start(words.REVERSE if reverse else words.FORWARD)
+
+    def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
+        """Clear FWD and REV in S06; to coast, also set the terminal that is assigned to it."""
+        if how not in self.capabilities.stops:
+            raise NotSupported(
+                f"S06 has no bit to stop by {how.value}; "
+                + (
+                    "to coast, assign a terminal to it in the inverter and name it with the option coast_terminal"
+                    if how is Stop.COAST
+                    else "it can stop by ramp, and by coast with the option coast_terminal"
+                )
+            )
+        coast = self._coast_bit if how is Stop.COAST else 0
+        return self._command(self._word & ~RUN | coast)
+
+    def reset(self) -> Exchange[None]:
+        """Acknowledge an alarm through bit 15 of S06; does nothing on an inverter without one."""
+        return self._reset_all(None) if self._address == BROADCAST else self._reset(None)
+
+    def reset_by_command(self, command: str = "E") -> Exchange[None]:
+        """Acknowledge an alarm by command E, or by the optional frame m; does nothing on an inverter without one."""
+        if command not in ("E", "m"):
+            raise UsageError(f"{command!r} resets nothing; the commands that do are E and m")
+        return self._reset_all(command) if self._address == BROADCAST else self._reset(command)
+
+    def terminals(self, **states: bool) -> Exchange[None]:
+        """Switch the terminals X1... (frenic also XF and XR) in S06; those not named stay as they are."""
+        word = self._word
+        for name, state in states.items():
+            if name not in self._profile.terminals:
+                known = ", ".join(self._profile.terminals)
+                raise UsageError(f"{self._profile.title} has no terminal {name!r} in S06; it has {known}")
+            mask = 1 << self._profile.terminals[name]
+            word = word | mask if state else word & ~mask
+        return self._command(command_word(word, self._options))
+
+    def digital_outputs(self, **states: bool) -> Exchange[Reading | None]:
+        """Set the universal outputs Y1 to Y5 with S07; those not named are switched off."""
+        if self._profile.name == "e11s":
+            raise NotSupported("FVR-E11S has no universal outputs (S07)")
+        word = 0
+        for name, state in states.items():
+            if name not in ("Y1", "Y2", "Y3", "Y4", "Y5"):
+                raise UsageError(f"{name!r} is no output; they are Y1 to Y5")
+            word |= bool(state) << int(name[1]) - 1
+        return self.write("S07", word, format="[15]")
+
+    def set_reference_percent(self, percent: ParameterValue | float) -> Exchange[None]:
+        """Write S01, 0.005 % steps of the maximum frequency, -100 to 100 %, and take S05 back."""
+        number = exact(percent, FREQUENCY_PU)
+        if not -100 <= number <= 100:
+            raise ValueRefusedError(f"{number} % is outside -100 to 100 %")
+        return self._set_per_unit(unscaled(number, exact("0.005", FREQUENCY_PU), FREQUENCY_PU, "%"))
+
+    def set_reference_hz(self, hz: ParameterValue | float) -> Exchange[None]:
+        """Write S05, 0.01 Hz steps, 0 to 400 Hz, after S01 = 0, which would beat it.
+
+        The inverter limits it to its maximum frequency F03 without saying so. Where S05 is no frequency, S01 is written
+        as a share of the option maximum_frequency_hz.
+        """
+        number = exact(hz, FREQUENCY)
+        if self._profile.s05_is_frequency:
+            if not 0 <= number <= 400:
+                raise ValueRefusedError(f"{number} Hz is outside 0 to 400 Hz; a motor is reversed by its start")
+            return self._set_frequency(unscaled(number, exact("0.01", FREQUENCY), FREQUENCY, "Hz"))
+        if self._options.maximum_frequency_hz is None:
+            raise NotSupported(
+                f"S05 of {self._profile.title} is a position; give the option maximum_frequency_hz (F03), "
+                "or the reference in percent"
+            )
+        return self._set_per_unit(_share(number, exact(self._options.maximum_frequency_hz, "F03")))
+
+    def probe(self) -> Exchange[None]:
+        """Ask for the status once; a NAK proves an inverter as well as a value does."""
+        self._must_be_one_drive("probe")
+        return self._probe()
+
+    def identify(self) -> Exchange[Mapping[str, str]]:
+        """Read type code, capacity code and ROM version; what the inverter does not have is left out."""
+        self._must_be_one_drive("identify")
+        return self._identify()
+
+    # Conversations
+
+    def _read(self, wanted: Target) -> Exchange[Reading]:
+        reply = yield from self._asking.read(wanted.function)
+        data: int = reply.data
+        if not isinstance(reply, Poll):
+            return reading(wanted, data, self._options, self._model, negative=reply.negative)
+        if reply.command != "j":
+            return reading(wanted, data, self._options, self._model)
+        note = "from the optional frame j, which has no room for a sign"
+        negative = self._options.signed_j and data >= 0x8000
+        data = 0x10000 - data if negative else data
+        return reading(wanted, data, self._options, self._model, negative=negative, note=note)
+
+    def _write(self, wanted: Target, data: int) -> Exchange[Reading | None]:
+        function = wanted.function
+        if function == COMMAND:
+            yield from self._command(data)
+            return None
+        yield from self._send(function, data)
+        if all(self._sent.values()) and function in self._sent and self._profile.s05_is_frequency:
+            note = "S01 is not zero and beats S05, so S05 has no effect"
+            return reading(wanted, data, self._options, self._model, note=note)
+        return None
+
+    def _send(self, function: str, data: int) -> Exchange[None]:
+        if function in self._sent:
+            self._sent[function] = None
+        yield from self._asking.write(function, data)
+        if function in self._sent:
+            self._sent[function] = data
+
+    def _command(self, word: int) -> Exchange[None]:
+        """Write S06. A run command is sent once and remembered only when it was confirmed."""
+        runs = bool(word & (RUN | words.RESET))
+        self._word = word & ~(RUN | words.RESET)
+        yield from self._asking.write(COMMAND, word, attempts=1 if runs else None)
+        self._word = word & ~words.RESET
+
+    def _status_word(self) -> Exchange[int]:
+        reply = yield from self._asking.read(words.STATUS)
+        word: int = reply.data
+        if bit(word, "ALM"):
+            # Nothing that is written from now on may start the motor again once the alarm is gone.
+            self._word &= ~RUN
+        return word
+
+    def _status(self) -> Exchange[DriveStatus]:
+        word = yield from self._status_word()
+        alarm, runs = bit(word, "ALM"), bit(word, "FWD") or bit(word, "REV")
+        code = (yield from self._alarm_code()) if alarm else None
+        return DriveStatus(
+            word=word,
+            state=_state(word),
+            running=runs and not alarm,
+            fault=alarm,
+            reverse=bit(word, "REV") if runs else None,
+            remote=bit(word, "RL"),
+            fault_code=code,
+            fault_text=self._model.faults.get(code, "") if self._model and code is not None else "",
+            flags=flags_of(word, self._profile),
+        )
+
+    def _alarm_code(self) -> Exchange[int | None]:
+        try:
+            reply = yield from self._asking.read(words.ALARM)
+        except RefusedError:
+            return None
+        code: int = reply.data
+        return code
+
+    def _start(self, direction: int) -> Exchange[None]:
+        word = yield from self._status_word()
+        if bit(word, "ALM"):
+            code = yield from self._alarm_code()
+            raise StateError(f"the inverter has an alarm (code {code}) and cannot start; reset it first")
+        yield from self._command(self._word & ~(RUN | self._coast_bit) | direction)
+
+    def _reset(self, command: str | None) -> Exchange[None]:
+        word = yield from self._status_word()
+        if not bit(word, "ALM"):
+            return
+        yield from self._reset_all(command)
+        waited = 0.0
+        while True:
+            word = yield from self._status_word()
+            if not bit(word, "ALM"):
+                return
+            if waited >= self._options.reset_timeout_s:
+                break
+            yield Pause(seconds=_POLL_S)
+            waited += _POLL_S
+        raise StateError("the alarm is still there after the reset; its cause lasts")
+
+    def _reset_all(self, command: str | None) -> Exchange[None]:
+        """Take the run command away first: a reset with one present may start the motor (HVAC/AQUA manual, preface)."""
+        idle = self._word & ~RUN
+        yield from self._command(idle)
+        if command is not None:
+            yield from self._asking.reset(command)
+            return
+        try:
+            yield from self._command(idle | words.RESET)
+        except ReplyError:
+            with suppress(ReplyError):
+                yield from self._command(idle)
+            raise
+        yield from self._command(idle)
+
+    def _set_frequency(self, data: int) -> Exchange[None]:
+        if self._sent[FREQUENCY_PU] != 0:
+            yield from self._send(FREQUENCY_PU, 0)
+        yield from self._send(FREQUENCY, data)
+
+    def _set_per_unit(self, data: int) -> Exchange[None]:
+        yield from self._send(FREQUENCY_PU, data % 0x10000)
+        # With S01 = 0 an S05 that is left over would count.
+        if self._profile.s05_is_frequency and self._sent[FREQUENCY] != 0:
+            yield from self._send(FREQUENCY, 0)
+
+    def _probe(self) -> Exchange[None]:
+        timeout = reply_timeout(self._options, None)
+        yield Ask(message=read_request(self._address, words.STATUS), attempts=1, reply_timeout_s=timeout)
+
+    def _identify(self) -> Exchange[Mapping[str, str]]:
+        found = {}
+        for name, function in _NAME_PLATE.items():
+            try:
+                reply = yield from self._asking.read(function)
+            except RefusedError:
+                continue
+            text = word_text("[17]", reply.data, self._profile, {}) if name == "type_code" else ""
+            found[name] = f"{reply.data:04X} ({text})" if text else str(reply.data)
+        return found
+
+    @property
+    def _coast_bit(self) -> int:
+        name = self._options.coast_terminal
+        return 1 << self._profile.terminals[name] if name else 0
+
+    def _check_broadcast(self, function: str) -> None:
+        allowed = self._profile.broadcast_functions
+        if function[0] != "S" or (allowed is not None and function not in allowed):
+            known = "S codes" if allowed is None else ", ".join(sorted(allowed))
+            raise NotSupported(f"{function} cannot be written to all stations at once; {known} can")
+
+    def _must_be_one_drive(self, verb: str) -> None:
+        if self._address == BROADCAST:
+            raise NotSupported(f"{verb} needs an answer, and nobody answers at station {BROADCAST}")
+
+
+def _state(word: int) -> DriveState:
+    if bit(word, "ALM"):
+        return DriveState.FAULT
+    if bit(word, "FWD") or bit(word, "REV"):
+        return DriveState.RUNNING
+    return DriveState.READY if bit(word, "NUV") else DriveState.NOT_READY
+
+
+def _share(hz: Decimal, maximum: Decimal) -> int:
+    """Return a frequency as S01. Raises ValueRefusedError when it is no whole step."""
+    if not -maximum <= hz <= maximum:
+        raise ValueRefusedError(f"{hz} Hz is outside -{maximum} to {maximum} Hz, the maximum frequency")
+    steps = int(hz * words.FULL_SCALE / maximum)
+    if steps * maximum / words.FULL_SCALE != hz:
+        raise ValueRefusedError(f"{hz} Hz is no whole {words.FULL_SCALE}th of {maximum} Hz; it is not rounded")
+    return steps

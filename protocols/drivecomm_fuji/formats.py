@@ -1,0 +1,206 @@
+"""The data formats of the manuals: what four hexadecimal digits mean as a number, and back.
+
+Two tables, because FVR-E11S numbers its formats differently: FVR-E11S manual 9-24 and 9-27; GE AF-300 Ethernet manual
+33-37, FRENIC5000G11S/P11S US manual 9-11 and 9-14, AF-300 guide 12-4 and 12-8, HVAC/AQUA RS-485 manual 5-69 and 5-73.
+Names with brackets are of the later table, as the manuals print them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import UsageError, ValueRefusedError
+from drivecomm.numbers import scaled, unscaled
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_WORD = 0x10000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Format:
+    """One data format. known: its table was read; a value of an unknown format is the plain number.
+
+    factor: physical value of one step, for formats with steps. signed: two's complement. special_value and special_raw:
+    for the others, the physical value of a word, ValueError for a word that has none; and the word for a value.
+    """
+
+    name: str
+    meaning: str
+    factor: Decimal = Decimal(1)
+    signed: bool = False
+    known: bool = True
+    special_value: Callable[[int], int | Decimal] | None = None
+    special_raw: Callable[[Decimal], int] | None = None
+
+    def value(self, data: int, *, negative: bool = False) -> int | Decimal:
+        """Return the physical value; with the sign character the digits are a magnitude in every format."""
+        if self.special_value is not None:
+            value = self.special_value(data)
+            return -value if negative else value
+        if negative:
+            return scaled(-data, self.factor)
+        return scaled(data - _WORD if self.signed and data >= _WORD // 2 else data, self.factor)
+
+    def raw(self, value: Decimal, parameter: str, unit: str = "") -> int:
+        """Return the word for a physical value. Raises ValueRefusedError for one that has none."""
+        if self.special_raw is not None:
+            try:
+                return self.special_raw(value)
+            except ValueError as error:
+                raise ValueRefusedError(f"{value} for parameter {parameter}: {error}; it is not rounded") from None
+        lowest, highest = (-_WORD // 2, _WORD // 2 - 1) if self.signed else (0, _WORD - 1)
+        if not lowest * self.factor <= value <= highest * self.factor:
+            limits = f"{scaled(lowest, self.factor)} to {scaled(highest, self.factor)}"
+            raise ValueRefusedError(f"{value} for parameter {parameter} is outside {limits}, what its format can hold")
+        return unscaled(value, self.factor, parameter, unit) % _WORD
+
+
+PLAIN = Format(name="", meaning="not known")
+"""The number as it stands: what is left when no format is known."""
+
+
+def format_named(name: str | int, *, e11s: bool) -> Format:
+    """Return a format by its name; a number without brackets is looked up in the table of the drive's generation.
+
+    Raises UsageError for a format that no table lists.
+    """
+    text = str(name)
+    if not text:
+        return PLAIN
+    shown = text if e11s or text.startswith("[") else f"[{text}]"
+    if shown not in FORMATS:
+        raise UsageError(f"{text!r} is no data format; they are {', '.join(FORMATS)}")
+    return FORMATS[shown]
+
+
+def current_format(rating_hp: int | None) -> Format:
+    """Return format [19] for an inverter of this rating; without one it is not known."""
+    if rating_hp is None:
+        return replace(FORMATS["[19]"], known=False)
+    return replace(FORMATS["[19]"], factor=Decimal("0.01") if rating_hp < 40 else Decimal("0.1"))
+
+
+_SMALL_FACTORS = tuple(Decimal(factor) for factor in ("0.01", "0.1", "1", "10"))
+_SMALLER_FACTORS = tuple(Decimal(factor) for factor in ("0.001", "0.01", "0.1", "1"))
+
+
+def _time_value(data: int) -> Decimal:
+    """[12]: bit 15 sign, 14-12 zero, 11-10 exponent, 9-0 mantissa."""
+    if data & 0x7000:
+        raise ValueError(f"bits 14 to 12 of {data:04X} are not zero")
+    value = (data & 0x3FF) * _SMALL_FACTORS[data >> 10 & 3]
+    return -value if data & 0x8000 else value
+
+
+def _time_raw(value: Decimal) -> int:
+    """The smallest exponent that fits; mantissa 1 to 999, from x0.1 on 100 to 999."""
+    for exponent, factor in enumerate(_SMALL_FACTORS):
+        mantissa = _steps(abs(value), factor, range(1 if exponent == 0 else 100, 1000))
+        if mantissa is not None:
+            return (0x8000 if value < 0 else 0) | exponent << 10 | mantissa
+    raise ValueError("format [12] holds three digits, 0.01 to 9990")
+
+
+def _floating_value(data: int) -> Decimal:
+    """[45]: bits 15-14 exponent, 13-0 mantissa."""
+    return (data & 0x3FFF) * _SMALLER_FACTORS[data >> 14]
+
+
+def _floating_raw(value: Decimal) -> int:
+    for exponent, factor in enumerate(_SMALLER_FACTORS):
+        mantissa = _steps(value, factor, range(0x4000))
+        if mantissa is not None:
+            return exponent << 14 | mantissa
+    raise ValueError("format [45] holds 0 to 16383 steps of 0.001, 0.01, 0.1 or 1")
+
+
+def _steps(value: Decimal, factor: Decimal, allowed: range) -> int | None:
+    """Return how many steps of this factor make exactly this value, None if no allowed number does."""
+    if not allowed[0] * factor <= value <= allowed[-1] * factor:
+        return None
+    number = int(value / factor)
+    return number if number * factor == value else None
+
+
+def _whole(value: Decimal) -> int:
+    if not 0 <= value < _WORD or value != int(value):
+        raise ValueError("it is no whole number from 0 to 65535")
+    return int(value)
+
+
+def _poles_raw(value: Decimal) -> int:
+    number = _whole(value)
+    if number % 2:
+        raise ValueError("it is no even number, and poles come in pairs")
+    return number
+
+
+def _tuning_raw(value: Decimal) -> int:
+    """[21] and FVR-E11S 12: bits 8 and 9 are the directions."""
+    number = _whole(value)
+    if number & 0x300 == 0x300:
+        raise ValueError("forward and reverse together have no effect")
+    return number
+
+
+def _linear(name: str, meaning: str, factor: str = "1", *, signed: bool = False) -> Format:
+    return Format(name=name, meaning=meaning, factor=Decimal(factor), signed=signed)
+
+
+def _unknown(name: str, meaning: str) -> Format:
+    return Format(name=name, meaning=meaning, known=False)
+
+
+def _code(name: str, meaning: str, raw: Callable[[Decimal], int] = _whole) -> Format:
+    return Format(name=name, meaning=meaning, special_value=int, special_raw=raw)
+
+
+_TABLES = (
+    _linear("0", "unsigned, steps of 1"),
+    _linear("1", "signed, steps of 1", signed=True),
+    _linear("2", "unsigned, steps of 0.1", "0.1"),
+    _linear("3", "signed, steps of 0.1", "0.1", signed=True),
+    _linear("4", "unsigned, steps of 0.01", "0.01"),
+    *(_unknown(str(number), "on a page that was not seen") for number in range(5, 11)),
+    _linear("11", "sign character and magnitude, steps of 0.01", "0.01"),
+    _code("12", "auto tuning: bit 8 forward, bit 9 reverse, low bits data", _tuning_raw),
+    _linear("[1]", "unsigned, steps of 1"),
+    _linear("[2]", "signed, steps of 1", signed=True),
+    _linear("[3]", "unsigned, steps of 0.1", "0.1"),
+    _linear("[4]", "signed, steps of 0.1", "0.1", signed=True),
+    _linear("[5]", "unsigned, steps of 0.01", "0.01"),
+    _linear("[6]", "signed, steps of 0.01", "0.01", signed=True),
+    _linear("[7]", "unsigned, steps of 0.001", "0.001"),
+    _linear("[8]", "signed, steps of 0.001", "0.001", signed=True),
+    _code("[9]", "unsigned in steps of 2 (motor poles)", _poles_raw),
+    _code("[10]", "alarm code"),
+    _unknown("[11]", "capacity code, its table was not seen"),
+    Format(
+        name="[12]",
+        meaning="three digits with an exponent (ramp times)",
+        special_value=_time_value,
+        special_raw=_time_raw,
+    ),
+    _code("[14]", "operation command"),
+    _code("[15]", "outputs, bits 0 to 4 are Y1 to Y5"),
+    _code("[16]", "operation status"),
+    _code("[17]", "type code, four digits: type, generation, series, voltage"),
+    _code("[18]", "four digits, data 4 first, data 1 last"),
+    _linear("[19]", "current, steps of 0.01 A up to 30 HP, of 0.1 A from 40 HP", "0.01"),
+    _code("[20]", "communication error code"),
+    _code("[21]", "auto tuning: bit 8 forward, bit 9 reverse, low byte data", _tuning_raw),
+    _linear("[22]", "unsigned, steps of 0.01 Hz", "0.01"),
+    Format(
+        name="[45]",
+        meaning="mantissa of 14 bits with an exponent",
+        special_value=_floating_value,
+        special_raw=_floating_raw,
+    ),
+    _code("[67]", "source of the run command"),
+)
+
+FORMATS = {known.name: known for known in _TABLES}

@@ -1,0 +1,154 @@
+"""Parameter addresses and values: what `S05`, `F07` and `acceleration_time_1` mean and how their values look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, ValueRefusedError
+from drivecomm.numbers import exact
+from drivecomm.reading import Reading, Value
+from drivecomm_fuji.formats import Format, current_format, format_named
+from drivecomm_fuji.telegrams import is_function
+from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE, RUN, word_text
+
+if TYPE_CHECKING:
+    from decimal import Decimal
+
+    from drivecomm.models import Model, ParameterInfo
+    from drivecomm_fuji.options import FujiOptions
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """A function code, with what is known about its value."""
+
+    function: str
+    format: Format
+    info: ParameterInfo | None
+
+    @property
+    def is_command(self) -> bool:
+        """Whether it is an S code: volatile, acted on at once."""
+        return self.function[0] == "S"
+
+
+def target(parameter: str, model: Model | None, options: FujiOptions, format: str | int | None = None) -> Target:
+    """Return what a parameter address or a name of the model means: a type letter, whose case matters, and two digits.
+
+    format: the data format in the manual's numbering, instead of the model's. Raises ParameterAddressError for an
+    address that the drive's generation does not have, UsageError for a format that no table lists.
+    """
+    known = model.find(parameter) if model else None
+    function = known.address if known else parameter
+    if not is_function(function):
+        remedy = f"nor a name of model {model.name}" if model else "such as S05, M09 or F03"
+        raise ParameterAddressError(f"{parameter!r} is no Fuji function code {remedy}")
+    reason = options.generation.refusal_of(function, number_check=options.number_check)
+    if reason:
+        raise ParameterAddressError(f"{function}: {reason}")
+    name = format if format is not None else (known.type if known else "")
+    return Target(function=function, format=format_of(function, name, options), info=known)
+
+
+def format_of(function: str, name: str | int, options: FujiOptions) -> Format:
+    """Return the data format of this name as this inverter uses it for a function."""
+    chosen = format_named(name, e11s=options.generation.e11s_formats)
+    if chosen.name == "[19]":
+        return current_format(options.rating_hp)
+    if function == "M12" and chosen.factor != 1:
+        return replace(chosen, factor=exact(options.m12_factor, function))
+    return chosen
+
+
+def reading(
+    wanted: Target, data: int, options: FujiOptions, model: Model | None, *, negative: bool = False, note: str = ""
+) -> Reading:
+    """Return the reading that a reply's data give. Raises UnexpectedReplyError when they are no value of the format.
+
+    raw is the number of the four digits, minus it where the sign character stands before them.
+    """
+    info, form = wanted.info, wanted.format
+    raw = -data if negative else data
+    common: dict[str, Any] = {
+        "parameter": wanted.function,
+        "raw": raw,
+        "type": form.name,
+        "name": info.name if info else "",
+    }
+    if not form.name or not form.known:
+        what = f"format {form.name} not known ({form.meaning})" if form.name else "format not known"
+        return Reading(value=raw, note="; ".join(filter(None, [f"{what}: this is the plain number", note])), **common)
+    try:
+        value = form.value(data, negative=negative)
+    except ValueError as error:
+        raise UnexpectedReplyError(f"parameter {wanted.function} is no value of format {form.name}: {error}") from error
+    faults = model.faults if model else {}
+    text = word_text(form.name, data, options.generation, faults)
+    doubt = f"format and unit are {info.sure}" if info and info.sure != "manual" else ""
+    return Reading(
+        value=value,
+        unit=info.unit if info else "",
+        text=(info.values.get(raw, "") if info else "") or text,
+        note="; ".join(filter(None, [doubt, note])),
+        **common,
+    )
+
+
+def word_for(wanted: Target, value: Value | float, options: FujiOptions) -> int:
+    """Return the data word that carries a value; physical where the format is known, otherwise the plain number.
+
+    Raises ValueRefusedError for a value that does not fit.
+    """
+    function, form, info = wanted.function, wanted.format, wanted.info
+    number = exact(value, function)
+    if info is not None:
+        _check_limits(info, number)
+    unit = info.unit if info else ""
+    if form.name and not form.known:
+        raise ValueRefusedError(
+            f"{number} for parameter {function}: format {form.name} is not known ({form.meaning}); "
+            + ("give the inverter's rating_hp" if form.name == "[19]" else "format='[1]' writes the plain number")
+        )
+    word = form.raw(number, function, unit) if form.name else _plain(number, function)
+    _check_command(function, word, options)
+    return word
+
+
+def command_word(word: int, options: FujiOptions) -> int:
+    """Return a word for S06 if it is one. Raises ValueRefusedError for bits that do not exist, and FWD with REV."""
+    mask = options.generation.command_mask if options.s06_mask is None else options.s06_mask
+    if word & ~mask:
+        raise ValueRefusedError(
+            f"{word:04X} for parameter S06 sets bits that {options.generation.title} does not have; it has {mask:04X}"
+        )
+    if word & RUN == RUN:
+        raise ValueRefusedError("S06 would command forward and reverse together")
+    return word
+
+
+def _plain(number: Decimal, function: str) -> int:
+    if not -0x8000 <= number <= 0xFFFF:
+        raise ValueRefusedError(f"{number} for parameter {function} does not fit into four hexadecimal digits")
+    if number != int(number):
+        raise ValueRefusedError(
+            f"{number} for parameter {function} is no whole number, and its format is not known; "
+            "name a model or give format="
+        )
+    return int(number) % 0x10000
+
+
+def _check_command(function: str, word: int, options: FujiOptions) -> None:
+    """Check what holds for the S codes of section 5.1 with and without a model."""
+    if function == COMMAND:
+        command_word(word, options)
+    elif function == FREQUENCY_PU and FULL_SCALE < word < 0x10000 - FULL_SCALE:
+        raise ValueRefusedError(f"{word} for parameter S01 is outside -{FULL_SCALE} to {FULL_SCALE}")
+    elif function == FREQUENCY and options.generation.s05_is_frequency and word > 40000:
+        raise ValueRefusedError(f"{word} for parameter S05 is outside 0 to 40000 (400.00 Hz)")
+
+
+def _check_limits(info: ParameterInfo, number: Decimal) -> None:
+    if (info.minimum is not None and number < info.minimum) or (info.maximum is not None and number > info.maximum):
+        limits = f"{info.minimum} to {info.maximum} {info.unit}".rstrip()
+        raise ValueRefusedError(f"{number} for parameter {info.address} is outside {limits}")

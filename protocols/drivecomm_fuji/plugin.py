@@ -1,0 +1,65 @@
+"""What the Fuji protocol gives to drivecomm."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.line import LineFacts, LineSettings, Timing
+from drivecomm.protocol import Protocol
+from drivecomm_fuji.codec import FujiCodec
+from drivecomm_fuji.exchanges import FujiOperations
+from drivecomm_fuji.options import FujiOptions
+from drivecomm_fuji.profiles import PROFILES
+from drivecomm_fuji.telegrams import BROADCAST, STATIONS, blind_spots, drawings, message_from, mismatch
+from drivecomm_fuji.timing import GAP_S, QUICK_TIMEOUT_S
+from drivecomm_fuji.virtual import VirtualFujiDrive
+
+if TYPE_CHECKING:
+    from drivecomm.models import Model
+    from drivecomm.protocol import VirtualDrive
+
+
+def _codec(options: FujiOptions) -> FujiCodec:
+    profile = PROFILES[options.profile] if options.profile else None
+    return FujiCodec(profile, number_check=options.number_check)
+
+
+def _virtual(address: int, options: FujiOptions, model: Model) -> VirtualDrive:
+    return VirtualFujiDrive(address, options, model)
+
+
+protocol = Protocol(
+    name="fuji",
+    title="Fuji Electric general-purpose inverter protocol",
+    package="drivecomm_fuji",
+    facts=LineFacts(
+        settings=LineSettings(baudrate=9600, bytesize=8, parity="N", stopbits=1),
+        timing=Timing(
+            reply_timeout_s=QUICK_TIMEOUT_S,
+            gap_s=0.050,
+            turnaround_s=GAP_S,
+            broadcast_pause_s=GAP_S,
+            late_s=1.0,
+            attempts=4,
+        ),
+    ),
+    facts_source=(
+        "9600 8N1: a default of drivecomm, the factory setting differs by model; 10 ms before the host speaks: "
+        "FVR-E11S manual 9-13; 100 ms to answer: in use for the family, no page read; three repetitions: FRENIC-VG "
+        "option manual 5-13; late answers up to 1 s: the longest response interval, FRENIC-VG option manual 5-11, "
+        "FRENIC-MEGA manual 5-274; the gap is a default of drivecomm"
+    ),
+    addresses=STATIONS,
+    scan_addresses=STATIONS,
+    default_model="frenic",
+    broadcast_address=BROADCAST,
+    options=FujiOptions,
+    codec=_codec,
+    message=message_from,
+    mismatch=mismatch,
+    operations=FujiOperations,
+    virtual=_virtual,
+    blind_spots=blind_spots,
+    forms=drawings,
+    parameter_examples=("S05", "M09", "F03", "o05"),
+)

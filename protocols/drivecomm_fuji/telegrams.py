@@ -1,0 +1,332 @@
+"""The telegrams of the Fuji general-purpose inverter protocol.
+
+Page 9-15 of the VXSM150-1 manual for the standard frame; FVR-E11S manual 9-16 to 9-20, FRENIC-VG option manual 5-19 to
+5-28 and HVAC/AQUA RS-485 manual 4-2 to 4-11 for the others.
+
+    standard request   SOH s s ENQ  c  t n n SP   d d d d  ETX k k    c = R W A E
+    standard reply     SOH s s ACK  c  t n n SP/- d d d d  ETX k k
+    standard refusal   SOH s s NAK  c  t n n SP   _ _ x x  ETX k k    x = error code, hexadecimal
+    select request     SOH s s ENQ  c  d d d d ETX k k                c = a-f m
+    select reply       SOH s s A/N  c  ETX k k
+    poll request       SOH s s ENQ  c  ETX k k                        c = g-k
+    poll reply         SOH s s A/N  c  d d d d ETX k k
+
+ss is the station, 01 to 31, or 99 for all. t is the function type, nn its number. dddd are four hexadecimal digits.
+kk is the sum of everything after SOH up to and including ETX, its low eight bits in hexadecimal. Direction and byte 4
+decide the length. Only the first byte of a frame is 01H, so a receiver starts anew whenever it sees one.
+
+Faults to expect: a wrong sum; an echo of the request, which has ENQ where a reply has ACK or NAK; a NAK with code 74 or
+75, which need not repeat what it refuses; an ACK of a write, whose data field means nothing.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+from drivecomm.errors import TelegramError
+from drivecomm.schema import Check, Form, Leaf, choice, constant, decimal_number, filler, hex_number, hex_sum, hex_value
+from drivecomm_fuji.errorcodes import FUNCTION_ERROR, WITHOUT_ECHO
+from drivecomm_fuji.profiles import FUNCTION_TYPES
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.telegram import Direction, Message
+
+SOH, ETX, ENQ, ACK, NAK = b"\x01", b"\x03", b"\x05", b"\x06", b"\x15"
+
+STATIONS = range(1, 32)
+BROADCAST = 99
+_ANYBODY = frozenset([*STATIONS, BROADCAST])
+
+Kind: TypeAlias = Literal["request", "ack", "nak"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Standard:
+    """A frame of 16 bytes. data: the four hexadecimal digits, unsigned. negative: byte 8 is "-", data is a magnitude.
+
+    function is absent from E, data from requests of R and wherever it means nothing, error_code from all but a NAK.
+    """
+
+    frame: Literal["standard"] = "standard"
+    kind: Kind
+    address: int
+    command: str
+    function: str | None = None
+    data: int | None = None
+    negative: bool = False
+    error_code: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Select:
+    """A short frame that writes: 12 bytes there, 8 bytes back without data."""
+
+    frame: Literal["select"] = "select"
+    kind: Kind
+    address: int
+    command: str
+    data: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Poll:
+    """A short frame that reads: 8 bytes there, 12 bytes back."""
+
+    frame: Literal["poll"] = "poll"
+    kind: Kind
+    address: int
+    command: str
+    data: int | None = None
+
+
+_FRAMES: dict[type[Any], str] = {Standard: "standard", Select: "select", Poll: "poll"}
+MESSAGES: dict[str, type[Any]] = {
+    **dict.fromkeys("RWAE", Standard),
+    **dict.fromkeys("abcdefm", Select),
+    **dict.fromkeys("ghijk", Poll),
+}
+LENGTHS: dict[tuple[Direction, type[Any]], int] = {
+    ("request", Standard): 16,
+    ("reply", Standard): 16,
+    ("request", Select): 12,
+    ("reply", Select): 8,
+    ("request", Poll): 8,
+    ("reply", Poll): 12,
+}
+_FUNCTION = re.compile(f"[{FUNCTION_TYPES}][0-9][0-9]")
+
+
+def is_function(text: str) -> bool:
+    """Whether this names a function of any generation: a type letter and two digits."""
+    return _FUNCTION.fullmatch(text) is not None
+
+
+def _function(*, strict: bool = True) -> Any:
+    """A function; where it is not strict, anything else reads as None, and None is written as spaces."""
+
+    def read(found: bytes) -> str | None:
+        text = found.decode("latin-1")
+        if is_function(text):
+            return text
+        if strict:
+            raise ValueError(f"{text!r} is no function: a type letter and two digits")
+        return None
+
+    def write(text: str | None) -> bytes:
+        if text is None and not strict:
+            return b"   "
+        if not isinstance(text, str) or not is_function(text):
+            raise ValueError(f"{text!r} is no function: a type letter and two digits, such as S05")
+        return text.encode("ascii")
+
+    return "function" / Leaf(3, read, write, meaning="function type, tens and units digit of its number")
+
+
+def _number_or_none(digits: int, meaning: str) -> Leaf:
+    """Hexadecimal digits; anything else reads as None, and None is written as spaces."""
+    number = hex_number(digits)
+
+    def read(found: bytes) -> int | None:
+        try:
+            return hex_value(found)
+        except ValueError:
+            return None
+
+    def write(value: int | None) -> bytes:
+        return b" " * digits if value is None else bytes(number._write(value))  # noqa: SLF001 - same vocabulary
+
+    return Leaf(digits, read, write, meaning=meaning)
+
+
+def _any_command() -> Any:
+    """Byte 4 of a NAK that refuses a command which does not exist."""
+
+    def read(found: bytes) -> str:
+        return found.decode("latin-1")
+
+    return "command" / Leaf(1, read, _never_written, meaning="the refused command")
+
+
+def _never_written(text: object) -> bytes:
+    raise ValueError(f"{text!r} is no command, and a NAK of one is only read")
+
+
+def _head(stations: Any, kinds: Mapping[bytes, str], commands: str) -> tuple[Any, ...]:
+    named = choice({letter.encode("ascii"): letter for letter in commands}, meaning="command " + " ".join(commands))
+    return (
+        constant(SOH, "SOH"),
+        "address" / decimal_number(2, stations, "station 01..31" + (", 99 for all" if BROADCAST in stations else "")),
+        "kind" / choice(kinds, meaning=" or ".join(_CONTROL_NAMES[byte] for byte in kinds)),
+        "command" / named,
+    )
+
+
+_CONTROL_NAMES = {ENQ: "ENQ", ACK: "ACK", NAK: "NAK"}
+_REQUEST, _ACK, _NAK = {ENQ: "request"}, {ACK: "ack"}, {NAK: "nak"}
+
+_NO_FUNCTION = filler(b"   ", "spaces")
+_SPACE = "negative" / choice({b" ": False}, meaning="space")
+_SIGN = "negative" / choice({b" ": False, b"-": True}, meaning='space, or "-" before a magnitude')
+_DATA = "data" / hex_number(4, "data, four hexadecimal digits")
+_UNSURE_DATA = "data" / _number_or_none(4, "means nothing, shown when it is a number")
+_CODE = "error_code" / _number_or_none(2, "error code, hexadecimal")
+_TAIL = (constant(ETX, "ETX"), Check(2, 1, hex_sum, meaning="sum from the station to ETX, hexadecimal"))
+
+
+def _echoed(container: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a standard NAK; some codes need not repeat the function, or repeat one that does not exist."""
+    if container["function"] is None and container["error_code"] not in _UNECHOED:
+        raise ValueError("the refused function is no function")
+    return {field.name: container[field.name] for field in fields(Standard) if field.name in container}
+
+
+def _to_echo(message: Standard) -> dict[str, Any]:
+    if message.function is None and message.error_code not in _UNECHOED:
+        raise TelegramError(
+            "field", f"a NAK with code {message.error_code} repeats the refused function", field="function"
+        )
+    return {field.name: getattr(message, field.name) for field in fields(message)}
+
+
+_UNECHOED = WITHOUT_ECHO | {FUNCTION_ERROR}
+
+READ = Form(
+    Standard, *_head(_ANYBODY, _REQUEST, "R"), _function(), _SPACE, filler(b"0000", "not looked at, zeros"), *_TAIL
+)
+WRITE = Form(Standard, *_head(_ANYBODY, _REQUEST, "WA"), _function(), _SPACE, _DATA, *_TAIL)
+RESET = Form(Standard, *_head(_ANYBODY, _REQUEST, "E"), _NO_FUNCTION, _SPACE, filler(b"    ", "spaces"), *_TAIL)
+VALUE = Form(Standard, *_head(STATIONS, _ACK, "R"), _function(), _SIGN, _DATA, *_TAIL)
+WRITTEN = Form(Standard, *_head(STATIONS, _ACK, "WA"), _function(), _SIGN, _UNSURE_DATA, *_TAIL)
+RESET_DONE = Form(
+    Standard, *_head(STATIONS, _ACK, "E"), _NO_FUNCTION, _SIGN, filler(b"    ", "not looked at, spaces"), *_TAIL
+)
+SELECT = Form(Select, *_head(_ANYBODY, _REQUEST, "abcdefm"), _DATA, *_TAIL)
+SELECT_ANSWER = Form(Select, *_head(STATIONS, {**_ACK, **_NAK}, "abcdefm"), *_TAIL)
+POLL = Form(Poll, *_head(_ANYBODY, _REQUEST, "ghijk"), *_TAIL)
+POLL_VALUE = Form(Poll, *_head(STATIONS, _ACK, "ghijk"), _DATA, *_TAIL)
+POLL_REFUSED = Form(Poll, *_head(STATIONS, _NAK, "ghijk"), filler(b"0000", "not looked at"), *_TAIL)
+
+
+def _refused(space: bytes) -> Form[Standard]:
+    blank = filler(space, "not looked at")
+    return Form(
+        Standard,
+        *_head(STATIONS, _NAK, "RWA"),
+        _function(strict=False),
+        _SIGN,
+        blank,
+        _CODE,
+        *_TAIL,
+        unpack=_echoed,
+        pack=_to_echo,
+    )
+
+
+def _reset_refused(space: bytes) -> Form[Standard]:
+    blank = filler(space, "not looked at")
+    return Form(Standard, *_head(STATIONS, _NAK, "E"), _NO_FUNCTION, _SIGN, blank, _CODE, *_TAIL)
+
+
+REFUSED, REFUSED_ZEROS = _refused(b"  "), _refused(b"00")
+RESET_REFUSED, RESET_REFUSED_ZEROS = _reset_refused(b"  "), _reset_refused(b"00")
+COMMAND_REFUSED = Form(
+    Standard,
+    *_head(STATIONS, _NAK, "R")[:3],
+    _any_command(),
+    filler(b"   ", "not looked at"),
+    _SIGN,
+    filler(b"  ", "not looked at"),
+    _CODE,
+    *_TAIL,
+)
+
+FORMS: dict[tuple[str, str], Form[Any]] = {
+    ("request", "R"): READ,
+    ("request", "E"): RESET,
+    ("ack", "R"): VALUE,
+    ("ack", "E"): RESET_DONE,
+    ("nak", "E"): RESET_REFUSED,
+    ("nak", "R"): REFUSED,
+    **dict.fromkeys([("request", "W"), ("request", "A")], WRITE),
+    **dict.fromkeys([("ack", "W"), ("ack", "A")], WRITTEN),
+    **dict.fromkeys([("nak", "W"), ("nak", "A")], REFUSED),
+    **{("request", letter): SELECT for letter in "abcdefm"},
+    **{(kind, letter): SELECT_ANSWER for letter in "abcdefm" for kind in ("ack", "nak")},
+    **{("request", letter): POLL for letter in "ghijk"},
+    **{("ack", letter): POLL_VALUE for letter in "ghijk"},
+    **{("nak", letter): POLL_REFUSED for letter in "ghijk"},
+}
+
+
+def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
+    """Build a message from fields as test vectors name them; `frame` may be left out, the command decides it."""
+    kinds = ("request",) if direction == "request" else ("ack", "nak")
+    if given.get("kind") not in kinds:
+        raise TelegramError("field", f"the kind of a {direction} is one of {', '.join(kinds)}", field="kind")
+    command = given.get("command")
+    message = MESSAGES.get(command) if isinstance(command, str) else None
+    if message is None:
+        raise TelegramError("field", f"the command is one of {', '.join(MESSAGES)}, not {command!r}", field="command")
+    frame = _FRAMES[message]
+    if given.get("frame", frame) != frame:
+        raise TelegramError("field", f"{command!r} belongs to a {frame} frame", field="frame")
+    implied = {"data": 0} if command == "m" and direction == "request" else {}
+    try:
+        made: Message = message(**{**implied, **given})
+    except TypeError as error:
+        raise TelegramError("field", f"a {frame} frame: {error}") from None
+    return made
+
+
+def mismatch(request: Message, reply: Message) -> str:
+    """Name the first field in which a sound reply does not belong to a request; nothing when it belongs.
+
+    A NAK with code 74 or 75 is matched by its station alone, and answers an optional frame as well.
+    """
+    if not isinstance(request, Standard | Select | Poll) or request.kind != "request":
+        return "kind"
+    if not isinstance(reply, Standard | Select | Poll) or reply.kind == "request":
+        return "kind"
+    if reply.address != request.address:
+        return "address"
+    if isinstance(reply, Standard) and reply.kind == "nak":
+        listed = reply.command in MESSAGES
+        if reply.error_code in WITHOUT_ECHO or (not listed and reply.error_code is None):
+            return ""
+    if reply.frame != request.frame:
+        return "frame"
+    if reply.command != request.command:
+        return "command"
+    if isinstance(request, Standard) and isinstance(reply, Standard) and reply.function != request.function:
+        return "function"
+    return ""
+
+
+def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:  # noqa: ARG001 - the contract's signature
+    """Return nothing: the sum covers all but SOH, and SOH itself is fixed."""
+    return frozenset()
+
+
+def drawings() -> dict[str, list[tuple[str, str, str]]]:
+    """Return each telegram's fields, sizes and meanings, for the documentation."""
+    titles: dict[str, Form[Any]] = {
+        "Standard request, R": READ,
+        "Standard request, W and A": WRITE,
+        "Standard request, E": RESET,
+        "Standard reply, R": VALUE,
+        "Standard reply, W and A": WRITTEN,
+        "Standard reply, E": RESET_DONE,
+        "Standard NAK": REFUSED,
+        "Standard NAK, E": RESET_REFUSED,
+        "NAK of a command that does not exist": COMMAND_REFUSED,
+        "Optional selecting, request": SELECT,
+        "Optional selecting, reply": SELECT_ANSWER,
+        "Optional polling, request": POLL,
+        "Optional polling, reply": POLL_VALUE,
+        "Optional polling, NAK": POLL_REFUSED,
+    }
+    return {title: form.describe() for title, form in titles.items()}

@@ -1,0 +1,577 @@
+"""The virtual Fuji inverter on a virtual line."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+
+import pytest
+
+import drivecomm
+from drivecomm import DriveCommError, DriveState, NoReplyError, ParameterAddressError, RefusedError, StateError, Stop
+from drivecomm.framing import Framed, Framer, Noise
+from drivecomm.virtual import FaultPlan, VirtualLine, virtual_drive
+from drivecomm_fuji import protocol
+from drivecomm_fuji.options import FujiOptions
+
+RESET = b"\x0101\x05E        \x03"
+MODELS = ("frenic", "g11s", "e11s", "vg")
+
+
+def line_of(*drives, **more):
+    line = VirtualLine(drives, **more)
+    return line, drivecomm.open_bus(line.port)
+
+
+def meet(model="frenic", **options):
+    """Return a virtual inverter, its line, and the drive that the bus makes of it."""
+    inverter = virtual_drive("fuji", 1, model=model, **options)
+    line, bus = line_of(inverter)
+    return inverter, line, bus.drive("fuji", 1, model=model, **options)
+
+
+def frame(text: bytes) -> bytes:
+    total = sum(text[1:]) % 256
+    return text + f"{total:02X}".encode()
+
+
+def heard(inverter, data: bytes, now=0.0) -> list[bytes]:
+    """Return what an inverter answers to bytes."""
+    framer = Framer(inverter.codec, "request")
+    finds = [find for find in [*framer.feed(data), *framer.flush()] if not isinstance(find, Noise)]
+    return [reply.data for reply in (inverter.hear(find, now) for find in finds) if reply is not None]
+
+
+# Every function
+
+
+@pytest.mark.parametrize("short", [False, True])
+@pytest.mark.parametrize("model", MODELS)
+def test_every_readable_function_reads_as_it_is_held(model, short):
+    inverter = virtual_drive("fuji", 1, model=model)
+    line, bus = line_of(inverter)
+    drive = bus.drive("fuji", 1, model=model, short_frames=short)
+    for address, info in drive.model.parameters.items():
+        if "r" in info.access:
+            assert drive.read(address).raw == inverter.peek(address, line.time), address
+        else:
+            with pytest.raises(RefusedError) as caught:
+                drive.read(address)
+            assert caught.value.code == 78
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_every_function_takes_its_own_value_again(model):
+    inverter, line, drive = meet(model)
+    for address, info in drive.model.parameters.items():
+        if "w" in info.access and info.type != "[19]":
+            reading = drive.read(address) if "r" in info.access else None
+            again = reading.value if reading else 0
+            if info.type == "[12]" and not again:
+                continue
+            drive.write(address, again, store=address[0] != "S")
+            assert reading is None or inverter.peek(address, line.time) == reading.raw
+
+
+def test_writes_beyond_the_limits_are_refused_by_the_drive():
+    _, _, drive = meet()
+    plain = drive._bus.drive("fuji", 1)
+    for parameter, value in (("H30", 4), ("S08", 36001), ("C05", 40001), ("S07", 32)):
+        with pytest.raises(RefusedError) as caught:
+            plain.write(parameter, value, store=parameter[0] != "S")
+        assert caught.value.code == 80
+    assert plain.read("M26").value == 80
+    assert drive.read("M26").text == "data out of range"
+
+
+def test_a_word_that_is_no_value_of_its_format():
+    _, _, drive = meet()
+    with pytest.raises(RefusedError) as caught:
+        drive._bus.drive("fuji", 1).write("F07", 0x7000, store=True)
+    assert caught.value.code == 80
+
+
+def test_unknown_functions():
+    _, _, drive = meet()
+    for verb in (lambda: drive.read("F99"), lambda: drive.write("F99", 1, store=True)):
+        with pytest.raises(RefusedError) as caught:
+            verb()
+        assert caught.value.code == 78
+
+
+def test_function_numbers_beyond_the_generation():
+    inverter, _, drive = meet("e11s", number_check=False)
+    with pytest.raises(RefusedError) as caught:
+        drive.read("F47")
+    assert caught.value.code == 78
+    assert heard(inverter, frame(b"\x0101\x05Ro05 0000\x03")) == [frame(b"\x0101\x15Ro05 004E\x03")]
+
+
+def test_read_only_functions():
+    inverter, _, _ = meet()
+    assert heard(inverter, frame(b"\x0101\x05WM09 0001\x03")) == [frame(b"\x0101\x15WM09   4F\x03")]
+
+
+def test_some_functions_are_not_written_while_running():
+    _, line, drive = meet()
+    drive.set_reference(hz=30)
+    drive.start()
+    line.advance(1.0)
+    with pytest.raises(RefusedError) as caught:
+        drive.write("P01", 2, store=True)
+    assert caught.value.code == 79
+    drive.write("C05", "10.00", store=True)
+    drive.stop()
+    line.advance(20.0)
+    drive.write("P01", 2, store=True)
+    assert drive.read("P01").value == 2
+
+
+def test_station_is_heard_only_by_its_inverter():
+    first, second = virtual_drive("fuji", 1), virtual_drive("fuji", 31)
+    line, bus = line_of(first, second)
+    second.poke("C05", 4711)
+    assert bus.drive("fuji", 31).read("C05").value == 4711
+    assert bus.drive("fuji", 1).read("C05").value == 500
+    with pytest.raises(NoReplyError):
+        bus.drive("fuji", 2).read("C05")
+    assert [found.address for found in bus.scan(["fuji"])] == [1, 31]
+    assert line.time > 0
+
+
+def test_peek_and_poke():
+    inverter, line, drive = meet()
+    inverter.poke("F18", -20)
+    assert inverter.peek("F18", line.time) == 0xFFEC
+    assert drive.read("bias_frequency").value == -20
+    inverter.poke("M35", -6000)
+    assert drive.read("M35").value == Decimal("-60.00")
+    inverter.poke("F18", "5")
+    assert drive.read("F18").value == 5
+    for parameter in ("F99", "nothing", ""):
+        with pytest.raises(ParameterAddressError):
+            inverter.peek(parameter, line.time)
+        with pytest.raises(ParameterAddressError):
+            inverter.poke(parameter, 1)
+
+
+# Running
+
+
+@pytest.mark.parametrize("short", [False, True])
+@pytest.mark.parametrize("model", ["frenic", "g11s", "e11s"])
+def test_start_ramp_reverse_stop(model, short):
+    inverter, line, drive = meet(model)
+    drive = drive._bus.drive("fuji", 1, model=model, short_frames=short)
+    assert drive.status().state is DriveState.READY
+    drive.set_reference(hz=30)
+    drive.start()
+    line.advance(1.0)
+    status = drive.status()
+    assert (status.state, status.reverse) == (DriveState.RUNNING, False)
+    assert "ACC" in status.flags
+    assert 0 < drive.read("M06").value < 12000
+    line.advance(10.0)
+    assert drive.read("M09").value == Decimal("30.00")
+    assert drive.read("M06").value == 12000
+    assert drive.read("M05").value == Decimal("30.00")
+    assert drive.read("M13").value == 1
+    assert drive.read("M12").value > 100
+    assert not {"ACC", "DEC"} & set(drive.status().flags)
+    drive.start(reverse=True)
+    line.advance(1.0)
+    assert "DEC" in drive.status().flags
+    line.advance(20.0)
+    assert drive.status().reverse
+    assert drive.read("M06").value == -12000
+    assert drive.read("M01").value == -12000
+    assert drive.read("M09").value == (Decimal("30.00") if short else Decimal("-30.00"))
+    drive.stop()
+    line.advance(0.5)
+    assert {"REV", "DEC"} <= set(drive.status().flags)
+    line.advance(20.0)
+    assert drive.status().state is DriveState.READY
+    assert not inverter.motor.running
+
+
+def test_vector_inverter_has_no_sign_character():
+    _, line, drive = meet("vg", maximum_frequency_hz=50)
+    drive.set_reference(hz=25)
+    drive.start(reverse=True)
+    line.advance(20.0)
+    assert drive.read("M09").value == Decimal("25.00")
+    assert drive.read("M06").value == -10000
+    assert drive.status().reverse
+
+
+def test_frequency_is_limited_to_the_maximum():
+    _, line, drive = meet()
+    drive.set_reference(hz=400)
+    drive.start()
+    line.advance(20.0)
+    assert drive.read("M09").value == Decimal("50.00")
+    assert drive.read("S05").value == Decimal("400.00")
+
+
+def test_s01_beats_s05():
+    _, line, drive = meet()
+    drive.write("S05", 10)
+    drive.write("S01", 16000)
+    drive.start()
+    line.advance(20.0)
+    assert drive.read("M09").value == Decimal("40.00")
+    drive.set_reference(percent=0)
+    line.advance(20.0)
+    assert drive.read("M09").value == 0
+    drive.set_reference(percent=-50)
+    line.advance(20.0)
+    assert drive.read("M09").value == Decimal("-25.00")
+
+
+def test_ramp_times_of_the_link():
+    _, line, drive = meet()
+    drive.write("S08", 50)
+    drive.set_reference(hz=50)
+    drive.start()
+    line.advance(25.0)
+    assert 20 < drive.read("M09").value < 30
+
+
+def test_coasting():
+    inverter, line, drive = meet(coast_terminal="X3")
+    drive.set_reference(hz=30)
+    drive.start()
+    line.advance(20.0)
+    drive.stop(Stop.COAST)
+    assert drive.read("M13").text == "X3"
+    assert inverter.motor.output_hz == 0
+    assert inverter.motor.shaft_hz > 0
+    drive.start()
+    line.advance(20.0)
+    assert drive.read("M09").value == Decimal("30.00")
+
+
+def test_both_directions_from_a_foreign_host_stop_the_motor():
+    inverter, line, drive = meet()
+    drive.set_reference(hz=30)
+    drive.start()
+    line.advance(20.0)
+    assert heard(inverter, frame(b"\x0101\x05WS06 0003\x03"), line.time) == [frame(b"\x0101\x06WS06 0000\x03")]
+    line.advance(20.0)
+    assert drive.status().state is DriveState.READY
+
+
+def test_bits_that_do_not_exist():
+    inverter, _, _ = meet("e11s")
+    assert heard(inverter, frame(b"\x0101\x05WS06 0080\x03")) == [frame(b"\x0101\x15WS06 0050\x03")]
+
+
+@pytest.mark.parametrize(
+    ("link", "frequency", "run"), [(0, False, False), (1, True, False), (2, False, True), (3, True, True)]
+)
+def test_link_function_gives_the_right(link, frequency, run):
+    inverter, _, drive = meet()
+    inverter.poke("H30", link)
+    for parameter, allowed in (("S05", frequency), ("S01", frequency), ("S06", run)):
+        if allowed:
+            drive.write(parameter, 0)
+        else:
+            with pytest.raises(RefusedError) as caught:
+                drive.write(parameter, 0)
+            assert caught.value.code == 76
+    assert drive.status().remote == (link != 0)
+
+
+def test_first_generation_ignores_what_it_has_no_right_to():
+    inverter, line, drive = meet("e11s")
+    inverter.poke("H30", 1)
+    drive.set_reference(hz=30)
+    drive.start()
+    line.advance(10.0)
+    assert drive.status().state is DriveState.READY
+    inverter.poke("H30", 2)
+    inverter.local_hz = 20.0
+    line.advance(10.0)
+    assert drive.read("M09").value == 0
+    line.advance(10.0)
+    assert drive.read("M09").value == Decimal("20.00")
+
+
+# Alarms
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_alarm_and_reset(model):
+    inverter, line, drive = meet(model, maximum_frequency_hz=50)
+    drive.set_reference(hz=30)
+    drive.start(reverse=True)
+    line.advance(20.0)
+    inverter.trip(3, line.time)
+    status = drive.status()
+    assert (status.state, status.fault_code, status.running) == (DriveState.FAULT, 3, False)
+    assert status.fault_text == "OC3 overcurrent, constant speed"
+    assert abs(drive.read("M35").value) == 30
+    assert drive.read("M32").value == -12000
+    with pytest.raises(StateError, match="reset it first"):
+        drive.start()
+    drive.reset()
+    line.advance(1.0)
+    assert drive.status().state is DriveState.READY
+    inverter.trip(10, line.time)
+    assert "NUV" not in drive.status().flags
+    drive._run(drive._operations.reset_by_command("m"))
+    inverter.motor.trip(7, line.time)
+    assert drive.status().fault_code == 7
+    drive._run(drive._operations.reset_by_command("E"))
+    assert [drive.read(f"M{number}").value for number in (16, 17, 18, 19)] == [7, 10, 3, 0]
+    assert drive.status().state is DriveState.READY
+
+
+def test_reset_with_a_run_command_starts_the_motor():
+    inverter, line, drive = meet()
+    drive.set_reference(hz=30)
+    drive.start()
+    line.advance(10.0)
+    inverter.trip(3, line.time)
+    assert heard(inverter, frame(RESET), line.time) != []
+    line.advance(10.0)
+    assert drive.read("M09").value == Decimal("30.00")
+
+
+def test_reset_needs_an_edge():
+    inverter, line, _ = meet()
+    reset = frame(b"\x0101\x05WS06 8000\x03")
+    heard(inverter, reset)
+    inverter.trip(3, line.time)
+    heard(inverter, reset)
+    assert inverter.motor.fault == 3
+    heard(inverter, frame(b"\x0101\x05WS06 0000\x03"))
+    heard(inverter, reset)
+    assert inverter.motor.fault == 0
+
+
+# Refusals (section 2.6)
+
+
+@pytest.mark.parametrize(
+    ("request_", "answer", "code"),
+    [
+        (b"\x0101\x06WS05 0000\x03", b"\x0101\x15WS05   4A\x03", 74),
+        (b"\x0101\x05WS05 0000\x0d", b"\x0101\x15WS05   4A\x03", 74),
+        (b"\x0101\x05WS05-0000\x03", b"\x0101\x15WS05   4A\x03", 74),
+        (b"\x0101\x05QS05 0000\x03", b"\x0101\x15RS05   4B\x03", 75),
+        (b"\x0101\x05wS05 0000\x03", b"\x0101\x15RS05   4B\x03", 75),
+        (b"\x0101\x05RQ05 0000\x03", b"\x0101\x15RQ05   4E\x03", 78),
+        (b"\x0101\x05WS05 00g0\x03", b"\x0101\x15WS05   50\x03", 80),
+        (b"\x0101\x05f0001\x0d", b"\x0101\x15f\x03", 74),
+        (b"\x0101\x05f000g\x03", b"\x0101\x15f\x03", 80),
+        (b"\x0101\x05m0001\x03", b"\x0101\x15m\x03", 80),
+        (b"\x0101\x05b0001\x03", b"\x0101\x15b\x03", 75),
+        (b"\x0101\x05k\x0d", b"\x0101\x15k0000\x03", 74),
+        (b"\x0101\x05i\x03", b"\x0101\x15i0000\x03", 75),
+    ],
+)
+def test_which_refusal_for_which_damage(request_, answer, code):
+    inverter, _, _ = meet()
+    assert heard(inverter, frame(request_)) == [frame(answer)]
+    assert inverter.peek("M26", 0.0) == code
+
+
+@pytest.mark.parametrize("request_", [b"\x0101\x05n0001\x03", b"\x0101\x05n\x03"])
+def test_short_frames_with_no_command(request_):
+    inverter, _, _ = meet()
+    (answer,) = heard(inverter, frame(request_))
+    assert (len(answer), answer[3:5], answer[11:13]) == (16, b"\x15R", b"4B")
+    assert inverter.codec.measure(request_[:5], "request") in (6, 8)
+    assert inverter.codec.measure(b"\x0101\x15n", "reply") == 16
+
+
+def test_command_a_of_the_first_generation():
+    inverter, _, _ = meet("e11s")
+    assert heard(inverter, frame(b"\x0101\x05AS05 0000\x03")) == [frame(b"\x0101\x15AS05 004B\x03")]
+
+
+def test_wrong_sums_meet_silence():
+    inverter, line, drive = meet()
+    assert heard(inverter, b"\x0101\x05RM09 0000\x0350") == []
+    assert inverter.peek("M26", 0.0) == 71
+    inverter.poke("M26", 0)
+    assert heard(inverter, b"\x0102\x05RM09 0000\x0300") == []
+    assert heard(inverter, b"\x0101\x05RM09") == []
+    assert heard(inverter, frame(b"\x0102\x06k1021\x03")) == []
+    assert inverter.peek("M26", 0.0) == 0
+    assert drive.read("M26").value == 0
+    assert line.time > 0
+
+
+def test_first_generation_repeats_what_was_written():
+    inverter, _, _ = meet("e11s")
+    assert heard(inverter, frame(b"\x0101\x05WS05 0BB8\x03")) == [frame(b"\x0101\x06WS05 0BB8\x03")]
+
+
+# High-speed writes
+
+
+def test_high_speed_writes_keep_the_drive_busy():
+    inverter, line, drive = meet(high_speed_writes=True)
+    drive.write("F15", 60, store=True)
+    drive.write("C05", "7.00", store=True)
+    assert "BUSY" in drive.status().flags
+    assert inverter.peek("F15", line.time) == 60
+    assert inverter.peek("C05", line.time) == 700
+    assert inverter.peek("M26", line.time) == 81
+    line.advance(1.0)
+    assert "BUSY" not in drive.status().flags
+
+
+def test_vector_inverters_take_a_for_w():
+    inverter, line, drive = meet("vg", high_speed_writes=True)
+    before = line.time
+    drive.write("F15", 60, store=True)
+    assert line.time - before > 0.1
+    assert "BUSY" not in drive.status().flags
+    assert inverter.peek("F15", line.time) == 60
+
+
+# Slow writes
+
+
+def test_initialising():
+    inverter, line, drive = meet()
+    drive.write("F15", 60, store=True)
+    drive.write("P01", 2, store=True)
+    drive.write("H03", 2, store=True)
+    assert (inverter.peek("P01", line.time), inverter.peek("F15", line.time)) == (4, 60)
+    before = line.time
+    drive.write("H03", 1, store=True)
+    assert line.time - before > 5
+    assert (inverter.peek("F15", line.time), inverter.peek("H03", line.time)) == (70, 0)
+    drive.write("H03", 0, store=True)
+
+
+def test_tuning_is_acknowledged_when_it_is_over():
+    inverter, line, drive = meet()
+    before = line.time
+    drive.write("P04", 0x0101, store=True)
+    assert line.time - before > 10
+    assert inverter.peek("P04", line.time) == 0
+
+
+def test_response_interval():
+    _, line, drive = meet(response_interval_s=0.4)
+    drive.read("M09")
+    assert 0.4 < line.time < 0.6
+
+
+# All stations
+
+
+def test_broadcasts():
+    drives = [virtual_drive("fuji", address) for address in (1, 7, 31)]
+    line, bus = line_of(*drives)
+    everybody = bus.broadcast("fuji", model="frenic")
+    everybody.write("S05", 30)
+    everybody.write("S06", 1)
+    line.advance(20.0)
+    assert [drive.peek("M09", line.time) for drive in drives] == [3000] * 3
+    everybody.stop()
+    line.advance(20.0)
+    assert [drive.peek("M09", line.time) for drive in drives] == [0] * 3
+    assert bus.drive("fuji", 7).read("S05").value == 3000
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        b"\x0199\x05RM09 0000\x03",
+        b"\x0199\x05AS05 0BB8\x03",
+        b"\x0199\x05WF15 0001\x03",
+        b"\x0199\x05WS08 0001\x03",
+        b"\x0199\x05g\x03",
+        b"\x0199\x05WS05 9C41\x03",
+    ],
+)
+def test_what_is_not_heeded_at_99(request_):
+    inverter, _, _ = meet()
+    held = {name: inverter.peek(name, 0.0) for name in ("S05", "S08", "F15")}
+    assert heard(inverter, frame(request_)) == []
+    assert {name: inverter.peek(name, 0.0) for name in held} == held
+
+
+def test_every_s_code_is_heeded_at_99_by_vector_inverters():
+    inverter, _, _ = meet("vg")
+    assert heard(inverter, frame(b"\x0199\x05WS08 0001\x03")) == []
+    assert inverter.peek("S08", 0.0) == 1
+    assert heard(inverter, frame(b"\x0199\x05e0BB8\x03")) == []
+    assert inverter.peek("S05", 0.0) == 3000
+    inverter.trip(3, 0.0)
+    assert heard(inverter, frame(b"\x0199\x05E        \x03")) == []
+    assert inverter.motor.fault == 0
+
+
+# Models of others
+
+
+def test_a_model_with_hardly_anything(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(
+        'format = 1\nprotocol = "fuji"\nname = "small"\n[[parameter]]\naddress = "M14"\nname = "status"\n'
+        'type = "[16]"\naccess = "r"\n[[parameter]]\naddress = "M01"\nname = "reference"\naccess = "r"\n'
+    )
+    inverter = virtual_drive("fuji", 1, model=path)
+    line, bus = line_of(inverter)
+    drive = bus.drive("fuji", 1, model=path)
+    assert drive.status().state is DriveState.READY
+    assert drive.identify() == {}
+    with pytest.raises(RefusedError):
+        drive.start()
+    inverter.trip(3, line.time)
+    assert drive.status().fault_code is None
+    assert bus.drive("fuji", 1, short_frames=True).status().fault
+
+
+# Disturbances
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("options", [{}, {"short_frames": True}, {"high_speed_writes": True}])
+def test_two_thousand_disturbed_exchanges(seed, options):
+    """No reading shows what the drive never held, and every failure is an error of the tree."""
+    inverter = virtual_drive("fuji", 1)
+    line = VirtualLine([inverter], faults=FaultPlan(rate=0.1, seed=seed))
+    bus = drivecomm.open_bus(line.port)
+    drive = bus.drive("fuji", 1, **options)
+    steady = ["F07", "F11", "M25", "M23", "E03", "M06", "M14", "y09", "S10", "C31"]
+    held = {"S05": {0}, "C05": {500}}
+    failures = 0
+    for turn in range(2000):
+        try:
+            if turn % 5 == 4:
+                parameter, value = ("S05", turn) if turn % 2 else ("C05", turn)
+                held[parameter].add(value)
+                drive.write(parameter, value, store=parameter == "C05")
+                assert inverter.peek(parameter, line.time) == value
+            elif turn % 5 == 3:
+                parameter = ("S05", "C05")[turn % 2]
+                assert drive.read(parameter).raw in held[parameter]
+            else:
+                parameter = steady[turn % len(steady)]
+                assert drive.read(parameter).raw == inverter.peek(parameter, line.time)
+        except DriveCommError:
+            failures += 1
+    assert failures < 100
+
+
+def test_foreign_telegrams_are_passed_over():
+    inverter = virtual_drive("fuji", 1)
+    line, bus = line_of(inverter)
+    drive = bus.drive("fuji", 1)
+    for noise in (b"\x01", b"\x0101\x05", b"\x0101\x05f", bytes(range(256)), b"\x0102\x06RM09 1770\x0300"):
+        line.inject(noise)
+        assert drive.read("M25").value == 1200
+
+
+def test_replies_are_no_requests_to_the_drive_itself():
+    inverter, _, _ = meet()
+    find = Framer(inverter.codec, "reply").feed(frame(b"\x0101\x06f\x03"))[0]
+    assert isinstance(find, Framed)
+    assert protocol.codec(FujiOptions()).decode(find.data, "reply") == find.message
