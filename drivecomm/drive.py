@@ -155,9 +155,10 @@ class Broadcast:
 
 def bound(operation: Callable[..., Exchange[T]], *values: Any, **options: Any) -> Exchange[T]:
     """Call an operation; options that it does not have are a UsageError that lists those it has."""
-    signature = inspect.signature(operation)
-    unknown = sorted(set(options) - set(signature.parameters))
+    parameters = inspect.signature(operation).parameters
+    takes_any = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+    unknown = [] if takes_any else sorted(set(options) - set(parameters))
     if unknown:
-        known = [name for name, one in signature.parameters.items() if one.kind is one.KEYWORD_ONLY]
+        known = [name for name, one in parameters.items() if one.kind is one.KEYWORD_ONLY or not values]
         raise UsageError(f"{operation.__name__} has no option {unknown[0]!r} here; it has {', '.join(known) or 'none'}")
     return operation(*values, **options)

@@ -30,7 +30,9 @@ class Ask:
 
     attempts: how often it may be sent; None for the drive's own number. 1 for what must not happen twice: an edge, a
     start, a relative command. acts: the drive does something on it, so that a missing reply leaves open whether it did.
-    nameless: the reply does not say what it answers, so a late one could be taken for the next request's.
+    nameless: the reply does not say what it answers, so a late one could be taken for the next request's. urgent: not
+    to be held back by a late reply that may still come, because it stops a motor; it then goes out at once, and once
+    more when its own reply can be believed.
     reply_timeout_s: None for the drive's own.
     """
 
@@ -38,6 +40,7 @@ class Ask:
     attempts: int | None = None
     acts: bool = False
     nameless: bool = False
+    urgent: bool = False
     reply_timeout_s: float | None = None
 
 

@@ -174,7 +174,7 @@ class Link:
 
     def _ask(self, party: Party, ask: Ask, data: bytes) -> Steps[Message]:
         attempts = ask.attempts or party.facts.timing.attempts
-        yield from self._outwait_late_reply(party, data)
+        yield from self._outwait_late_reply(party, ask, data)
         for attempt in range(1, attempts + 1):
             yield from self._send(party, data, ask.message)
             self._count(party, "requests" if attempt == 1 else "retries")
@@ -196,6 +196,7 @@ class Link:
         settings, timing = party.facts.settings, party.facts.timing
         timeout = timing.reply_timeout_s if ask.reply_timeout_s is None else ask.reply_timeout_s
         limit = self._now + settings.wire_s(len(data) + 1) + timeout
+        latest = limit + settings.wire_s(_LONGEST_TELEGRAM) + timing.gap_s
         framer = Framer(party.codec, "reply")
         echo = data if self._echo else b""
         damage = stray = ""
@@ -216,7 +217,7 @@ class Link:
                     stray = _ECHO if reason == "echo" else f"the reply that came differs in {reason}"
                 else:
                     damage = self._garbage(party, find) or damage
-            if (quiet and damage) or self._now >= max(limit, deadline):
+            if (quiet and damage) or self._now >= min(max(limit, deadline), latest):
                 break
             # Once bytes have come only the gap limit counts; without any, the reply time keeps running.
             waiting = framer.missing > 1 or bool(damage)
@@ -267,13 +268,16 @@ class Link:
                 self._count(party, "drained bytes", len(came))
                 self._note(party, "noise", came, detail="drained")
 
-    def _outwait_late_reply(self, party: Party, data: bytes) -> Steps[None]:
+    def _outwait_late_reply(self, party: Party, ask: Ask, data: bytes) -> Steps[None]:
         """Do not ask for something else while a reply that does not name its request may still come."""
         until, unanswered = self._late.get(party.name, (0.0, data))
-        if unanswered != data:
-            del self._late[party.name]
-            yield from self._wait(until)
-            yield from self._drain(party)
+        if unanswered == data:
+            return
+        del self._late[party.name]
+        if ask.urgent and self._now < until:
+            yield from self._send(party, data, ask.message)
+        yield from self._wait(until)
+        yield from self._drain(party)
 
     def _receive(self, until: float, at_least: int = 1) -> Steps[bytes]:
         arrival = yield Receive(until, at_least)
@@ -313,6 +317,9 @@ class Link:
                 TraceEvent(time=self._now, what=what, drive=party.name, data=data, message=message, detail=detail)
             )
 
+
+# The longest one that exists has 257 bytes (Danfoss FC with LGE 255); a line that never falls silent is not waited for.
+_LONGEST_TELEGRAM = 257
 
 _OPEN = "; whether the drive acted on it is not known"
 _ECHO = "the adapter hands back what it sends, and no other reply came; open the port with echo on"

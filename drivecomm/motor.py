@@ -136,12 +136,19 @@ class Motor:
     @property
     def accelerating(self) -> bool:
         """Whether the output frequency rises."""
-        return self.command is Command.RUN and abs(self.target_hz) > abs(self.output_hz)
+        return self.command is Command.RUN and self._away_from_zero and abs(self.target_hz) > abs(self.output_hz)
 
     @property
     def decelerating(self) -> bool:
         """Whether the output frequency falls."""
-        return self.running and self.command is not Command.HOLD and abs(self.target_hz) < abs(self.output_hz)
+        if not self.running or self.command is Command.HOLD:
+            return False
+        return not self._away_from_zero or abs(self.target_hz) < abs(self.output_hz)
+
+    @property
+    def _away_from_zero(self) -> bool:
+        """Whether the target lies on the side of zero on which the motor turns already."""
+        return self.output_hz * self.target_hz >= 0
 
     @property
     def speed_rpm(self) -> float:

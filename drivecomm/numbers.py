@@ -27,8 +27,12 @@ def exact(value: Value | float, parameter: str) -> Decimal:
 
 def unscaled(physical: Decimal, factor: Decimal, parameter: str, unit: str = "") -> int:
     """Return the whole number that stands for a physical value. Raises ValueRefusedError if it is not exact."""
-    raw = physical / factor
-    if raw != raw.to_integral_value() or raw * factor != physical:
+    try:
+        raw = physical / factor
+        whole = raw == raw.to_integral_value() and raw * factor == physical
+    except ArithmeticError:
+        whole = False
+    if not whole:
         shown = f"{factor} {unit}".rstrip()
         raise ValueRefusedError(f"{physical} for parameter {parameter} is no multiple of {shown}; it is not rounded")
     return int(raw)

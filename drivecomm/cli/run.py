@@ -15,9 +15,6 @@ def run(arguments: list[str]) -> int:
     as_json = "--json" in arguments
     try:
         code = app(args=arguments, prog_name="drivecomm", standalone_mode=False)
-        if code == INTERRUPTED:
-            # typer takes Ctrl-C for itself and only leaves its exit code.
-            raise KeyboardInterrupt
     except DriveCommError as error:
         complain(error, as_json=as_json)
         return error.exit_code
@@ -35,4 +32,7 @@ def run(arguments: list[str]) -> int:
         hint = f" (see {context.command_path} --help)" if context else ""
         complain(f"{error.format_message().rstrip('.')}{hint}", as_json=as_json)
         return int(exit_code)
+    if code == INTERRUPTED:
+        # typer takes Ctrl-C for itself and leaves only its exit code.
+        complain("interrupted", as_json=as_json)
     return code if isinstance(code, int) else 0

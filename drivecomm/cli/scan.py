@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -26,7 +27,10 @@ def scan(
     wanted = _addresses(addresses) if addresses else None
     found: list[Found] = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    drawing = Progress(*columns, console=Console(stderr=True), transient=True, disable=line.json)
+    # The bar stays out of what a script reads: on a terminal both share it, otherwise the bar goes to standard error.
+    on_terminal = sys.stdout.isatty()
+    console = Console(stderr=not on_terminal, soft_wrap=True)
+    drawing = Progress(*columns, console=console, transient=True, redirect_stdout=False, disable=line.json)
     with line.bus() as bus, drawing as progress:
         task = progress.add_task("scanning", total=None)
 
@@ -38,8 +42,10 @@ def scan(
             if line.json:
                 emit(drive=one.name, protocol=one.protocol, address=one.address, sound=one.sound,
                      identity=dict(one.identity), detail=one.detail)  # fmt: skip
-            else:
+            elif on_terminal:
                 progress.console.print(_line(one), highlight=False, markup=False)
+            else:
+                say(_line(one))
     if not line.json:
         say(f"{len(found)} drive{'' if len(found) == 1 else 's'} found")
     return 0 if found else 1

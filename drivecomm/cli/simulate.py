@@ -23,7 +23,9 @@ def simulate(
     json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
 ) -> int:
     """Serve virtual drives until Ctrl-C or SIGTERM. A master connects to them as to a real line."""
-    from drivecomm.virtual.serving import Server, parse_listen  # noqa: PLC0415 - pyserial only where a port is served
+    # pyserial is loaded only where a port is served.
+    from drivecomm.virtual.listeners import parse_listen  # noqa: PLC0415
+    from drivecomm.virtual.serving import Server  # noqa: PLC0415
 
     names = [parse_drive(text) for text in drive]
     drives = [virtual_drive(name.protocol, name.address, **name.options) for name in names]

@@ -42,8 +42,8 @@ def check(
             else:
                 say(f"FAILED {failure.name}: {failure.reason}")
         if json:
-            emit(vectors=name, protocol=plugin.name, passed=report.passed, failed=len(report.failed))
+            emit(vectors=name, protocol=plugin.name, passed=len(report.passed), failed=len(report.failed))
         else:
-            say(f"{name}: {report.passed} checks passed, {len(report.failed)} failed")
+            say(f"{name}: {len(report.passed)} checks passed, {len(report.failed)} failed")
         code = code or (1 if report.failed else 0)
     return code

@@ -44,8 +44,8 @@ class Asking:
         ask = Ask(message=request, reply_timeout_s=reply_timeout(self._options, None))
         return (yield from self._ask(ask, function))
 
-    def write(self, function: str, data: int, *, attempts: int | None = None) -> Exchange[None]:
-        """Write a function's data word. Raises RefusedError."""
+    def write(self, function: str, data: int, *, attempts: int | None = None, urgent: bool = False) -> Exchange[None]:
+        """Write a function's data word; urgent for what stops a motor. Raises RefusedError."""
         slow = slow_write(function, data)
         # Tuning turns the motor, and initialising must not begin anew.
         if slow is not None and slow.needs_s > 1:
@@ -60,20 +60,23 @@ class Asking:
             request = Standard(
                 kind="request", address=self._address, command="A" if fast else "W", function=function, data=data
             )
-        yield from self._do(request, function, attempts, reply_timeout(self._options, slow))
+        timeout = reply_timeout(self._options, slow)
+        ask = Ask(message=request, attempts=attempts, acts=True, nameless=True, urgent=urgent, reply_timeout_s=timeout)
+        yield from self._do(ask, function)
 
     def reset(self, command: str) -> Exchange[None]:
         """Send command E, or optional frame m, once. Raises RefusedError."""
         request: Standard | Select = Standard(kind="request", address=self._address, command="E")
         if command == "m":
             request = Select(kind="request", address=self._address, command="m", data=0)
-        yield from self._do(request, f"command {command}", 1, reply_timeout(self._options, None))
+        timeout = reply_timeout(self._options, None)
+        ask = Ask(message=request, attempts=1, acts=True, nameless=True, reply_timeout_s=timeout)
+        yield from self._do(ask, f"command {command}")
 
-    def _do(self, request: Standard | Select, name: str, attempts: int | None, timeout: float | None) -> Exchange[None]:
+    def _do(self, ask: Ask, name: str) -> Exchange[None]:
         if self._address == BROADCAST:
-            yield Tell(message=request)
+            yield Tell(message=ask.message)
             return
-        ask = Ask(message=request, attempts=attempts, acts=True, nameless=True, reply_timeout_s=timeout)
         yield from self._ask(ask, name)
 
     def _ask(self, ask: Ask, name: str) -> Exchange[Any]:

@@ -238,7 +238,7 @@ class FujiOperations:
         """Write S06. A run command is sent once and remembered only when it was confirmed."""
         runs = bool(word & (RUN | words.RESET))
         self._word = word & ~(RUN | words.RESET)
-        yield from self._asking.write(COMMAND, word, attempts=1 if runs else None)
+        yield from self._asking.write(COMMAND, word, attempts=1 if runs else None, urgent=not word & RUN)
         self._word = word & ~words.RESET
 
     def _status_word(self) -> Exchange[int]:

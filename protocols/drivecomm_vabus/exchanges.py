@@ -131,7 +131,7 @@ class VabusOperations:
         """Stop: 0007 (disable operation), 0000 (coast) or 0002 (quick stop)."""
         if how not in _CONTROL_WORDS:
             raise NotSupported(f"a VABus drive cannot stop by {how.value}; it can by ramp, coast and quick")
-        return self._command(_CONTROL_WORDS[how])
+        return self._select(states.CONTROL_WORD, 0, f"{_CONTROL_WORDS[how]:04X}", attempts=None, urgent=True)
 
     def reset(self) -> Exchange[None]:
         """Acknowledge a fault with a rising edge of bit 7; does nothing on a drive without a fault."""
@@ -174,16 +174,19 @@ class VabusOperations:
                 raise _refused(name, code)
         raise AssertionError  # pragma: no cover
 
-    def _select(self, number: int, dataset: int, data: str, *, attempts: int | None = None) -> Exchange[None]:
+    def _select(
+        self, number: int, dataset: int, data: str, *, attempts: int | None = None, urgent: bool = False
+    ) -> Exchange[None]:
         select = Select(address=self._address, sys=self._options.sys, dataset=dataset, parameter=number, data=data)
         if self._address == BROADCAST:
             yield Tell(message=select)
             return
-        if self._maybe_locked:
+        locked = self._maybe_locked
+        if locked and not urgent:
             yield from self._error_register()
         for last in (False, True):
             try:
-                reply = yield Ask(message=select, attempts=attempts, acts=True, nameless=True)
+                reply = yield Ask(message=select, attempts=attempts, acts=True, nameless=True, urgent=urgent)
             except ReplyError:
                 self._maybe_locked = True
                 raise
@@ -191,7 +194,8 @@ class VabusOperations:
             if isinstance(reply, Ack):
                 return
             code = yield from self._error_register()
-            if last or code not in LINE_FAULTS or attempts == 1:
+            # What goes out before the register is read meets the lock of an earlier refusal.
+            if last or (not (urgent and locked) and (code not in LINE_FAULTS or attempts == 1)):
                 raise _refused(str(number), code)
 
     def _error_register(self) -> Exchange[int | None]:

@@ -294,7 +294,7 @@ def test_start_with_an_alarm():
 
 def test_stop_is_repeated_if_need_be():
     (ask,) = commands(drive().stop(), [done("S06")])
-    assert ask == Ask(message=written("S06", 0), acts=True, nameless=True)
+    assert ask == Ask(message=written("S06", 0), acts=True, nameless=True, urgent=True)
 
 
 @pytest.mark.parametrize("how", [Stop.COAST, Stop.QUICK, Stop.DC_BRAKE])

@@ -233,9 +233,15 @@ class TestBroadcast:
 
     @pytest.mark.parametrize(
         "verb",
-        [lambda all_: all_.read("480"), lambda all_: all_.status(), lambda all_: all_.start(), lambda all_: all_.reset(),
-         lambda all_: all_.probe(), lambda all_: all_.identify()],
-    )  # fmt: skip
+        [
+            lambda everybody: everybody.read("480"),
+            lambda everybody: everybody.status(),
+            lambda everybody: everybody.start(),
+            lambda everybody: everybody.reset(),
+            lambda everybody: everybody.probe(),
+            lambda everybody: everybody.identify(),
+        ],
+    )
     def test_what_needs_an_answer_is_refused(self, verb):
         with pytest.raises(NotSupported):
             verb(operations(BROADCAST))
@@ -296,9 +302,20 @@ class TestControl:
         with pytest.raises(StateError, match="15 s"):
             play(operations(state_timeout_s=0).reset(), script)
 
-    def test_control_words_go_out_once(self):
-        exchange = operations().stop()
-        assert next(exchange).attempts == 1
+    def test_what_starts_goes_out_once_and_a_stop_as_often_as_needed(self):
+        exchange = operations().start()
+        next(exchange)
+        exchange.send(value(411, "0023"))
+        assert exchange.send(None).attempts == 1
+        stop = next(operations().stop())
+        assert stop.attempts is None
+        assert stop.urgent
+
+    def test_a_stop_does_not_wait_for_the_register(self):
+        drive = operations()
+        with pytest.raises(NoReplyError):
+            play(drive.write("480", 1, type="uint"), [(select(480, "0001", 5), NoReplyError("silence"))])
+        play(drive.stop(), [*refused(select(410, "0007"), 1), *told(410, "0007")])
 
     def test_any_control_word(self):
         play(operations().extra["control_word"](word=0x0F), told(410, "000F"))
