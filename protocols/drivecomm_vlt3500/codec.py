@@ -1,0 +1,154 @@
+"""Telegrams to bytes and back, and whether one answers another."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import TelegramError
+from drivecomm_vlt3500 import telegrams
+from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Request, Update
+from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, START, UNCHECKED
+from drivecomm_vlt3500.values import number
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.schema import Form
+    from drivecomm.telegram import Direction, Message
+
+_REQUESTS: Mapping[bytes, Form[Any]] = {
+    b"U": telegrams.UPDATE,
+    b"R": telegrams.READ,
+    b"I": telegrams.READ_INDEX,
+    b"C": telegrams.CONTROL,
+}
+_CHECK = slice(19, 21)
+
+
+class VltCodec:
+    """The 22 characters. lenient_status: take the low four bits of any character in a status word."""
+
+    def __init__(self, *, lenient_status: bool = False) -> None:
+        strict = (telegrams.VALUE, telegrams.REFUSAL, telegrams.STATUS)
+        lenient = (telegrams.LENIENT_VALUE, telegrams.LENIENT_REFUSAL, telegrams.LENIENT_STATUS)
+        self._value, self._refusal, self._status = lenient if lenient_status else strict
+
+    def measure(self, head: bytes, direction: Direction) -> int:  # noqa: ARG002 - the same both ways
+        """Return 22 for all that begins with `<`. Inside neither `<` nor `>` means anything, byte 13 may hold both."""
+        return LENGTH if head[:1] == START else 0
+
+    def decode(self, data: bytes, direction: Direction) -> Message:
+        """Return the content of one telegram.
+
+        What is wrong is looked for in this order: start, length, stop, checksum, address, control character, control or
+        status word, parameter, byte 19, data.
+        """
+        if data and data[:1] != START:
+            raise TelegramError("framing", f"a telegram begins with `<`, not with {data[0]:02X}H")
+        if len(data) != LENGTH:
+            raise TelegramError("length", f"a telegram has {LENGTH} characters, not {len(data)}")
+        message: Message = self._form(data, direction).parse(data)
+        return message
+
+    def encode(self, message: Message) -> bytes:
+        """Return the bytes of one telegram; a read of all drives is refused, nobody would answer it."""
+        if isinstance(message, Read | ReadIndex) and message.address == BROADCAST:
+            raise TelegramError("field", "a read cannot be a broadcast, nobody would answer", field="address")
+        return self._form_of(message).build(message)
+
+    def _form(self, data: bytes, direction: Direction) -> Form[Any]:
+        """Choose by control character and byte 19; an unknown control character is found by the form itself."""
+        kind = data[3:4]
+        if direction == "request":
+            return _REQUESTS.get(kind, telegrams.UPDATE)
+        if kind == b"C":
+            return self._status
+        return self._refusal if data[18:19] == b"9" else self._value
+
+    def _form_of(self, message: Message) -> Form[Any]:
+        if isinstance(message, Reply):
+            return self._value if message.fault_code is None else self._refusal
+        forms: dict[type[Any], Form[Any]] = {
+            Update: telegrams.UPDATE,
+            Read: telegrams.READ,
+            ReadIndex: telegrams.READ_INDEX,
+            Control: telegrams.CONTROL,
+            ControlReply: self._status,
+        }
+        return forms[type(message)]
+
+
+def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
+    """Build a message from fields as test vectors name them: exact decimals as text, an index as a list."""
+    rest = dict(given)
+    kind = rest.pop("kind", None)
+    requests: tuple[type[Any], ...] = (Update, Read, ReadIndex, Control)
+    chosen = next((known for known in requests if known.kind == kind), None)
+    if chosen is None:
+        allowed = ", ".join(known.kind for known in requests)
+        raise TelegramError("field", f"the kind of a telegram is one of {allowed}, not {kind!r}", field="kind")
+    if direction == "reply" and chosen is not Control:
+        rest["kind"] = kind
+    try:
+        if rest.get("value") is not None:
+            rest["value"] = number(rest["value"])
+        if isinstance(rest.get("index"), list):
+            rest["index"] = tuple(rest["index"])
+        into = chosen if direction == "request" else (ControlReply if chosen is Control else Reply)
+        message: Message = into(**rest)
+    except (TypeError, ValueError) as error:
+        raise TelegramError("field", f"{kind} telegram: {error}") from None
+    return message
+
+
+def mismatch(request: Message, reply: Message) -> str:
+    """Name what keeps a sound reply from belonging to a request; nothing when it belongs.
+
+    A reply is a copy of its request with the status word in it (VLT 3500 manual, page 85). The value of an update may
+    differ, the drive rounds and limits. "sign": byte 13 of the reply has bit 7 set, and so may be a `-` that lost its
+    meaning without the sum telling. "checksum": the reply switches the check off and the request did not. "echo": the
+    reply is the request, handed back.
+    """
+    if not isinstance(request, Request) or not isinstance(reply, Reply | ControlReply):
+        return "kind"
+    for name in ("address", "kind"):
+        if getattr(reply, name) != getattr(request, name):
+            return name
+    if isinstance(reply, Reply):
+        if reply.parameter != request.parameter:
+            return "parameter"
+        if reply.sign is not None and not reply.sign.isascii():
+            return "sign"
+    if reply.unchecked and not request.unchecked:
+        return "checksum"
+    if reply.status_word == request.control_word and _codec.encode(reply) == _codec.encode(request):
+        return "echo"
+    return ""
+
+
+def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:  # noqa: ARG001 - the same both ways
+    """Return the positions where one wrong bit can go unnoticed.
+
+    None while the sum is there: one bit changes it by 1, 2, 4, ... 64 or 128, never by a multiple of 100. With `??` all
+    between start and check characters, but for the control character, of which no two differ in one bit only.
+    """
+    if data[_CHECK] != UNCHECKED:
+        return frozenset()
+    return frozenset(range(1, 19)) - {3}
+
+
+def drawings() -> dict[str, list[tuple[str, str, str]]]:
+    """Return each telegram's fields, sizes and meanings, for the documentation."""
+    titles: dict[str, Form[Any]] = {
+        "U, update": telegrams.UPDATE,
+        "R, read": telegrams.READ,
+        "I, read index": telegrams.READ_INDEX,
+        "C, control": telegrams.CONTROL,
+        "Reply to U, R, I with a value": telegrams.VALUE,
+        "Reply to U, R, I with a refusal": telegrams.REFUSAL,
+        "Reply to C": telegrams.STATUS,
+    }
+    return {title: form.describe() for title, form in titles.items()}
+
+
+_codec = VltCodec()

@@ -1,0 +1,331 @@
+"""The conversations of a master with a VLT: read, write, command, status.
+
+VLT Series 3500 manual, printed pages 85 to 92; VLT 3000 manual MG.30.A7.02, pages 74 to 80.
+"""
+
+from __future__ import annotations
+
+from decimal import Decimal, localcontext
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import (
+    NotSupported,
+    RefusedError,
+    StateError,
+    UsageError,
+    ValueRefusedError,
+)
+from drivecomm.exchange import Exchange, Tell
+from drivecomm.numbers import exact
+from drivecomm.protocol import Capabilities
+from drivecomm.status import DriveStatus, Stop
+from drivecomm_vlt3500 import words
+from drivecomm_vlt3500.causes import cause_text
+from drivecomm_vlt3500.commands import Commander
+from drivecomm_vlt3500.messages import Read, ReadIndex, Reply, Update
+from drivecomm_vlt3500.parameters import Target, data_for, reading, target
+from drivecomm_vlt3500.telegrams import BROADCAST
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from drivecomm.models import Model
+    from drivecomm.reading import Reading
+    from drivecomm.reading import Value as ParameterValue
+    from drivecomm_vlt3500.options import VltOptions
+
+BUS_REFERENCE = "516"
+SOFTWARE_VERSION = "502[19]"
+
+
+class VltOperations:
+    """The verbs of one VLT, or of all of them at address 0.
+
+    Reading, writing and asking for the status never command; what commands is in `Commander`.
+    """
+
+    def __init__(self, address: int, options: VltOptions, model: Model | None) -> None:
+        self._address = address
+        self._options = options
+        self._model = model
+        self._commander = Commander(address, options)
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What a VLT can be asked to do.
+
+        Whether a write survives power-off is not known of any of them, so neither stored nor volatile writes are
+        promised. The bus reference, parameter 516, is meant to be written cyclically.
+        """
+        return Capabilities(
+            stops=frozenset(self._stops()),
+            reverse=True,
+            reference_percent=True,
+            reference_hz=self._options.maximum_hz is not None,
+            stored_writes=False,
+            volatile_writes=False,
+            broadcast=True,
+            link_loss="in no page that was read; presumably the drive keeps obeying the last control word",
+        )
+
+    @property
+    def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
+        """Verbs beyond those that all drives have: bits 5, 8, 9, 11 to 14 of the control word, and the word itself."""
+        return {
+            "jog": self.jog,
+            "slow_down": self.slow_down,
+            "catch_up": self.catch_up,
+            "hold": self.hold,
+            "set_up": self.set_up,
+            "control_word": self.control_word,
+        }
+
+    def read(self, parameter: str, *, index: Any = None) -> Exchange[Reading]:
+        """Read a parameter (R), or one element of an indexed one (I): `502[17]`, `602[13,5]`, or index=(13, 5)."""
+        wanted = target(parameter, self._model, index)
+        self._must_be_one_drive("read")
+        return self._read(wanted)
+
+    def write(
+        self,
+        parameter: str,
+        value: ParameterValue | float,
+        *,
+        store: bool = False,
+        decimals: int | None = None,
+        attempts: int = 1,
+    ) -> Exchange[Reading | None]:
+        """Write a parameter (U) and return what the drive then reports, which it may have rounded or limited.
+
+        decimals: how many digits after the point to send; the model's or the fewest that are exact unless given.
+        attempts: how often to send it while no reply comes. store=True is refused: no manual that was read says whether
+        a write survives power-off (parameter 517 of a VLT 2000, "save data values", suggests that it does not unless
+        that is on). Do not write cyclically, apart from 516.
+        """
+        wanted = target(parameter, self._model)
+        if wanted.index is not None:
+            raise NotSupported(f"{wanted.address} cannot be written: indexed parameters are read-only")
+        if store:
+            raise NotSupported(
+                "whether a VLT keeps a write over power-off is not known, so store=True cannot be promised; write "
+                "without it, and see parameter 517 where the drive has it"
+            )
+        if type(attempts) is not int or attempts < 1:
+            raise UsageError(f"attempts={attempts!r} would never send anything, use 1 or more")
+        sent, places = data_for(wanted, value, decimals)
+        return self._write(wanted, sent, places, attempts)
+
+    def status(self) -> Exchange[DriveStatus]:
+        """Ask for the status word with a C telegram that commands nothing."""
+        self._must_be_one_drive("status")
+        return self._status()
+
+    def start(self, *, reverse: bool = False) -> Exchange[None]:
+        """Start with the reference that is set, and wait until the drive says that it runs.
+
+        Where "start not possible" is reported it is released first, 0x047E before 0x047F. A start that is not obeyed is
+        taken back with a ramp stop, so that it cannot take effect later. Raises StateError.
+        """
+        self._must_be_one_drive("start")
+        return self._commander.run(words.START_REVERSE if reverse else words.STARTED)
+
+    def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
+        """Stop: bit 6 = 0 (ramp), OFF2 (coast), OFF3 (quick stop), or bit 4 = 0 where that is DC braking.
+
+        The quick stop is OFF3 and not bit 4: bit 4 may be given another meaning (514) or to a digital input (504).
+        Raises StateError when the drive does not report what it was told.
+        """
+        stops = self._stops()
+        if how not in stops:
+            remedy = "; VLT 2000 can with parameter 514 = 1, then use dc_brake=True" if how is Stop.DC_BRAKE else ""
+            raise NotSupported(f"this VLT cannot stop by {how.value}{remedy}")
+        return self._commander.stop(*stops[how])
+
+    def reset(self) -> Exchange[None]:
+        """Acknowledge a trip: bit 7 from 0 to 1 and back, in words that stop the motor; nothing without a trip."""
+        self._must_be_one_drive("reset")
+        return self._commander.reset()
+
+    def set_reference_percent(self, percent: ParameterValue | float) -> Exchange[None]:
+        """Write the bus reference, parameter 516: percent of the maximum frequency, negative for the other direction.
+
+        Raises StateError when the drive reports another value than the one sent.
+        """
+        number = exact(percent, BUS_REFERENCE)
+        limit = self._options.frequency("reference_limit")
+        if abs(number) > limit:
+            raise ValueRefusedError(f"a reference of {percent} % is outside -{limit} to {limit} %")
+        wanted = target(BUS_REFERENCE, self._model)
+        sent, places = data_for(wanted, number, None)
+        return self._set_reference(wanted, sent, places)
+
+    def set_reference_hz(self, hz: ParameterValue | float) -> Exchange[None]:
+        """Write the bus reference as a frequency; needs the drive's maximum frequency, option maximum_hz."""
+        if self._options.maximum_hz is None:
+            raise NotSupported(
+                "a VLT takes its bus reference in percent; give maximum_hz=, the drive's maximum frequency, to use Hz"
+            )
+        return self.set_reference_percent(self._percent_of(exact(hz, BUS_REFERENCE)))
+
+    def probe(self) -> Exchange[None]:
+        """Ask once for the status word."""
+        self._must_be_one_drive("probe")
+        return self._probe()
+
+    def identify(self) -> Exchange[Mapping[str, str]]:
+        """Read the state and, where the drive numbers its read-outs as VLT 2000 does, its software version."""
+        self._must_be_one_drive("identify")
+        return self._identify()
+
+    # Verbs beyond the common ones
+
+    def jog(self, *, number: int = 1) -> Exchange[None]:
+        """Run at bus jog 1 or 2 (bit 8 or 9; 511 and presumably 512), without bit 6, so that any stop ends it."""
+        if number not in (1, 2):
+            raise UsageError(f"jog {number!r} does not exist; there are jog 1 and jog 2")
+        self._must_be_one_drive("jog")
+        return self._commander.run(words.RAMP_STOP | (words.JOG_1 if number == 1 else words.JOG_2))
+
+    def slow_down(self) -> Exchange[None]:
+        """Lower the reference a step (bit 11 to 1 and back); the drive must have been commanded by this object."""
+        self._must_be_one_drive("slow_down")
+        return self._commander.step(words.SLOW_DOWN, "slow_down")
+
+    def catch_up(self) -> Exchange[None]:
+        """Raise the reference a step (bit 12 to 1 and back); the drive must have been commanded by this object."""
+        self._must_be_one_drive("catch_up")
+        return self._commander.step(words.CATCH_UP, "catch_up")
+
+    def hold(self) -> Exchange[None]:
+        """Keep the output frequency as it is (bit 5 = 0) until the next command; `start` goes on."""
+        self._must_be_one_drive("hold")
+        return self._commander.amend(lambda word: word & ~words.RAMP_ENABLED, "hold")
+
+    def set_up(self, *, number: int) -> Exchange[None]:
+        """Select set-up 1 to 4 (bits 13 and 14) in this and every further control word of this object."""
+        if number not in range(1, self._options.setups + 1):
+            raise UsageError(f"set-up {number!r} does not exist; this drive has 1 to {self._options.setups}")
+        self._must_be_one_drive("set_up")
+        return self._commander.select(words.setup_bits(number))
+
+    def control_word(self, *, word: int, mask: int | None = None) -> Exchange[DriveStatus]:
+        """Send any control word, once. mask: the bits that are given, in groups of four; others stay as they are (`P`).
+
+        It is sent as it stands: what it starts, starts. Raises UsageError for a word that no telegram can carry.
+        """
+        self._must_be_one_drive("control_word")
+        for name, value in (("control word", word), ("mask", 0xFFFF if mask is None else mask)):
+            if type(value) is not int or value not in range(0x10000):
+                raise UsageError(f"{name} {value!r} has not 16 bits")
+        given = 0xFFFF if mask is None else mask
+        if any(given >> shift & 0xF not in (0, 0xF) for shift in range(0, 16, 4)) or not given & words.VALID:
+            raise UsageError(f"mask {given:04X}H: whole groups of four bits, and bits 8 to 11 among them")
+        if word & ~given:
+            raise UsageError(f"control word {word:04X}H has bits that mask {given:04X}H leaves as they are")
+        return self._any_word(word, given)
+
+    # Conversations
+
+    def _read(self, wanted: Target) -> Exchange[Reading]:
+        request: Read | ReadIndex
+        if wanted.index is None:
+            request = Read(address=self._address, control_word=self._options.idle_word, parameter=wanted.number)
+        else:
+            request = ReadIndex(
+                address=self._address,
+                control_word=self._options.idle_word,
+                parameter=wanted.number,
+                index=wanted.index,
+                decimals=0 if len(wanted.index) == 1 else 2,
+            )
+        reply = yield from self._commander.ask_idle(request)
+        return reading(wanted, _value(wanted, reply))
+
+    def _write(self, wanted: Target, sent: Decimal, places: int, attempts: int) -> Exchange[Reading | None]:
+        request = Update(
+            address=self._address,
+            control_word=self._options.idle_word,
+            parameter=wanted.number,
+            value=sent,
+            decimals=places,
+        )
+        if self._address == BROADCAST:
+            yield Tell(message=request)
+            return None
+        reply = yield from self._commander.ask_idle(request, attempts=attempts, acts=True)
+        reported = _value(wanted, reply)
+        return reading(wanted, reported, "" if reported == sent else f"the drive reports {reported} instead of {sent}")
+
+    def _set_reference(self, wanted: Target, sent: Decimal, places: int) -> Exchange[None]:
+        taken = yield from self._write(wanted, sent, places, 1)
+        if taken is not None and Decimal(taken.raw) != sent:
+            raise StateError(f"the drive reports a bus reference of {taken.raw} % instead of {sent} %")
+
+    def _status(self) -> Exchange[DriveStatus]:
+        word = yield from self._commander.status_word()
+        code = None
+        if word & words.TRIPPED and self._options.fault_parameter:
+            code = yield from self._fault_code()
+        texts = self._model.faults if self._model else {}
+        return words.meaning(word, code, texts.get(code, "") if code is not None else "")
+
+    def _fault_code(self) -> Exchange[int | None]:
+        wanted = target(self._options.fault_parameter, self._model)
+        try:
+            found = yield from self._read(wanted)
+        except RefusedError:
+            return None
+        return found.value if isinstance(found.value, int) else None
+
+    def _any_word(self, word: int, mask: int) -> Exchange[DriveStatus]:
+        return words.meaning((yield from self._commander.command(word, mask=mask, attempts=1)), None, "")
+
+    def _probe(self) -> Exchange[None]:
+        yield from self._commander.status_word(attempts=1)
+
+    def _identify(self) -> Exchange[Mapping[str, str]]:
+        status = yield from self._commander.status_word()
+        known = {"state": ", ".join(words.flags_of(status))}
+        try:
+            version = yield from self._read(target(SOFTWARE_VERSION, None))
+        except RefusedError:
+            return known
+        return {**known, "software": str(version.raw)}
+
+    def _stops(self) -> dict[Stop, tuple[int, int]]:
+        """Return the word for each way to stop, and the status bit that shows that it is obeyed."""
+        stops = {
+            Stop.RAMP: (words.RAMP_STOP, 0),
+            Stop.COAST: (words.OFF2, words.OFF2_ACTIVE),
+            Stop.QUICK: (words.OFF3, words.OFF3_ACTIVE),
+        }
+        if self._options.dc_brake:
+            stops[Stop.DC_BRAKE] = (words.BIT_4_STOP, 0)
+        return stops
+
+    def _percent_of(self, hz: Decimal) -> Decimal:
+        highest, lowest = self._options.frequency("maximum_hz"), self._options.frequency("minimum_hz")
+        if self._options.reference_span == "maximum":
+            lowest = Decimal(0)
+        if abs(hz) < lowest:
+            raise ValueRefusedError(f"{hz} Hz is below the minimum frequency of {lowest} Hz")
+        span = highest - lowest
+        with localcontext() as context:
+            context.prec = 60
+            above = (abs(hz) - lowest) * 100
+            percent = (above / span).normalize()
+            if percent * span != above:
+                raise ValueRefusedError(f"{hz} Hz of {highest} Hz is no exact percentage, and it is not rounded")
+        return percent.copy_sign(hz)
+
+    def _must_be_one_drive(self, verb: str) -> None:
+        if self._address == BROADCAST:
+            raise NotSupported(f"{verb} needs an answer, and nobody answers a broadcast")
+
+
+def _value(wanted: Target, reply: Reply) -> Decimal:
+    """Return the value that a reply brings. Raises RefusedError with the cause when it brings none."""
+    if reply.value is None:
+        code = reply.fault_code
+        raise RefusedError(wanted.address, code, cause_text(code) if code is not None else "without a cause")
+    return reply.value

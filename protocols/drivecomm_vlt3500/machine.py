@@ -1,0 +1,179 @@
+"""What the control word of a virtual VLT does to its motor, and the status word that comes of it.
+
+VLT 3000 manual MG.30.A7.02, pages 75 and 78; VLT Series 3500 manual, printed pages 87 and 91. The steps of slow down
+and catch up are assumed, and so is the order coast, quick stop, ramp stop, hold where several are asked for at once.
+Running (bit 11) lasts until a ramp has brought the motor to a standstill.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.motor import Command
+from drivecomm_vlt3500 import words
+
+if TYPE_CHECKING:
+    from drivecomm.motor import Motor
+    from drivecomm_vlt3500.store import Store
+
+_INHIBIT = 11
+_STEP_PERCENT = 1.0
+_ALL_OFF = words.ON1 | words.ON2 | words.ON3
+_ALL_ENABLED = _ALL_OFF | words.NO_COAST
+_LOCAL = (1.0, 2.0)
+_RATED_V = 400.0
+_VOLTAGE_LIMITS = (0.85, 1.2)
+_HOT_C = 100.0
+
+
+class Machine:
+    """Control word in, motor and status word out.
+
+    word: the last valid control word; before any, every OFF is active. overloaded: stopped by overload until it is
+    False again (status bit 12). inhibited: start not possible (status bit 6), only with option 11 in parameter 309.
+    """
+
+    def __init__(self, motor: Motor, store: Store, *, dc_brake: bool) -> None:
+        self.word = 0
+        self.overloaded = False
+        self.setup = 1
+        self._motor = motor
+        self._store = store
+        self._dc_brake = dc_brake
+        self._offset = 0.0
+        self._alarm = 0
+        self.inhibited = self._has_inhibit()
+
+    def obey(self, word: int, mask: int | None, now: float) -> None:
+        """Take a control word; it is ignored unless bit 10 is given and 1. Held groups keep their last valid value."""
+        given = 0xFFFF if mask is None else mask
+        if not word & given & words.VALID:
+            return
+        before, self.word = self.word, self.word & ~given | word & given
+        rising = self.word & ~before
+        if rising & words.RESET and self._motor.fault:
+            self._motor.reset(now)
+            self._alarm = 0
+            self.inhibited = self._has_inhibit()
+        if self._has_inhibit() and self.word & (words.ON2 | words.ON3) != words.ON2 | words.ON3:
+            self.inhibited = True
+        elif self.word & _ALL_OFF == words.ON2 | words.ON3:
+            self.inhibited = False
+        if rising & words.SLOW_DOWN:
+            self._offset -= _STEP_PERCENT
+        elif rising & words.CATCH_UP and not self.word & words.SLOW_DOWN:
+            self._offset += _STEP_PERCENT
+        self.setup = 1 + (self.word & (words.SETUP_LOW | words.SETUP_HIGH)) // words.SETUP_LOW
+        self._drive(now)
+
+    def trip(self, code: int, now: float) -> None:
+        """Switch the output off until a reset."""
+        self._motor.trip(code, now)
+        self._alarm = code
+
+    def live(self, now: float) -> None:
+        """Let time pass, and follow changed parameters."""
+        self._motor.advance(now)
+        if self.inhibited and not self._has_inhibit():
+            self.inhibited = False
+        if self._motor.fault and not self._alarm:
+            self._alarm = self._motor.fault
+        self._drive(now)
+
+    def status(self) -> int:
+        """Return the status word."""
+        motor, tripped = self._motor, bool(self._motor.fault)
+        ready = self.word & _ALL_OFF == _ALL_OFF and not tripped
+        warning = motor.warning or not self._in_range() or self._over_current() or self._bad_voltage() or self._hot()
+        bits = (
+            (words.CONTROL_READY | words.DRIVE_READY, ready),
+            (words.ENABLED, ready and self.word & words.NO_COAST),
+            (words.TRIPPED, tripped),
+            (words.OFF2_ACTIVE, not self.word & words.ON2),
+            (words.OFF3_ACTIVE, not self.word & words.ON3),
+            (words.START_NOT_POSSIBLE, self.inhibited),
+            (words.WARNING, warning),
+            (words.AT_REFERENCE, motor.at_reference),
+            (words.BUS_CONTROL, not self._is_local()),
+            (words.IN_RANGE, self._in_range()),
+            (words.RUNNING, motor.running),
+            (words.OVERLOAD, self.overloaded),
+            (words.VOLTAGE, self._bad_voltage()),
+            (words.CURRENT, self._over_current()),
+            (words.TIMERS, self._hot()),
+        )
+        return sum(bit for bit, active in bits if active)
+
+    def show(self) -> None:
+        """Put what is measured into the actual values of 502, by the numbering of a VLT 2000."""
+        motor, status = self._motor, self.status()
+        torque, temperature = motor.torque_percent, motor.temperature_c
+        shown = (self._store.number(516), motor.output_hz, motor.output_hz, motor.current_a, torque, motor.power_kw)
+        for index, value in enumerate(shown):
+            self._store.show(502, index, value)
+        for index, value in (
+            (8, motor.voltage_v),
+            (9, motor.dc_link_v),
+            (10, temperature),
+            (11, temperature),
+            (15, 1.0 if status & words.WARNING else 0.0),
+            (16, float(self.word)),
+            (17, float(status)),
+            (18, float(self._alarm)),
+        ):
+            self._store.show(502, index, value)
+
+    def _drive(self, now: float) -> None:
+        motor, store = self._motor, self._store
+        motor.maximum_hz = store.number(202, 50.0)
+        motor.rated_hz = store.number(105, 50.0) or 50.0
+        motor.ramp_up_s, motor.ramp_down_s = store.number(215, 5.0), store.number(216, 5.0)
+        motor.quick_ramp_s = store.number(218, 1.0)
+        word, jog = self.word, self._jog_hz()
+        if motor.fault or self.overloaded or not word & words.ON2 or not word & words.NO_COAST:
+            motor.stop(Command.OFF, now)
+        elif not word & words.ON3:
+            motor.stop(Command.QUICK_STOP, now)
+        elif not word & words.RAMP:
+            motor.stop(Command.DC_BRAKE if self._dc_brake or store.number(514) == 1 else Command.QUICK_STOP, now)
+        elif not word & words.ON1 or self._is_local() or self.inhibited or not (word & words.START or jog):
+            motor.stop(Command.RAMP_STOP, now)
+            self._offset = 0.0
+        elif not word & words.RAMP_ENABLED:
+            motor.stop(Command.HOLD, now)
+        else:
+            motor.run(self._signed(jog or self._reference_hz()), now)
+
+    def _signed(self, hz: float) -> float:
+        return -hz if self.word & words.REVERSE else hz
+
+    def _jog_hz(self) -> float:
+        """Return the frequency of a jog bit that is 1, else 0; the parameter of jog 2 is likely 512."""
+        if self.word & words.JOG_1:
+            return self._store.number(511, 5.0)
+        return self._store.number(512, 10.0) if self.word & words.JOG_2 else 0.0
+
+    def _reference_hz(self) -> float:
+        percent = self._store.number(516) + self._offset
+        return percent / 100 * self._motor.maximum_hz
+
+    def _has_inhibit(self) -> bool:
+        return self._store.number(309) == _INHIBIT
+
+    def _is_local(self) -> bool:
+        return self._store.number(3) in _LOCAL
+
+    def _in_range(self) -> bool:
+        if not self._motor.running:
+            return True
+        return self._store.number(210) <= abs(self._motor.output_hz) <= self._store.number(211, 1000.0)
+
+    def _over_current(self) -> bool:
+        return self._motor.current_a > self._store.number(209, 1000.0)
+
+    def _bad_voltage(self) -> bool:
+        low, high = _VOLTAGE_LIMITS
+        return not low * _RATED_V <= self._motor.dc_link_v / 2**0.5 <= high * _RATED_V
+
+    def _hot(self) -> bool:
+        return self._motor.temperature_c > _HOT_C

@@ -1,0 +1,76 @@
+"""What differs between VLT drives, or is not known of them, and is therefore configurable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import UsageError
+from drivecomm_vlt3500 import words
+from drivecomm_vlt3500.values import DECIMALS, number
+
+if TYPE_CHECKING:
+    from decimal import Decimal
+
+    from drivecomm.reading import Value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VltOptions:
+    """Options of a VLT 2000, 3000 or 3500.
+
+    idle_word: the control word that commands nothing, bit 10 = 0. With 0x000F a reply can never look like an echo of
+    the request; with 0x0000 (as the manuals say) a drive in local operation could answer byte for byte what it was
+    sent, which is taken for an echo. lenient_status: take the low four bits of any character in a status word, not only
+    of `@` to `O`. dc_brake: control bit 4 is DC braking (VLT 2000 with parameter 514 = 1, from a public program).
+    setups: how many set-ups the drive has, 4 or (VLT 2000) 2. maximum_hz: the drive's maximum frequency, which
+    `set_reference(hz=)` needs; minimum_hz: its minimum frequency. reference_span: what 100 % in parameter 516 means,
+    "maximum" for the maximum frequency, "span" for maximum minus minimum, counted from the minimum; the manuals say it
+    for a minimum of 0 only, where both are the same. reference_limit: the largest percentage that `set_reference`
+    sends; the drive's own range is not known. fault_parameter: what `status` reads of a tripped drive to name the
+    fault, such as "502[18]" (alarm word of a VLT 2000); empty for nothing, since alarm numbers are not known.
+    state_timeout_s: how long a commanded state may take to come.
+
+    For a virtual drive: reply_delay_s, how long it takes to answer. copies_unchecked: a request with `??` for a
+    checksum is answered with `??`; otherwise with a checksum. start_inhibit: parameter 309 is set to 11, "start not
+    possible". reference_decimals: decimals of parameter 516. answers_broken: broken telegrams are answered with cause
+    99 instead of silence (the manuals do not say what a drive does).
+    """
+
+    idle_word: int = words.IDLE
+    lenient_status: bool = False
+    dc_brake: bool = False
+    setups: int = 4
+    maximum_hz: Value | float | None = None
+    minimum_hz: Value | float = 0
+    reference_span: str = "maximum"
+    reference_limit: Value | float = 100
+    fault_parameter: str = ""
+    state_timeout_s: float = 2.0
+    reply_delay_s: float = 0.010
+    copies_unchecked: bool = True
+    start_inhibit: bool = False
+    reference_decimals: int = 2
+    answers_broken: bool = False
+
+    def __post_init__(self) -> None:
+        if type(self.idle_word) is not int or self.idle_word not in range(0x10000) or self.idle_word & words.VALID:
+            raise UsageError("an idle word has 16 bits, and bit 10 of them is 0, or the drive would obey it")
+        if self.setups not in (2, 4):
+            raise UsageError(f"a VLT has 2 or 4 set-ups, not {self.setups}")
+        if self.reference_span not in ("maximum", "span"):
+            raise UsageError(f"reference_span is 'maximum' or 'span', not {self.reference_span!r}")
+        if self.reference_decimals not in DECIMALS:
+            raise UsageError(f"reference_decimals is 0 to 5, not {self.reference_decimals}")
+        if self.frequency("reference_limit") <= 0:
+            raise UsageError("reference_limit is above 0")
+        if self.maximum_hz is not None and not 0 <= self.frequency("minimum_hz") < self.frequency("maximum_hz"):
+            raise UsageError("minimum_hz is at least 0 and below maximum_hz")
+
+    def frequency(self, name: str) -> Decimal:
+        """Return one of maximum_hz, minimum_hz and reference_limit as the exact number that was meant."""
+        given = getattr(self, name)
+        try:
+            return number(str(given) if isinstance(given, float) else given)
+        except ValueError as error:
+            raise UsageError(f"{name}: {error}") from error

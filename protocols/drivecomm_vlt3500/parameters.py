@@ -1,0 +1,155 @@
+"""Parameter addresses and values: what `516`, `502[17]`, `602[13,5]` and `bus_reference` mean, and how values look."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
+from drivecomm.numbers import exact
+from drivecomm.reading import Reading, Value
+from drivecomm_vlt3500.values import packed
+
+if TYPE_CHECKING:
+    from drivecomm.models import Model, ParameterInfo
+
+_ADDRESS = re.compile(r"(\d{1,4})(?:\[\s*(\d{1,5})\s*(?:,\s*(\d{1,2})\s*)?\])?", re.ASCII)
+_INDEX = re.compile(r"\s*(\d{1,5})\s*(?:,\s*(\d{1,2})\s*)?", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """A parameter, or one element of an indexed one, with what is known about it."""
+
+    number: int
+    index: tuple[int, ...] | None
+    info: ParameterInfo | None
+
+    @property
+    def address(self) -> str:
+        """The parameter address in its plainest form: `516`, `502[17]`, `602[13,5]`."""
+        return written(self.number, self.index)
+
+
+def written(number: int, index: tuple[int, ...] | None) -> str:
+    """Return the parameter address of a number and an index: three digits at least, as the manuals print them."""
+    return f"{number:03d}" + (f"[{','.join(map(str, index))}]" if index is not None else "")
+
+
+def target(parameter: str, model: Model | None, index: Any = None) -> Target:
+    """Return what a parameter address or a name of the model means.
+
+    Numbers run from 0 to 9999, leading zeros do not matter. An index stands in brackets, [n] or [x,y], or is given
+    apart: a number, a pair, or text such as "13,5". y counts in ones: [13,5] is 013.05 in the telegram. Raises
+    ParameterAddressError for anything else, UsageError when two indices are given.
+    """
+    name = parameter.partition("[")[0]
+    exactly = model.find(parameter) if model else None
+    known = exactly or (model.find(name) if model else None)
+    if known is None:
+        text = parameter
+    else:
+        text = known.address if exactly else known.address.partition("[")[0] + parameter[len(name) :]
+    match = _ADDRESS.fullmatch(text)
+    if match is None:
+        remedy = f"nor a name of model {model.name}" if model else "such as 516, 502[17] or 602[13,5]"
+        raise ParameterAddressError(f"{parameter!r} is no VLT parameter address {remedy}")
+    number = int(match[1])
+    found = _pair(match[2], match[3])
+    given = _index(index)
+    if found is not None and given is not None and found != given:
+        raise UsageError(f"{parameter} names an index, and index={index!r} another")
+    chosen = found if found is not None else given
+    return Target(number=number, index=chosen, info=_info(model, number, chosen) or known)
+
+
+def _info(model: Model | None, number: int, index: tuple[int, ...] | None) -> ParameterInfo | None:
+    """Look for the element first, then for the parameter as a whole; own models may write leading zeros or none."""
+    if model is None:
+        return None
+    element = written(number, index).partition("[")[2]
+    tails = [f"[{element}", ""] if element else [""]
+    tries = (f"{number:0{width}d}{tail}" for tail in tails for width in (3, 4, 1))
+    return next((info for info in map(model.find, tries) if info is not None), None)
+
+
+def _index(index: Any) -> tuple[int, ...] | None:
+    if index is None:
+        return None
+    text = (
+        index if isinstance(index, str) else ",".join(map(str, index if isinstance(index, list | tuple) else [index]))
+    )
+    match = _INDEX.fullmatch(text)
+    if match is None:
+        raise ParameterAddressError(f"index {index!r} is neither n nor x,y")
+    return _pair(match[1], match[2])
+
+
+def _pair(x: str | None, y: str | None) -> tuple[int, ...] | None:
+    if x is None:
+        return None
+    if y is None:
+        return (int(x),)
+    if int(x) > 999:
+        raise ParameterAddressError(f"index {x},{y}: x is 0 to 999, and y is 0 to 99")
+    return (int(x), int(y))
+
+
+def reading(wanted: Target, value: Decimal, note: str = "") -> Reading:
+    """Return the reading that a reply's value gives: the number is certain, its unit only with a model."""
+    info = wanted.info
+    notes = [note] if note else []
+    if info is None:
+        notes.append("unit not known")
+        return Reading(parameter=wanted.address, value=_plain(value), raw=str(value), note="; ".join(notes))
+    if info.sure != "manual":
+        notes.append(f"meaning and unit are {info.sure}")
+    physical = value if info.factor == 1 else value * info.factor
+    return Reading(
+        parameter=wanted.address,
+        name=info.name,
+        value=_plain(physical),
+        raw=str(value),
+        type=info.type,
+        unit=info.unit,
+        text=info.values.get(int(value), "") if value == value.to_integral_value() else "",
+        note="; ".join(notes),
+    )
+
+
+def data_for(wanted: Target, value: Value | float, decimals: int | None) -> tuple[Decimal, int]:
+    """Return the value as it is sent, and byte 19.
+
+    decimals: None for the model's `decimals`, or the fewest that are exact. Limits are looked at where the model has
+    them from a manual; a drive answers cause 06 to what only it can know. Raises ValueRefusedError.
+    """
+    info = wanted.info
+    number = exact(value, wanted.address)
+    if info is not None and info.extra.get("limits") != "assumed":
+        _check_limits(info, number)
+    sent = number
+    if info is not None and info.factor != 1:
+        sent = number / info.factor
+        if sent * info.factor != number:
+            raise ValueRefusedError(f"{value} for parameter {wanted.address} is no multiple of {info.factor}")
+    if decimals is None and info is not None:
+        decimals = info.extra.get("decimals")
+    try:
+        digits, places = packed(sent, decimals)
+    except ValueError as error:
+        raise ValueRefusedError(f"parameter {wanted.address}: {error}") from error
+    sign = int(sent < 0)
+    return Decimal((sign, tuple(map(int, str(digits))), -places)), places
+
+
+def _plain(value: Decimal) -> int | Decimal:
+    """Return a whole number where no decimals were sent."""
+    return int(value) if value.as_tuple().exponent == 0 else value
+
+
+def _check_limits(info: ParameterInfo, number: Decimal) -> None:
+    if (info.minimum is not None and number < info.minimum) or (info.maximum is not None and number > info.maximum):
+        limits = f"{info.minimum} to {info.maximum} {info.unit}".rstrip()
+        raise ValueRefusedError(f"{number} for parameter {info.address} is outside {limits}")

@@ -1,0 +1,56 @@
+"""What the VLT 3500 telegram gives to drivecomm."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.line import LineFacts, LineSettings, Timing
+from drivecomm.protocol import Protocol
+from drivecomm_vlt3500.codec import VltCodec, blind_spots, drawings, message_from, mismatch
+from drivecomm_vlt3500.exchanges import VltOperations
+from drivecomm_vlt3500.options import VltOptions
+from drivecomm_vlt3500.telegrams import ADDRESSES, BROADCAST
+from drivecomm_vlt3500.virtual import VirtualVltDrive
+
+if TYPE_CHECKING:
+    from drivecomm.models import Model
+    from drivecomm.protocol import VirtualDrive
+
+
+def _codec(options: VltOptions) -> VltCodec:
+    return VltCodec(lenient_status=options.lenient_status)
+
+
+def _virtual(address: int, options: VltOptions, model: Model) -> VirtualDrive:
+    return VirtualVltDrive(address, options, model)
+
+
+protocol = Protocol(
+    name="vlt3500",
+    title="Danfoss VLT Series 3500, 3000 and 2000",
+    package="drivecomm_vlt3500",
+    facts=LineFacts(
+        settings=LineSettings(baudrate=9600, bytesize=8, parity="N"),
+        timing=Timing(
+            reply_timeout_s=0.25, gap_s=0.050, turnaround_s=0.010, broadcast_pause_s=0.010, late_s=1.0, attempts=3
+        ),
+    ),
+    facts_source=(
+        "8N1: VLT Series 3500 manual, printed page 85, VLT 3000 manual p. 73; the list of speeds and the factory speed "
+        "are on pages not seen, 9600 baud is a default of drivecomm; no time is printed anywhere: 250 ms, 50 ms, 10 ms "
+        "and three transmissions are defaults of drivecomm (later drives answer within 50 ms)"
+    ),
+    addresses=ADDRESSES,
+    scan_addresses=range(1, 32),
+    default_model="vlt3500",
+    broadcast_address=BROADCAST,
+    options=VltOptions,
+    codec=_codec,
+    message=message_from,
+    mismatch=mismatch,
+    operations=VltOperations,
+    virtual=_virtual,
+    blind_spots=blind_spots,
+    forms=drawings,
+    parameter_examples=("516", "502[17]", "602[13,5]"),
+)

@@ -1,0 +1,172 @@
+"""How a VLT answers.
+
+VLT Series 3500 manual, printed pages 85 to 92; VLT 3000 manual MG.30.A7.02, pages 75 (control word) and 78 (status
+word, start inhibit). What a drive does with broken telegrams, a `P` in byte 7 or a value with too many decimals is not
+written anywhere: the README lists what was decided.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from decimal import Decimal, InvalidOperation
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import ParameterAddressError, TelegramError, ValueRefusedError
+from drivecomm.framing import Damaged, Framed
+from drivecomm.line import LineSettings
+from drivecomm.motor import Motor
+from drivecomm.protocol import VirtualReply
+from drivecomm_vlt3500.causes import ANYTHING_ELSE, BAD_DECIMALS
+from drivecomm_vlt3500.codec import VltCodec
+from drivecomm_vlt3500.machine import Machine
+from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Request, Update
+from drivecomm_vlt3500.parameters import target
+from drivecomm_vlt3500.store import Refusal, Store
+from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, STOP, UNCHECKED
+from drivecomm_vlt3500.values import DECIMALS
+
+if TYPE_CHECKING:
+    from drivecomm.models import Model
+    from drivecomm_vlt3500.options import VltOptions
+
+_FAULT_MEMORY = 602
+_ADDRESS, _REFERENCE, _FUNCTION = 500, 516, 309
+
+
+class VirtualVltDrive:
+    """A VLT at one address: parameter store, control word with its held groups, start inhibit, motor.
+
+    `machine` holds what the control word does; `store.factory_setup`, `machine.overloaded` and the motor may be changed
+    from outside to provoke what they stand for. The baud rate in parameter 501 is a number and changes nothing, since
+    how a drive writes its speeds is not known.
+    """
+
+    def __init__(self, address: int, options: VltOptions, model: Model) -> None:
+        self.address = address
+        self.codec = VltCodec()
+        self.settings = LineSettings()
+        self.gap_s = 0.050
+        self.motor = Motor()
+        self.store = Store(model)
+        self.store.decimals(_REFERENCE, options.reference_decimals)
+        self.store.poke(_ADDRESS, None, Decimal(address))
+        if options.start_inhibit:
+            self.store.poke(_FUNCTION, None, Decimal(11))
+        self.machine = Machine(self.motor, self.store, dc_brake=options.dc_brake)
+        self._model = model
+        self._options = options
+
+    def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
+        """Act on a telegram: silence for what is broken or not for this drive, a cause for what is refused."""
+        self.machine.live(now)
+        if isinstance(find, Damaged):
+            return self._complain(find, now)
+        message = find.message
+        if not isinstance(message, Request) or message.address not in (self.address, BROADCAST):
+            return None
+        self.machine.obey(message.control_word, message.control_mask, now)
+        reply = self._answer(message, now)
+        self.address = int(self.store.number(_ADDRESS, self.address))
+        return None if message.address == BROADCAST else self._send(reply)
+
+    def peek(self, parameter: str, now: float) -> str:
+        """Return the value as a reading would show it, with the decimals that the drive sends."""
+        self.machine.live(now)
+        self.machine.show()
+        wanted = target(parameter, self._model)
+        try:
+            if wanted.index is None:
+                return str(self.store.read(wanted.number))
+            return str(self.store.read_index(wanted.number, wanted.index))
+        except Refusal as refusal:
+            raise _unknown(parameter) from refusal
+
+    def poke(self, parameter: str, raw: int | str) -> None:
+        """Set a value; text keeps its decimals where the parameter has fewer."""
+        wanted = target(parameter, self._model)
+        try:
+            value = Decimal(raw)
+            if not value.is_finite() or int(value.as_tuple().exponent) < -DECIMALS[-1]:
+                raise InvalidOperation  # noqa: TRY301
+            self.store.poke(wanted.number, wanted.index, value)
+        except InvalidOperation as error:
+            raise ValueRefusedError(
+                f"{raw!r} for parameter {parameter} is no number that a drive could hold"
+            ) from error
+        except Refusal as refusal:
+            raise _unknown(parameter) from refusal
+        if wanted.number == _ADDRESS:
+            self.address = int(value)
+
+    def trip(self, code: int, now: float) -> None:
+        """Trip: output off, status bit 3, the code as alarm word and in front of the fault memory."""
+        self.machine.trip(code, now)
+        self.store.remember(_FAULT_MEMORY, code, Decimal(int(now // 3600)))
+
+    def _answer(self, message: Request, now: float) -> Reply | ControlReply:
+        if isinstance(message, Control):
+            return ControlReply(
+                address=message.address,
+                status_word=self.machine.status(),
+                parameter=message.parameter,
+                filler=message.filler,
+                unchecked=self._unchecked(message),
+            )
+        value: Decimal | None = None
+        code: int | None = None
+        try:
+            value = self._value(message)
+        except Refusal as refusal:
+            code = refusal.code
+        self.machine.live(now)
+        return self._reply(message, value, code)
+
+    def _value(self, message: Update | Read | ReadIndex) -> Decimal:
+        if isinstance(message, Read):
+            return self.store.read(message.parameter)
+        if isinstance(message, ReadIndex):
+            self.machine.show()
+            return self.store.read_index(message.parameter, message.index)
+        return self.store.write(message.parameter, Decimal(message.value), running=self.motor.running)
+
+    def _reply(self, message: Update | Read | ReadIndex, value: Decimal | None, code: int | None) -> Reply:
+        return Reply(
+            kind=message.kind,
+            address=message.address,
+            status_word=self.machine.status(),
+            parameter=message.parameter,
+            value=value,
+            decimals=None if value is None else -int(value.as_tuple().exponent),
+            fault_code=code,
+            unchecked=self._unchecked(message),
+        )
+
+    def _unchecked(self, message: Request) -> bool | None:
+        return message.unchecked if self._options.copies_unchecked else None
+
+    def _complain(self, find: Damaged, now: float) -> VirtualReply | None:
+        """Answer a bad byte 19 with cause 07; everything else that is broken with silence, or 99 where that is set."""
+        if len(find.data) != LENGTH:
+            return None
+        bad_decimals = find.error.category == "field" and find.error.field == "decimals"
+        if not bad_decimals and not self._options.answers_broken:
+            return None
+        # What it would have been with a byte 19, data and check characters that are in order.
+        try:
+            message = self.codec.decode(find.data[:13] + b"000000" + UNCHECKED + STOP, "request")
+        except TelegramError:
+            return None
+        if not isinstance(message, Update | Read | ReadIndex) or message.address != self.address:
+            return None
+        message = replace(message, unchecked=True if bad_decimals and find.data[19:21] == UNCHECKED else None)
+        if bad_decimals:
+            self.machine.obey(message.control_word, message.control_mask, now)
+        reply = self._reply(message, None, BAD_DECIMALS if bad_decimals else ANYTHING_ELSE)
+        return self._send(reply)
+
+    def _send(self, message: Reply | ControlReply) -> VirtualReply:
+        return VirtualReply(data=self.codec.encode(message), delay_s=self._options.reply_delay_s)
+
+
+def _unknown(parameter: str) -> ParameterAddressError:
+    return ParameterAddressError(f"the virtual drive holds no parameter {parameter!r}")
