@@ -32,6 +32,8 @@ class PyserialChannel:
             raise ChannelGoneError(_text(error)) from error
         except OSError as error:
             raise ChannelGoneError(_text(error)) from error
+        if getattr(self._port, "controls_unconfirmed", False):
+            return "the server does not confirm control lines: flow control, DTR and RTS are as it leaves them"
         return ""
 
     def send(self, data: bytes, limit_s: float) -> None:  # noqa: ARG002 - pyserial has limits of its own here
@@ -56,12 +58,13 @@ class PyserialChannel:
         release(self._port)
 
     def _alive(self) -> bool:
-        # A server that refuses settings still talks; of one that has gone pyserial's reader knows.
         try:
-            self._port.read(0 if self._port.in_waiting else 1)
+            _ = self._port.in_waiting
         except OSError:
             return False
-        return True
+        # Over RFC 2217 a thread of pyserial reads, and ends with the connection.
+        reader = getattr(self._port, "_thread", None)
+        return reader is None or reader.is_alive()
 
 
 def set_at_once(port: Any, settings: LineSettings, *, bytesize: int | None = None, parity: str | None = None) -> None:
@@ -77,13 +80,8 @@ def set_at_once(port: Any, settings: LineSettings, *, bytesize: int | None = Non
 
 def release(port: Any) -> None:
     """Close a port of pyserial whatever state it is in; never raises."""
-    # pyserial forgets to close a socket whose other end has gone.
-    connection = getattr(port, "_socket", None)
     with contextlib.suppress(Exception):
         port.close()
-    if connection is not None:
-        with contextlib.suppress(OSError):
-            connection.close()
 
 
 def _text(error: Exception) -> str:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import time
 import warnings
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import serial
 
@@ -20,12 +20,13 @@ from drivecomm.line import LineSettings
 from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
 from drivecomm.transport.opening import cannot_open
 from drivecomm.transport.pyserial_channel import POLL_S, PyserialChannel, release
+from drivecomm.transport.rfc2217_client import Rfc2217Client
 from drivecomm.transport.socket_channel import SocketChannel
 
 if TYPE_CHECKING:
     from drivecomm.transport.channel import Channel
 
-# Beyond the time that the characters need on the wire: an adapter that takes none for so long will not take them at all.
+# Beyond the time that the characters need on the wire: who takes none for so long will not take them at all.
 _STUCK_S = 3.0
 
 
@@ -104,7 +105,13 @@ def _open(url: str) -> Channel:
     # A port of Windows has no other limit for a write than its own.
     write_timeout = _STUCK_S if os.name == "nt" and "://" not in url else None
     try:
-        port = serial.serial_for_url(url, do_not_open=True, exclusive=True, timeout=POLL_S, write_timeout=write_timeout)
+        if url.lower().startswith("rfc2217://"):
+            port: Any = Rfc2217Client(None, timeout=POLL_S)
+            port.port = url
+        else:
+            port = serial.serial_for_url(
+                url, do_not_open=True, exclusive=True, timeout=POLL_S, write_timeout=write_timeout
+            )
     except (ValueError, OSError) as error:
         raise cannot_open(url, error) from error
     try:

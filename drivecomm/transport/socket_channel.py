@@ -23,9 +23,8 @@ class SocketChannel:
     def __init__(self, url: str) -> None:
         try:
             parts = urlsplit(url)
-            if not parts.hostname or not parts.port:
-                raise ValueError("host or port number is missing")
-            self._socket = socket.create_connection((parts.hostname, parts.port), timeout=_CONNECT_S)
+            # Without a port number this is port 0, where nobody ever listens.
+            self._socket = socket.create_connection((parts.hostname or "", parts.port or 0), timeout=_CONNECT_S)
         except (OSError, ValueError) as error:
             raise cannot_open(url, error) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -1,0 +1,90 @@
+"""A pseudo-terminal with a name of one's own, for programs that open a serial port of this machine."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import selectors
+import tty
+from pathlib import Path
+
+from drivecomm.errors import PortError
+
+_CHUNK = 512
+
+
+class PtyListener:
+    """A symbolic link to a pseudo-terminal. Masters may open and close it as often as they like."""
+
+    settings = None
+
+    def __init__(self, path: str) -> None:
+        self._path = Path(path)
+        self._ours = -1
+        self._theirs = -1
+        self._terminal = ""
+        self._selector: selectors.BaseSelector | None = None
+
+    @property
+    def address(self) -> str:
+        """The path to open."""
+        return str(self._path)
+
+    def open(self) -> None:
+        """Make the pseudo-terminal and the link. Raises PortError."""
+        try:
+            self._ours, self._theirs = os.openpty()
+            # Held open, so that a master that closes it does not end it, and raw, for masters that never set it up.
+            tty.setraw(self._theirs)
+            self._terminal = os.ttyname(self._theirs)
+            os.set_blocking(self._ours, False)
+            self._selector = selectors.DefaultSelector()
+            self._selector.register(self._ours, selectors.EVENT_READ)
+            self._link()
+        except OSError as error:
+            self.close()
+            raise PortError(
+                f"cannot make a pseudo-terminal at {self._path} ({error.strerror or error}); "
+                "choose a path in a folder that exists and may be written to"
+            ) from error
+        except PortError:
+            self.close()
+            raise
+
+    def receive(self, wait_s: float) -> bytes:
+        """Return what a master sent."""
+        if self._selector is None or not self._selector.select(wait_s):
+            return b""
+        try:
+            return os.read(self._ours, _CHUNK)
+        except BlockingIOError:
+            return b""
+
+    def send(self, data: bytes) -> None:
+        """Send; what does not fit because nobody reads is lost."""
+        if self._selector is not None:
+            with contextlib.suppress(BlockingIOError):
+                os.write(self._ours, data)
+
+    def close(self) -> None:
+        """Take the link away, if it is still ours, and end the pseudo-terminal."""
+        if self._terminal:
+            with contextlib.suppress(OSError):
+                if str(self._path.readlink()) == self._terminal:
+                    self._path.unlink()
+            self._terminal = ""
+        if self._selector is not None:
+            self._selector.close()
+            self._selector = None
+        for descriptor in (self._ours, self._theirs):
+            if descriptor >= 0:
+                os.close(descriptor)
+        self._ours = self._theirs = -1
+
+    def _link(self) -> None:
+        if self._path.is_symlink():
+            # Left behind by a server that was killed.
+            self._path.unlink()
+        elif self._path.exists():
+            raise PortError(f"{self._path} exists and is no symbolic link; choose another path, or remove it")
+        self._path.symlink_to(self._terminal)

@@ -1,0 +1,124 @@
+"""A serial server with line settings (RFC 2217): what a master sets is what the drives hear it with."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.line import LineSettings
+from drivecomm.virtual.listeners import TcpListener
+
+if TYPE_CHECKING:
+    from drivecomm.line import Parity
+
+# A subnegotiation of RFC 2217 has six bytes at most, and a signature that nobody needs longer than this.
+_LONGEST_NEGOTIATION = 256
+
+
+class Rfc2217Listener(TcpListener):
+    """Telnet with RFC 2217 over TCP, for one master after the other."""
+
+    scheme = "rfc2217"
+
+    def __init__(self, host: str, port: int) -> None:
+        super().__init__(host, port)
+        # Only what touches a port loads pyserial when it is imported.
+        from serial.rfc2217 import PortManager  # noqa: PLC0415
+
+        self._negotiation: Any = PortManager
+        self._line = PretendedPort()
+        self._telnet: Any = None
+
+    @property
+    def settings(self) -> LineSettings | None:
+        """What the master has set; None as long as it has set nothing, as a plain telnet client never does."""
+        return self._line.settings
+
+    def send(self, data: bytes) -> None:
+        """Send to the master, protected from being taken for a telnet command."""
+        if self._telnet is not None:
+            super().send(b"".join(self._telnet.escape(data)))
+
+    def write(self, data: bytes) -> None:
+        """Send what the negotiation itself has to say; its side calls this."""
+        super().send(bytes(data))
+
+    def _arrived(self) -> None:
+        self._line = PretendedPort()
+        self._telnet = self._negotiation(self._line, self)
+
+    def _let_go(self) -> None:
+        self._telnet = None
+        super()._let_go()
+
+    def _received(self, data: bytes) -> bytes:
+        telnet = self._telnet
+        try:
+            characters = b"".join(telnet.filter(data))
+        except (KeyError, TypeError, ValueError, struct.error):
+            # pyserial's side of the negotiation stumbles over commands that no client of RFC 2217 sends.
+            self._let_go()
+            return b""
+        if telnet.suboption is not None and len(telnet.suboption) > _LONGEST_NEGOTIATION:
+            self._let_go()
+            return b""
+        return characters
+
+
+class PretendedPort:
+    """What pyserial's server side needs of a serial port: line settings that can be set, control lines that cannot."""
+
+    cts = dsr = cd = True
+    ri = False
+
+    def __init__(self) -> None:
+        self.settings: LineSettings | None = None
+        # Taken and of no consequence on a virtual line.
+        self.xonxoff = self.rtscts = self.break_condition = False
+        self.dtr = self.rts = True
+
+    @property
+    def baudrate(self) -> int:
+        """Bits per second; a setting that drives do not have is a ValueError, as with pyserial."""
+        return self._now().baudrate
+
+    @baudrate.setter
+    def baudrate(self, baudrate: int) -> None:
+        self.settings = replace(self._now(), baudrate=baudrate)
+
+    @property
+    def bytesize(self) -> int:
+        """Data bits."""
+        return self._now().bytesize
+
+    @bytesize.setter
+    def bytesize(self, bytesize: int) -> None:
+        self.settings = replace(self._now(), bytesize=bytesize)
+
+    @property
+    def parity(self) -> Parity:
+        """N, E, O, M or S."""
+        return self._now().parity
+
+    @parity.setter
+    def parity(self, parity: Parity) -> None:
+        self.settings = replace(self._now(), parity=parity)
+
+    @property
+    def stopbits(self) -> float:
+        """1, 1.5 or 2."""
+        return self._now().stopbits
+
+    @stopbits.setter
+    def stopbits(self, stopbits: float) -> None:
+        self.settings = replace(self._now(), stopbits=stopbits)
+
+    def reset_input_buffer(self) -> None:
+        """Nothing is kept back here."""
+
+    def reset_output_buffer(self) -> None:
+        """Nothing is kept back here."""
+
+    def _now(self) -> LineSettings:
+        return self.settings or LineSettings()

@@ -1,0 +1,312 @@
+"""Ports that are missing, taken, lost in the middle or full of garbage; and that the next exchange works."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import random
+import select
+import signal
+import socket
+import threading
+import time
+import tty
+
+import pytest
+
+import drivecomm
+from drivecomm.transport.serial_port import SerialPort
+from drivecomm.virtual import virtual_drive
+from drivecomm.virtual.listeners import parse_listen
+from drivecomm.virtual.serving import Server
+
+
+def refusal(url):
+    with pytest.raises(drivecomm.PortError) as caught:
+        drivecomm.open_bus(url)
+    text = str(caught.value)
+    assert url in text
+    assert "\n" not in text
+    return text
+
+
+@contextlib.contextmanager
+def terminal():
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    try:
+        yield ours, os.ttyname(theirs)
+    finally:
+        for descriptor in (ours, theirs):
+            # A test may have closed its side.
+            with contextlib.suppress(OSError):
+                os.close(descriptor)
+
+
+def hang_up(server, after=0):
+    """Let one master in, and out again when it has said something."""
+    master, _ = server.accept()
+    if after:
+        master.recv(after)
+    master.close()
+
+
+class TestOpening:
+    def test_a_port_that_does_not_exist(self, tmp_path):
+        assert "does not exist" in refusal(str(tmp_path / "ttyUSB7"))
+
+    @pytest.mark.parametrize("what", ["folder", "file", "null"])
+    def test_something_that_is_no_port(self, tmp_path, what):
+        path = {"folder": tmp_path, "file": tmp_path / "file", "null": "/dev/null"}[what]
+        if what == "file":
+            path.write_text("")
+        assert "is not a serial port" in refusal(str(path))
+
+    def test_a_port_that_is_open_already(self):
+        with terminal() as (_, name), drivecomm.open_bus(name):
+            assert "in use by another program" in refusal(name)
+
+    def test_a_port_that_another_program_has_locked(self):
+        with terminal() as (_, name):
+            descriptor = os.open(name, os.O_RDWR | os.O_NOCTTY)
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            assert "in use by another program" in refusal(name)
+            os.close(descriptor)
+            drivecomm.open_bus(name).close()
+
+    @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
+    def test_a_server_where_nothing_listens(self, scheme):
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            number = server.getsockname()[1]
+        assert "nothing listens there" in refusal(f"{scheme}://127.0.0.1:{number}")
+
+    @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
+    @pytest.mark.parametrize("rest", ["", "127.0.0.1", "127.0.0.1:many", "127.0.0.1:99999", "[::1"])
+    def test_a_url_without_host_or_port(self, scheme, rest):
+        assert "names no host and port number" in refusal(f"{scheme}://{rest}")
+
+    @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
+    def test_a_host_that_nobody_knows(self, scheme, monkeypatch):
+        def unknown(*_, **__):
+            raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
+
+        monkeypatch.setattr(socket, "getaddrinfo", unknown)
+        assert "the host name pump-house is not known" in refusal(f"{scheme}://pump-house:4001")
+
+    @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
+    def test_a_host_that_does_not_answer(self, scheme, monkeypatch):
+        def silent(*_, **__):
+            raise TimeoutError("timed out")
+
+        monkeypatch.setattr(socket, "create_connection", silent)
+        assert "192.0.2.1 does not answer" in refusal(f"{scheme}://192.0.2.1:4001")
+
+    def test_a_scheme_that_nobody_knows(self):
+        assert "unknown scheme" in refusal("gopher://127.0.0.1:70")
+
+    def test_a_server_that_does_not_speak_rfc_2217(self, serving):
+        with serving([], "tcp") as server:
+            url = server.address.replace("socket", "rfc2217") + "?timeout=0.1"
+            assert "does not speak RFC 2217" in refusal(url)
+
+    def test_a_server_that_hangs_up_at_once(self):
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            thread = threading.Thread(target=hang_up, args=(server,))
+            thread.start()
+            text = refusal(f"rfc2217://127.0.0.1:{server.getsockname()[1]}?timeout=0.2")
+            thread.join()
+        assert "RFC 2217" in text or "closed the connection" in text
+
+
+class TestVanishing:
+    def exchange(self, drive):
+        return drive.read("481", type="long").raw
+
+    @pytest.mark.parametrize("when", ["before", "during"])
+    def test_an_adapter_that_is_pulled_out_and_put_back(self, tmp_path, serving, when):
+        with serving([virtual_drive("vabus", 1, reply_delay_s=0.05)]) as server:
+            bus = drivecomm.open_bus(server.address)
+            drive = bus.drive("vabus", 1)
+            assert self.exchange(drive) == "000003E8"
+        # The terminal has gone; another one takes its place, which nobody serves and which vanishes in the middle.
+        with pytest.raises(drivecomm.LinkDownError, match=r"was lost .* the next exchange opens it again"):
+            self.exchange(drive)
+        with pytest.raises(drivecomm.PortError, match="does not exist"):
+            self.exchange(drive)
+        if when == "during":
+            with terminal() as (ours, name):
+                (tmp_path / "line").symlink_to(name)
+                thread = threading.Thread(target=self.pull_out, args=(ours,))
+                thread.start()
+                with pytest.raises(drivecomm.LinkDownError, match="unplugged"):
+                    self.exchange(drive)
+                thread.join()
+        with serving([virtual_drive("vabus", 1)]) as server:
+            assert self.exchange(drive) == "000003E8"
+            bus.close()
+
+    def pull_out(self, ours):
+        """Take the request, then vanish without a reply."""
+        select.select([ours], [], [], 5)
+        os.close(ours)
+
+    @pytest.mark.parametrize("kind", ["tcp", "rfc2217"])
+    def test_a_server_that_goes_down_and_comes_back(self, serving, kind):
+        with serving([virtual_drive("vabus", 1)], kind) as server:
+            bus = drivecomm.open_bus(server.address)
+            drive = bus.drive("vabus", 1)
+            assert self.exchange(drive) == "000003E8"
+        with pytest.raises(drivecomm.LinkDownError, match="the next exchange opens it again"):
+            self.exchange(drive)
+        with pytest.raises(drivecomm.PortError, match="nothing listens there"):
+            self.exchange(drive)
+        number = server.address.rpartition(":")[2]
+        stop = threading.Event()
+        with Server([virtual_drive("vabus", 1)], parse_listen(f"{kind}:127.0.0.1:{number}")) as again:
+            thread = threading.Thread(target=again.run, args=(stop,))
+            thread.start()
+            assert self.exchange(drive) == "000003E8"
+            bus.close()
+            stop.set()
+            thread.join()
+
+    def test_a_server_that_hangs_up_after_the_request(self):
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            thread = threading.Thread(target=hang_up, args=(server, 100))
+            thread.start()
+            bus = drivecomm.open_bus(f"socket://127.0.0.1:{server.getsockname()[1]}")
+            with bus, pytest.raises(drivecomm.LinkDownError, match=r"closed the connection|connection broke"):
+                self.exchange(bus.drive("vabus", 1))
+            thread.join()
+
+    def test_an_adapter_that_takes_no_more_bytes(self, monkeypatch):
+        monkeypatch.setattr("drivecomm.transport.serial_port._STUCK_S", 0.05)
+        with terminal() as (_, name):
+            port = SerialPort(name)
+
+            def chatter():
+                for _ in range(10_000):
+                    port.write(b"x" * 100)
+
+            with pytest.raises(drivecomm.LinkDownError, match="took no bytes"):
+                chatter()
+            port.close()
+
+    def test_a_server_that_takes_no_more_bytes(self, monkeypatch):
+        monkeypatch.setattr("drivecomm.transport.serial_port._STUCK_S", 0.05)
+        monkeypatch.setattr("drivecomm.line.LineSettings.wire_s", lambda *_: 0.0)
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            port = SerialPort(f"socket://127.0.0.1:{server.getsockname()[1]}")
+            with pytest.raises(drivecomm.LinkDownError, match="took no bytes"):
+                port.write(b"x" * 50_000_000)
+            port.close()
+
+    @pytest.mark.parametrize("kind", ["pty", "tcp", "rfc2217"])
+    def test_a_closed_port_stays_silent_about_being_closed_again(self, serving, kind):
+        with serving([], kind) as server:
+            port = SerialPort(server.address)
+            port.close()
+            port.close()
+
+
+@pytest.mark.parametrize("kind", ["pty", "tcp", "rfc2217"])
+def test_ctrl_c_in_the_middle_of_an_exchange(serving, kind):
+    """The late reply to the interrupted request must not become the answer to the next one."""
+    slow = virtual_drive("vabus", 1, reply_delay_s=0.15)
+    with serving([slow], kind) as server, drivecomm.open_bus(server.address) as bus:
+        drive = bus.drive("vabus", 1)
+        assert drive.read("481", type="long").raw == "000003E8"
+        before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+        try:
+            signal.setitimer(signal.ITIMER_REAL, 0.05)
+            began = time.monotonic()
+            with pytest.raises(KeyboardInterrupt):
+                drive.read("481", type="long")
+            assert time.monotonic() - began < 0.14
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            signal.signal(signal.SIGALRM, before)
+        other = drive.read("480", type="long")
+        assert other.raw == slow.peek("480", server.now())
+        assert drive.read("481", type="long").raw == "000003E8"
+
+
+def babble(make):
+    """Garbage without an end, to whoever connects."""
+
+    def speak(server, stop):
+        master, _ = server.accept()
+        with master:
+            master.settimeout(0.05)
+            while not stop.is_set():
+                try:
+                    master.sendall(make())
+                except TimeoutError:
+                    continue
+                except OSError:
+                    return
+                stop.wait(0.001)
+
+    return speak
+
+
+NOISE = random.Random(7)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: NOISE.randbytes(20),
+        lambda: b"\xff" * 20,
+        lambda: b"A\x0204810081",
+        lambda: b"A\x02048100810000000\x03\x00",
+        lambda: b"A",
+    ],
+    ids=["random", "ones", "beginnings", "damaged", "addresses"],
+)
+def test_a_drive_that_answers_garbage_for_ever(make):
+    stop = threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=babble(make), args=(server, stop))
+        thread.start()
+        url = f"socket://127.0.0.1:{server.getsockname()[1]}"
+        with drivecomm.open_bus(url, attempts=2, reply_timeout_s=0.1) as bus:
+            began = time.monotonic()
+            with pytest.raises((drivecomm.DamagedReplyError, drivecomm.NoReplyError)):
+                bus.drive("vabus", 1).read("481", type="long")
+            assert time.monotonic() - began < 5
+        stop.set()
+        thread.join()
+
+
+def test_a_drive_that_answers_garbage_for_a_while():
+    """Behind the garbage the next exchange works."""
+    with terminal() as (ours, name), drivecomm.open_bus(name, attempts=1, reply_timeout_s=0.05) as bus:
+        drive = bus.drive("vabus", 1)
+        os.write(ours, b"\xff" * 1000)
+        with pytest.raises(drivecomm.ReplyError):
+            drive.read("481", type="long")
+        os.read(ours, 10_000)
+
+        def answer():
+            select.select([ours], [], [], 5)
+            os.read(ours, 100)
+            os.write(ours, bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03"))
+            os.write(ours, bytes([xor(b"0048108000003E8\x03")]))
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        reading = drive.read(
+            "481",
+            type="long",
+        )
+        thread.join()
+        assert reading.raw == "000003E8"
+
+
+def xor(data):
+    result = 0
+    for byte in data:
+        result ^= byte
+    return result

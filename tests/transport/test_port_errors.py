@@ -1,0 +1,308 @@
+"""What an operating system or pyserial may say, without the hardware that makes it say so."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+import struct
+import subprocess
+import sys
+import termios
+import types
+
+import pytest
+import serial
+from serial.rfc2217 import SET_CONTROL, PortManager
+
+from drivecomm.errors import LinkDownError, PortError
+from drivecomm.line import LineSettings
+from drivecomm.transport import opening, tty_channel
+from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
+from drivecomm.transport.opening import cannot_open, error_number
+from drivecomm.transport.pyserial_channel import PyserialChannel
+from drivecomm.transport.rfc2217_client import Rfc2217Client
+from drivecomm.transport.serial_port import SerialPort
+from drivecomm.virtual.rfc2217_listener import PretendedPort
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (errno.ENOENT, "does not exist"),
+        (errno.EBUSY, "in use by another program; end that program"),
+        (errno.EAGAIN, "in use by another program"),
+        (errno.EACCES, "may not be opened by this user"),
+        (errno.EIO, "no hardware behind it; plug the adapter in"),
+        (errno.ENODEV, "no hardware behind it"),
+        (errno.ENOTTY, "is not a serial port"),
+        (errno.ENOMEM, "cannot be opened"),
+    ],
+)
+def test_an_error_number_becomes_a_sentence(number, words):
+    text = str(cannot_open("/dev/ttyUSB0", serial.SerialException(number, os.strerror(number))))
+    assert "/dev/ttyUSB0" in text
+    assert words in text
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ("could not open port 'COM3': FileNotFoundError(2, 'not found', None, 2)", "does not exist"),
+        ("could not open port 'COM3': PermissionError(13, 'Access is denied.', None, 5)", "in use by another program"),
+    ],
+)
+def test_windows_says_it_in_words(said, words):
+    assert words in str(cannot_open("COM3", serial.SerialException(said)))
+
+
+def test_the_group_of_a_port_is_named(monkeypatch):
+    def stat(_):
+        return types.SimpleNamespace(st_gid=20, st_mode=0o20660)
+
+    monkeypatch.setattr(opening.os, "stat", stat)
+    monkeypatch.setattr("grp.getgrgid", lambda _: types.SimpleNamespace(gr_name="dialout"))
+    text = str(cannot_open("/dev/ttyUSB0", serial.SerialException(errno.EACCES, "no")))
+    assert "group dialout, so join it (sudo usermod -a -G dialout $USER)" in text
+    monkeypatch.setattr("grp.getgrgid", lambda _: types.SimpleNamespace(gr_name="root"))
+    assert "group root, so ask" in str(cannot_open("/dev/ttyUSB0", serial.SerialException(errno.EACCES, "no")))
+
+
+def test_the_ports_that_exist_are_named(monkeypatch):
+    found = [types.SimpleNamespace(device="/dev/ttyUSB1"), types.SimpleNamespace(device="/dev/ttyUSB0")]
+    monkeypatch.setattr(opening.list_ports, "comports", lambda: found)
+    missing = serial.SerialException(errno.ENOENT, "no")
+    assert "this machine has /dev/ttyUSB0, /dev/ttyUSB1" in str(cannot_open("/dev/ttyUSB9", missing))
+    found.clear()
+    assert "plug the adapter in" in str(cannot_open("/dev/ttyUSB9", missing))
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (ConnectionResetError(errno.ECONNRESET, "reset"), "closed the connection at once"),
+        (OSError(errno.EHOSTUNREACH, "No route to host"), "cannot be reached"),
+    ],
+)
+def test_a_network_error_becomes_a_sentence(error, words):
+    assert words in str(cannot_open("socket://10.0.0.9:4001", error))
+
+
+def test_other_urls_of_pyserial():
+    with pytest.raises(PortError, match=r"hwgrep://no-such-adapter cannot be opened"):
+        SerialPort("hwgrep://no-such-adapter")
+
+
+def test_the_number_behind_an_exception():
+    assert error_number(termios.error(22, "Invalid argument")) == 22
+    assert error_number(ValueError("words")) is None
+
+
+@pytest.fixture
+def real_terminal():
+    """A pseudo-terminal that is taken for a real port."""
+    ours, theirs = os.openpty()
+    port = serial.Serial(os.ttyname(theirs))
+    channel = tty_channel.TtyChannel(port)
+    channel._pseudo = False
+    yield channel
+    channel.close()
+    os.close(ours)
+    os.close(theirs)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux refuses 7E1 on a pseudo-terminal")
+def test_an_adapter_that_refuses_a_format(real_terminal, monkeypatch):
+    with pytest.raises(SettingsRefusedError):
+        real_terminal.apply(LineSettings(bytesize=7, parity="E"))
+    monkeypatch.setattr("drivecomm.transport.serial_port._open", lambda _: real_terminal)
+    with pytest.raises(PortError, match=r"port COM-7 refuses the line settings 9600 7E1"):
+        SerialPort("COM-7").configure(LineSettings(bytesize=7, parity="E"))
+    assert real_terminal.apply(LineSettings(baudrate=19200)) == ""
+
+
+def test_an_adapter_that_vanishes_while_it_is_configured():
+    ours, theirs = os.openpty()
+    port = SerialPort(os.ttyname(theirs))
+    os.close(ours)
+    with pytest.raises(LinkDownError, match="unplugged"):
+        port.configure(LineSettings())
+    os.close(theirs)
+    port.close()
+
+
+def test_a_spurious_wake_is_no_end(real_terminal, monkeypatch):
+    def nothing(*_):
+        raise BlockingIOError
+
+    monkeypatch.setattr(real_terminal, "_readable", types.SimpleNamespace(poll=lambda _: [(0, 1)]))
+    monkeypatch.setattr(tty_channel.os, "read", nothing)
+    assert real_terminal.receive(0.0, 1) == b""
+
+
+def test_an_unknown_failure_of_a_terminal_ends_in_our_own_error(real_terminal, monkeypatch):
+    def fail(*_):
+        raise OSError(errno.ENOMEM, "Cannot allocate memory")
+
+    monkeypatch.setattr(tty_channel.os, "write", fail)
+    with pytest.raises(ChannelGoneError, match="Cannot allocate memory"):
+        real_terminal.send(b"x", 1.0)
+    monkeypatch.undo()
+    monkeypatch.setattr(tty_channel.os, "read", fail)
+    monkeypatch.setattr(real_terminal, "_readable", types.SimpleNamespace(poll=lambda _: [(0, 1)]))
+    with pytest.raises(ChannelGoneError, match="Cannot allocate memory"):
+        real_terminal.receive(0.0, 1)
+
+
+def test_the_end_of_a_terminal_without_an_error(real_terminal, monkeypatch):
+    """So some systems report an adapter that was pulled out: always readable, and nothing to read."""
+    monkeypatch.setattr(real_terminal, "_readable", types.SimpleNamespace(poll=lambda _: [(0, 1)]))
+    monkeypatch.setattr(tty_channel.os, "read", lambda *_: b"")
+    with pytest.raises(ChannelGoneError, match="unplugged"):
+        real_terminal.receive(0.0, 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "pseudo"), [("/dev/ttys003", True), ("/dev/pts/4", True), ("/dev/cu.usbserial-1", False)]
+)
+def test_pseudo_terminals_elsewhere_go_by_their_names(name, pseudo, monkeypatch):
+    monkeypatch.setattr(sys, "platform", "darwin")
+    monkeypatch.setattr(tty_channel.os, "ttyname", lambda _: name)
+    assert tty_channel._is_pseudo(0) is pseudo
+
+
+def test_a_terminal_without_a_name_is_taken_for_a_real_one(monkeypatch):
+    def nameless(_):
+        raise OSError(errno.ENODEV, "no name")
+
+    monkeypatch.setattr(sys, "platform", "darwin")
+    monkeypatch.setattr(tty_channel.os, "ttyname", nameless)
+    assert tty_channel._is_pseudo(0) is False
+
+
+def test_a_broken_connection():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = SerialPort(f"socket://127.0.0.1:{server.getsockname()[1]}")
+        master, _ = server.accept()
+        # Closing like this sends a reset instead of an orderly end.
+        master.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        master.close()
+        with pytest.raises(LinkDownError, match="connection broke"):
+            port.read(port.now() + 5, 1)
+        with pytest.raises(LinkDownError, match="connection broke"):
+            port.write(b"x")
+        port.close()
+
+
+def test_the_last_words_arrive_although_nobody_reads_the_answer():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = SerialPort(f"socket://127.0.0.1:{server.getsockname()[1]}")
+        master, _ = server.accept()
+        master.sendall(b"unread")
+        port.read(port.now() + 5, 1)
+        master.sendall(b"unread as well")
+        port.write(b"stop")
+        port.close()
+        assert master.recv(100) == b"stop"
+        assert master.recv(100) == b""
+        master.close()
+
+
+def test_ctrl_c_while_a_port_is_opened(monkeypatch):
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(serial.Serial, "open", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        SerialPort("/dev/ttyUSB0")
+
+
+class Broken:
+    """A port of pyserial whose every call fails."""
+
+    def __init__(self, error):
+        self._error = error
+
+    def _fail(self, *_):
+        raise self._error
+
+    read = write = _reconfigure_port = close = _fail
+    in_waiting = property(_fail)
+
+
+class TestPyserialChannel:
+    @pytest.mark.parametrize("error", [serial.SerialException("reader died"), OSError(errno.EIO, "gone")])
+    def test_no_foreign_exception_escapes(self, error):
+        channel = PyserialChannel(Broken(error))
+        with pytest.raises(ChannelGoneError):
+            channel.apply(LineSettings())
+        with pytest.raises(ChannelGoneError):
+            channel.send(b"x", 1.0)
+        with pytest.raises(ChannelGoneError):
+            channel.receive(0.01, 1)
+        channel.close()
+
+    def test_a_refusal_of_a_port_that_is_there(self):
+        port = Broken(ValueError("Invalid baud rate"))
+        channel = PyserialChannel(types.SimpleNamespace(in_waiting=0, _reconfigure_port=port._fail))
+        with pytest.raises(SettingsRefusedError, match="Invalid baud rate"):
+            channel.apply(LineSettings())
+
+
+def test_a_server_that_refuses_a_setting(serving, monkeypatch):
+    """RFC 2217 refuses by answering with what it has instead."""
+
+    def refuse(_, baudrate):
+        if baudrate == 600:
+            raise ValueError("no such baud rate")
+
+    with serving([], "rfc2217") as server:
+        port = SerialPort(server.address)
+        assert port.configure(LineSettings(baudrate=19200)) == ""
+        monkeypatch.setattr(PretendedPort, "baudrate", property(lambda _: 19200, refuse))
+        with pytest.raises(PortError, match="refuses the line settings 600 8N1"):
+            port.configure(LineSettings(baudrate=600))
+        monkeypatch.undo()
+        assert port.configure(LineSettings(baudrate=9600)) == ""
+        port.close()
+
+
+def test_a_server_without_control_lines(serving, monkeypatch):
+    answer = PortManager._telnet_process_subnegotiation
+
+    def answer_all_but_control(manager, request):
+        if request[1:2] != SET_CONTROL:
+            answer(manager, request)
+
+    monkeypatch.setattr("drivecomm.transport.rfc2217_client._CONTROL_S", 0.01)
+    monkeypatch.setattr(PortManager, "_telnet_process_subnegotiation", answer_all_but_control)
+    with serving([], "rfc2217") as server:
+        port = SerialPort(server.address)
+        assert "does not confirm control lines" in port.configure(LineSettings())
+        port.close()
+
+
+def test_a_server_that_stops_answering(serving, monkeypatch):
+    with serving([], "rfc2217") as server:
+        port = SerialPort(server.address + "?timeout=0.2")
+        monkeypatch.setattr(PortManager, "_telnet_process_subnegotiation", lambda *_: None)
+        with pytest.raises(PortError, match="does not confirm line settings"):
+            port.configure(LineSettings(baudrate=600))
+        port.close()
+
+
+def test_a_connection_that_breaks_leaves_no_traceback(monkeypatch):
+    def broken(_):
+        raise BrokenPipeError
+
+    monkeypatch.setattr(serial.rfc2217.Serial, "_telnet_read_loop", broken)
+    client = Rfc2217Client(None)
+    ended = []
+    client._read_buffer = types.SimpleNamespace(put=ended.append)
+    client._telnet_read_loop()
+    assert ended == [None]
+
+
+def test_importing_drivecomm_loads_no_pyserial():
+    code = "import sys, drivecomm, drivecomm.virtual.serving; sys.exit('serial' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

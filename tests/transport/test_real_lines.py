@@ -1,0 +1,218 @@
+"""Every protocol over real ports: pseudo-terminal, TCP, RFC 2217, and a serial server that is not ours."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import subprocess
+import time
+
+import pytest
+
+import drivecomm
+from drivecomm.line import LineSettings
+from drivecomm.transport.serial_port import SerialPort
+from drivecomm.virtual import virtual_drive
+
+SER2NET = shutil.which("ser2net") or shutil.which("ser2net", path="/usr/sbin")
+KINDS = ("pty", "tcp", "rfc2217")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_drive_is_read(example, kind, serving):
+    virtual = example.virtual()
+    with serving([virtual], kind) as server, drivecomm.open_bus(server.address) as bus:
+        drive = example.on(bus)
+        for _ in range(5):
+            assert drive.read(example.parameter).raw == virtual.peek(example.parameter, server.now())
+        counters = bus.counters[drive.name]
+        assert counters["retries"] == 0
+        assert counters["replies"] == counters["requests"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_drives_of_all_protocols_share_a_line(examples, kind, serving):
+    """Each has its own line settings; over RFC 2217 the server really changes them between two exchanges."""
+    drives = [example.virtual() for example in examples]
+    with serving(drives, kind) as server, drivecomm.open_bus(server.address) as bus:
+        for example, virtual in list(zip(examples, drives, strict=True)) * 3:
+            reading = example.on(bus).read(example.parameter)
+            assert reading.raw == virtual.peek(example.parameter, server.now())
+
+
+def test_a_drive_is_commanded_and_a_silent_one_is_not_heard(serving):
+    with serving([virtual_drive("vabus", 3)]) as server, drivecomm.open_bus(server.address) as bus:
+        drive = bus.drive("vabus", 3, model="agile")
+        drive.write("fixed_frequency_2", "12.34")
+        assert str(drive.read("481").value) == "12.34"
+        with pytest.raises(drivecomm.NoReplyError):
+            bus.drive("vabus", 4, attempts=1, reply_timeout_s=0.05).read("481", type="long")
+        assert str(drive.read("481").value) == "12.34"
+
+
+def notes_of(address, **options):
+    events = []
+    with drivecomm.open_bus(address, trace=events.append, **options) as bus:
+        bus.drive("vabus", 1).read("481", type="long")
+    return [event.detail for event in events if event.what == "note"]
+
+
+def test_what_a_port_cannot_carry_is_noted(serving):
+    with serving([virtual_drive("vabus", 1)], "pty") as server:
+        assert notes_of(server.address) == ["pseudo-terminal: 7E1 is not carried, characters pass as they are"]
+        assert notes_of(server.address, bytesize=8, parity="N") == []
+    with serving([virtual_drive("vabus", 1)], "tcp") as server:
+        assert notes_of(server.address) == ["raw TCP: 19200 7E1 is not carried, the server has its own line settings"]
+    with serving([virtual_drive("vabus", 1)], "rfc2217") as server:
+        assert notes_of(server.address) == []
+
+
+@pytest.mark.parametrize("wrong", [{"baudrate": 9600}, {"bytesize": 8, "parity": "N"}], ids=["baud", "format"])
+def test_line_settings_arrive_over_rfc_2217(serving, wrong):
+    with serving([virtual_drive("vabus", 1)], "rfc2217") as server, drivecomm.open_bus(server.address) as bus:
+        right = bus.drive("vabus", 1)
+        assert right.read("481", type="long").raw == "000003E8"
+        with pytest.raises(drivecomm.ReplyError):
+            bus.drive("vabus", 1, attempts=1, reply_timeout_s=0.05, **wrong).read("481", type="long")
+        assert right.read("481", type="long").raw == "000003E8"
+
+
+def test_settings_change_without_closing():
+    port = SerialPort("loop://")
+    for settings in (LineSettings(), LineSettings(baudrate=19200, bytesize=7, parity="E", stopbits=2)):
+        assert port.configure(settings) == ""
+        port.write(b"\x00\xffabc")
+        assert port.read(port.now() + 1, 5) == b"\x00\xffabc"
+    port.close()
+
+
+def test_loop_is_a_line_with_echo_and_nobody_on_it():
+    with drivecomm.open_bus("loop://", echo=True, reply_timeout_s=0.02, attempts=2) as bus:
+        drive = bus.drive("vabus", 1)
+        with pytest.raises(drivecomm.NoReplyError):
+            drive.read("481", type="long")
+        assert bus.counters[drive.name]["echo bytes"] == 16
+
+
+def test_an_echoing_adapter(serving):
+    with serving([virtual_drive("vabus", 1)], "tcp", echo=True) as server:
+        bus = drivecomm.open_bus(server.address, echo=True)
+        assert bus.drive("vabus", 1).read("481", type="long").raw == "000003E8"
+        bus.close()
+
+
+def test_a_paced_line_takes_its_time(serving):
+    with serving([virtual_drive("vabus", 1)], "tcp", paced=True) as server, drivecomm.open_bus(server.address) as bus:
+        drive = bus.drive("vabus", 1, baudrate=19200)
+        drive.read("481", type="long")
+        began = time.monotonic()
+        drive.read("481", type="long")
+        # 8 characters there, 10 ms to think, 20 characters back.
+        assert time.monotonic() - began >= drive.facts.settings.wire_s(28) + 0.010
+
+
+class TestReading:
+    """What the link relies on: at_least, until, and a time in the past."""
+
+    @pytest.fixture(params=["pty", "tcp", "rfc2217", "loop"])
+    def port(self, request, serving):
+        if request.param == "loop":
+            port = SerialPort("loop://")
+            yield port
+            port.close()
+            return
+        with serving([], request.param, echo=True) as server:
+            port = SerialPort(server.address)
+            port.configure(LineSettings())
+            yield port
+            port.close()
+
+    def test_returns_as_soon_as_there_is_enough(self, port):
+        port.write(b"abcde")
+        began = port.now()
+        assert port.read(began + 5, 5) == b"abcde"
+        assert port.now() - began < 1
+
+    def test_returns_at_its_time_with_what_there_is(self, port):
+        port.write(b"abc")
+        until = port.now() + 0.06
+        assert port.read(until, 10) == b"abc"
+        assert until <= port.now() < until + 0.2
+
+    def test_a_time_in_the_past_does_not_wait(self, port):
+        began = port.now()
+        assert port.read(began - 1, 10) == b""
+        assert port.read(began, 10) == b""
+        assert port.now() - began < 0.2
+        port.write(b"abc")
+        assert port.read(port.now() + 1, 3) == b"abc"
+
+    def test_all_byte_values_pass_in_pieces_of_any_length(self, port):
+        every = bytes(range(256)) * 4
+        port.write(every)
+        got = b""
+        while len(got) < len(every):
+            piece = port.read(port.now() + 2, min(100, len(every) - len(got)))
+            assert piece
+            got += piece
+        assert got == every
+
+    def test_waiting_is_exact(self, port):
+        until = port.now() + 0.02
+        port.wait(until)
+        assert until <= port.now() < until + 0.2
+        port.wait(until - 1)
+
+
+@pytest.fixture
+def ser2net(tmp_path):
+    """Start ser2net in front of a terminal; gives the URLs of a raw and an RFC 2217 port."""
+    if SER2NET is None:
+        pytest.skip("ser2net is not installed (apt-get install ser2net)")
+    running = []
+
+    def start(terminal, kind):
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            number = free.getsockname()[1]
+        accepter = {"socket": "tcp", "rfc2217": "telnet(rfc2217),tcp"}[kind]
+        settings = tmp_path / f"{kind}.yaml"
+        settings.write_text(
+            "%YAML 1.1\n---\nconnection: &drives\n"
+            f"  accepter: {accepter},127.0.0.1,{number}\n"
+            f"  connector: serialdev,{terminal},9600n81,local\n"
+        )
+        running.append(
+            subprocess.Popen(
+                [SER2NET, "-n", "-c", str(settings), "-P", str(tmp_path / f"{kind}.pid")],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+        )
+        return f"{kind}://127.0.0.1:{number}"
+
+    yield start
+    for process in running:
+        process.terminate()
+        process.wait(5)
+
+
+def opened_when_it_listens(url, **options):
+    until = time.monotonic() + 5
+    while True:
+        try:
+            return drivecomm.open_bus(url, **options)
+        except drivecomm.PortError as error:
+            if "nothing listens" not in str(error) or time.monotonic() > until:
+                raise
+            time.sleep(0.01)
+
+
+@pytest.mark.parametrize("kind", ["socket", "rfc2217"])
+def test_ser2net_in_between(kind, examples, serving, ser2net):
+    drives = [example.virtual() for example in examples]
+    with serving(drives) as server:
+        url = ser2net(server.address, kind)
+        with opened_when_it_listens(url) as bus:
+            for example, virtual in list(zip(examples, drives, strict=True)) * 2:
+                reading = example.on(bus).read(example.parameter)
+                assert reading.raw == virtual.peek(example.parameter, server.now())

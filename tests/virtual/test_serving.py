@@ -1,0 +1,429 @@
+"""Virtual drives served to programs that know nothing of drivecomm: bytes in, bytes out."""
+
+from __future__ import annotations
+
+import os
+import random
+import select
+import socket
+import struct
+import sys
+import threading
+import time
+import tty
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from drivecomm.errors import PortError, UsageError
+from drivecomm.virtual import virtual_drive
+from drivecomm.virtual.listeners import TcpListener, parse_listen
+from drivecomm.virtual.rfc2217_listener import PretendedPort, Rfc2217Listener
+from drivecomm.virtual.serving import _MOST_REPLIES, Server, serve
+
+ENQUIRY = bytes.fromhex("04 41 30 30 34 38 31 05")
+VALUE = bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03")
+IAC = b"\xff"
+
+
+@pytest.fixture(autouse=True)
+def _no_thread_left():
+    before = threading.active_count()
+    yield
+    assert threading.active_count() == before
+
+
+@contextmanager
+def running(listen, drives=None, **options):
+    drives = [virtual_drive("vabus", 1, reply_delay_s=0.0)] if drives is None else drives
+    stop = threading.Event()
+    with Server(drives, parse_listen(listen), **options) as server:
+        thread = threading.Thread(target=server.run, args=(stop,))
+        thread.start()
+        try:
+            yield server
+        finally:
+            stop.set()
+            thread.join()
+
+
+def connected(server):
+    host, _, port = server.address.partition("://")[2].rpartition(":")
+    master = socket.create_connection((host.strip("[]"), int(port)), timeout=5)
+    master.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return master
+
+
+def answered(master, request=ENQUIRY):
+    master.sendall(request)
+    return received(master, len(VALUE) + 1)
+
+
+def received(master, length):
+    data = b""
+    while len(data) < length:
+        piece = master.recv(length - len(data))
+        if not piece:
+            break
+        data += piece
+    return data
+
+
+class TestPlaces:
+    @pytest.mark.parametrize(
+        "text",
+        [
+            "",
+            "pty",
+            "pty:",
+            "com:1",
+            "tcp:",
+            "tcp:localhost",
+            "tcp:localhost:",
+            "tcp:localhost:x",
+            "tcp::65536",
+            "tcp:-1",
+        ],
+    )
+    def test_what_is_no_place_to_listen(self, text):
+        with pytest.raises(UsageError) as caught:
+            parse_listen(text)
+        assert repr(text) in str(caught.value)
+        assert "pty:PATH" in str(caught.value)
+
+    def test_only_this_machine_unless_told_otherwise(self):
+        assert parse_listen("tcp::4001").address == "socket://127.0.0.1:4001"
+        assert parse_listen("tcp:0.0.0.0:4001").address == "socket://0.0.0.0:4001"
+        assert parse_listen("rfc2217:[::1]:4001").address == "rfc2217://[::1]:4001"
+
+    def test_no_pseudo_terminals_on_windows(self, monkeypatch):
+        monkeypatch.setattr(os, "name", "nt")
+        with pytest.raises(UsageError, match="listen at tcp:HOST:PORT instead"):
+            parse_listen("pty:line")
+
+    def test_a_port_number_that_is_taken(self):
+        with running("tcp::0") as server:
+            number = server.address.rpartition(":")[2]
+            with pytest.raises(PortError, match=rf"cannot listen at 127.0.0.1:{number} .*choose another"):
+                parse_listen(f"tcp::{number}").open()
+
+    def test_a_host_that_is_not_this_machine(self):
+        with pytest.raises(PortError, match=r"cannot listen at 192\.0\.2\.1:4001"):
+            parse_listen("tcp:192.0.2.1:4001").open()
+
+    def test_ip_version_6(self):
+        if not socket.has_ipv6:
+            pytest.skip("this machine has no IPv6")
+        try:
+            socket.create_server(("::1", 0), family=socket.AF_INET6).close()
+        except OSError:
+            pytest.skip("this machine has no IPv6 loopback")
+        with running("tcp:[::1]:0") as server, connected(server) as master:
+            assert answered(master)[:-1] == VALUE
+
+    @pytest.mark.parametrize("listen", ["tcp::0", "rfc2217::0", "pty:line"])
+    def test_closed_or_not_yet_open_it_does_nothing(self, listen, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        listener = parse_listen(listen)
+        assert listener.receive(0.0) == b""
+        listener.send(b"x")
+        listener.close()
+        listener.open()
+        listener.send(b"x")
+        listener.close()
+        listener.close()
+        assert listener.receive(0.0) == b""
+
+
+class TestTcp:
+    def test_one_master_after_the_other(self):
+        with running("tcp::0") as server:
+            for _ in range(20):
+                with connected(server) as master:
+                    assert answered(master)[:-1] == VALUE
+
+    def test_the_next_master_waits_for_the_present_one(self):
+        with running("tcp::0") as server, connected(server) as first:
+            assert answered(first)[:-1] == VALUE
+            with connected(server) as second:
+                second.sendall(ENQUIRY)
+                assert answered(first)[:-1] == VALUE
+                first.close()
+                assert received(second, len(VALUE) + 1)[:-1] == VALUE
+
+    def test_a_master_that_breaks_off(self):
+        with running("tcp::0") as server:
+            for _ in range(3):
+                master = connected(server)
+                master.sendall(ENQUIRY[:4])
+                # Closing like this sends a reset instead of an orderly end.
+                master.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                master.close()
+            with connected(server) as master:
+                # The next master's request is not the rest of the broken one: a pause lies between them.
+                time.sleep(0.06)
+                assert answered(master)[:-1] == VALUE
+
+    def test_a_cut_request_does_not_spoil_the_next_one(self):
+        with running("tcp::0") as server, connected(server) as master:
+            master.sendall(ENQUIRY[:5])
+            time.sleep(0.06)
+            assert answered(master)[:-1] == VALUE
+
+    def test_garbage_without_end_hurts_nobody(self):
+        noise = random.Random(3)
+        with running(
+            "tcp::0", [virtual_drive("vabus", address, reply_delay_s=0.0) for address in range(1, 6)]
+        ) as server:
+            with connected(server) as master:
+                # What waits in this socket is still to be heard when it is closed.
+                master.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+                master.settimeout(0.1)
+                until = time.monotonic() + 0.3
+                while time.monotonic() < until:
+                    try:
+                        master.sendall(noise.randbytes(5000))
+                    except TimeoutError:
+                        continue
+            with connected(server) as master:
+                time.sleep(0.06)
+                master.settimeout(10)
+                assert answered(master)[:-1] == VALUE
+            for station in server._stations:
+                assert len(station._framer._pending) < 200
+
+    def test_a_master_that_asks_and_never_listens(self):
+        slow = virtual_drive("vabus", 1, reply_delay_s=30.0)
+        with running("tcp::0", [slow]) as server, connected(server) as master:
+            for _ in range(100):
+                master.sendall(ENQUIRY * 10)
+            until = time.monotonic() + 5
+            while len(server._replies) < _MOST_REPLIES and time.monotonic() < until:
+                time.sleep(0.01)
+            assert len(server._replies) == _MOST_REPLIES
+
+    def test_a_master_that_never_reads_is_let_go(self):
+        listener = TcpListener("127.0.0.1", 0)
+        listener.open()
+        number = int(listener.address.rpartition(":")[2])
+        with socket.create_connection(("127.0.0.1", number)) as master:
+            listener.receive(1.0)
+            for _ in range(100):
+                listener.send(b"x" * 1_000_000)
+            assert listener._master is None
+            master.settimeout(5)
+            while master.recv(1_000_000):
+                pass
+        listener.close()
+
+    def test_a_stop_is_prompt_and_a_stopped_server_can_run_again(self):
+        stop = threading.Event()
+        with Server([], parse_listen("tcp::0")) as server:
+            for _ in range(2):
+                stop.clear()
+                thread = threading.Thread(target=server.run, args=(stop,))
+                thread.start()
+                began = time.monotonic()
+                stop.set()
+                thread.join()
+                assert time.monotonic() - began < 0.3
+
+    def test_waiting_costs_nothing(self):
+        with running("tcp::0"):
+            before = time.process_time()
+            time.sleep(0.3)
+            assert time.process_time() - before < 0.05
+
+    def test_serve_in_one_call(self):
+        stop, ready = threading.Event(), []
+
+        def started(address):
+            ready.append(address)
+            stop.set()
+
+        serve([virtual_drive("vabus", 1)], "tcp::0", stop=stop, ready=started)
+        assert ready[0].startswith("socket://127.0.0.1:")
+        serve([], "tcp::0", stop=stop)
+
+
+class TestTiming:
+    def test_a_drive_takes_its_time(self):
+        with (
+            running("tcp::0", [virtual_drive("vabus", 1, reply_delay_s=0.0305)]) as server,
+            connected(server) as master,
+        ):
+            answered(master)
+            began = time.monotonic()
+            answered(master)
+            assert 0.0305 <= time.monotonic() - began < 0.2
+
+    def test_a_paced_line_carries_one_telegram_at_a_time(self):
+        with running("tcp::0", paced=True) as server, connected(server) as master:
+            wire = server.drives[0].settings.wire_s
+            answered(master)
+            began = time.monotonic()
+            master.sendall(ENQUIRY + ENQUIRY)
+            received(master, 2 * (len(VALUE) + 1))
+            assert time.monotonic() - began >= wire(2 * (len(VALUE) + 1))
+
+    def test_an_echo(self):
+        with running("tcp::0", echo=True) as server, connected(server) as master:
+            master.sendall(ENQUIRY)
+            assert received(master, len(ENQUIRY) + len(VALUE) + 1)[:-1] == ENQUIRY + VALUE
+
+    def test_drives_hear_each_other(self):
+        """The reply of one drive, ending like a request to another, is heard by that one as well."""
+        with running("tcp::0", [virtual_drive("vabus", address, reply_delay_s=0.0) for address in (1, 2)]) as server:
+            heard = []
+            server._stations[1].hear = lambda data, *_: heard.append(data) or []
+            with connected(server) as master:
+                answer = answered(master)
+            until = time.monotonic() + 5
+            while len(heard) < 2 and time.monotonic() < until:
+                time.sleep(0.001)
+            assert heard == [ENQUIRY, answer]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are of POSIX systems")
+class TestPseudoTerminal:
+    def ask(self, path, request=ENQUIRY):
+        """Talk as a program would that sets up nothing."""
+        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        try:
+            os.write(descriptor, request)
+            data = b""
+            while len(data) < len(VALUE) + 1 and select.select([descriptor], [], [], 2)[0]:
+                data += os.read(descriptor, 100)
+            return data
+        finally:
+            os.close(descriptor)
+
+    def test_a_link_that_lives_as_long_as_the_server(self, tmp_path):
+        path = tmp_path / "drive"
+        with running(f"pty:{path}") as server:
+            assert server.address == str(path)
+            assert path.is_symlink()
+            assert path.is_char_device()
+        assert not path.is_symlink()
+
+    def test_masters_open_and_close_it(self, tmp_path):
+        with running(f"pty:{tmp_path / 'drive'}") as server:
+            for _ in range(20):
+                assert self.ask(server.address)[:-1] == VALUE
+
+    def test_bytes_pass_unchanged(self, tmp_path):
+        every = bytes(range(256)) + b"\x03\x04\x11\x13\r\n"
+        with running(f"pty:{tmp_path / 'drive'}", [], echo=True) as server:
+            descriptor = os.open(server.address, os.O_RDWR | os.O_NOCTTY)
+            os.write(descriptor, every)
+            got = b""
+            while len(got) < len(every):
+                assert select.select([descriptor], [], [], 5)[0]
+                got += os.read(descriptor, 1000)
+            os.close(descriptor)
+        assert got == every
+
+    def test_a_link_left_behind_is_replaced(self, tmp_path):
+        path = tmp_path / "drive"
+        path.symlink_to(tmp_path / "nowhere")
+        with running(f"pty:{path}") as server:
+            assert self.ask(server.address)[:-1] == VALUE
+
+    def test_what_is_no_link_is_left_alone(self, tmp_path):
+        path = tmp_path / "drive"
+        path.write_text("mine")
+        with pytest.raises(PortError, match="exists and is no symbolic link"):
+            parse_listen(f"pty:{path}").open()
+        assert path.read_text() == "mine"
+
+    def test_a_folder_that_does_not_exist(self, tmp_path):
+        with pytest.raises(PortError, match="choose a path in a folder that exists"):
+            parse_listen(f"pty:{tmp_path / 'no' / 'drive'}").open()
+
+    def test_a_link_that_somebody_has_taken_over_stays(self, tmp_path):
+        path = tmp_path / "drive"
+        with running(f"pty:{path}"):
+            path.unlink()
+            path.symlink_to("/dev/null")
+        assert path.readlink() == Path("/dev/null")
+
+    def test_a_master_that_never_reads(self, tmp_path):
+        with running(f"pty:{tmp_path / 'drive'}") as server:
+            descriptor = os.open(server.address, os.O_RDWR | os.O_NOCTTY)
+            for _ in range(200):
+                os.write(descriptor, ENQUIRY * 10)
+            tty.setraw(descriptor)
+            os.close(descriptor)
+            time.sleep(0.06)
+            descriptor = os.open(server.address, os.O_RDWR | os.O_NOCTTY)
+            while select.select([descriptor], [], [], 0.2)[0]:
+                os.read(descriptor, 65536)
+            os.close(descriptor)
+            assert self.ask(server.address)[:-1] == VALUE
+
+
+class TestRfc2217:
+    def test_a_plain_client_that_sets_nothing_is_served_as_well(self):
+        with running("rfc2217::0") as server, connected(server) as master:
+            master.sendall(ENQUIRY)
+            data = b""
+            while not data.endswith(VALUE[-4:]) and VALUE not in data:
+                data += master.recv(100)
+            assert VALUE in data
+
+    @pytest.mark.parametrize(
+        "garbage",
+        [
+            IAC + b"\xf0",
+            IAC + b"\xfa\x2c\x01" + IAC + b"\xf0",
+            IAC + b"\xfa\x2c\x03\x63" + IAC + b"\xf0",
+            IAC + b"\xfa" + b"A" * 1000,
+        ],
+        ids=["end without beginning", "baud rate without bytes", "parity that does not exist", "without end"],
+    )
+    def test_telnet_commands_that_no_client_sends(self, garbage):
+        with running("rfc2217::0") as server:
+            with connected(server) as master:
+                master.sendall(garbage)
+                with_all = b""
+                try:
+                    while piece := master.recv(100):
+                        with_all += piece
+                except ConnectionResetError:
+                    pass
+            with connected(server) as master:
+                master.sendall(ENQUIRY)
+                data = b""
+                while VALUE not in data:
+                    data += master.recv(100)
+
+    def test_random_bytes(self):
+        noise = random.Random(5)
+        listener = Rfc2217Listener("127.0.0.1", 0)
+        listener.open()
+        number = int(listener.address.rpartition(":")[2])
+        for _ in range(200):
+            with socket.create_connection(("127.0.0.1", number)) as master:
+                listener.receive(1.0)
+                master.sendall(
+                    bytes(noise.choice(b"\xff\xfa\xf0\xfb\xfd\x2c\x00\x01\x02\x03\x05AB") for _ in range(80))
+                )
+                listener.receive(1.0)
+            until = time.monotonic() + 5
+            while listener._master is not None and time.monotonic() < until:
+                listener.receive(0.1)
+            assert listener._master is None
+        listener.close()
+
+    def test_an_impossible_setting_is_a_value_error(self):
+        port = PretendedPort()
+        assert port.settings is None
+        for name, value in (("baudrate", 1), ("bytesize", 5), ("parity", "X"), ("stopbits", 3)):
+            with pytest.raises(ValueError, match="not"):
+                setattr(port, name, value)
+        port.baudrate, port.bytesize, port.parity, port.stopbits = 19200, 7, "E", 2
+        assert str(port.settings) == "19200 7E2"
+        assert (port.baudrate, port.bytesize, port.parity, port.stopbits) == (19200, 7, "E", 2)
+        port.reset_input_buffer()
+        port.reset_output_buffer()
