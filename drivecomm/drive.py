@@ -161,4 +161,11 @@ def bound(operation: Callable[..., Exchange[T]], *values: Any, **options: Any) -
     if unknown:
         known = [name for name, one in parameters.items() if one.kind is one.KEYWORD_ONLY or not values]
         raise UsageError(f"{operation.__name__} has no option {unknown[0]!r} here; it has {', '.join(known) or 'none'}")
+    missing = [
+        name
+        for name, one in list(parameters.items())[len(values) :]
+        if one.default is one.empty and one.kind is not one.VAR_KEYWORD and name not in options
+    ]
+    if missing:
+        raise UsageError(f"{operation.__name__} needs {', '.join(missing)}")
     return operation(*values, **options)

@@ -39,7 +39,7 @@ class LineSettings:
         """Seconds that one character takes: start bit, data bits, parity bit, stop bits."""
         return (1 + self.bytesize + (self.parity != "N") + self.stopbits) / self.baudrate
 
-    def wire_s(self, characters: int) -> float:
+    def wire_s(self, characters: float) -> float:
         """Seconds that this many characters take when they follow each other without a gap."""
         return characters * self.character_s
 
@@ -49,12 +49,14 @@ class LineSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timing:
-    """When a master may speak and how long it waits; all in seconds, apart from the number of attempts.
+    """When a master may speak and how long it waits, in seconds unless the name says otherwise.
 
     reply_timeout_s: from the last character of a request to the first of the reply.
     gap_s: the longest pause inside a telegram; a longer one ends it.
     turnaround_s: from the end of a reply to the next request.
     broadcast_pause_s: from the end of a broadcast to the next request.
+    gap_characters, turnaround_characters: the same in character times; the longer of both holds, and the one for the
+    turnaround holds after a broadcast too.
     late_s: how long after an unanswered request its reply may still arrive.
     attempts: how often a request is sent at most, when repeating it is safe.
     """
@@ -63,6 +65,8 @@ class Timing:
     gap_s: float
     turnaround_s: float
     broadcast_pause_s: float
+    gap_characters: float = 0.0
+    turnaround_characters: float = 0.0
     late_s: float = 1.0
     attempts: int = 3
 
@@ -80,6 +84,21 @@ class LineFacts:
 
     settings: LineSettings
     timing: Timing
+
+    @property
+    def gap_s(self) -> float:
+        """The longest pause inside a telegram at this line's speed."""
+        return max(self.timing.gap_s, self.settings.wire_s(self.timing.gap_characters))
+
+    @property
+    def turnaround_s(self) -> float:
+        """The pause from the end of a reply to the next request at this line's speed."""
+        return max(self.timing.turnaround_s, self.settings.wire_s(self.timing.turnaround_characters))
+
+    @property
+    def broadcast_pause_s(self) -> float:
+        """The pause after a broadcast at this line's speed."""
+        return max(self.timing.broadcast_pause_s, self.settings.wire_s(self.timing.turnaround_characters))
 
     def override(self, facts: dict[str, object]) -> LineFacts:
         """Return these facts with the named ones replaced; names are those of LineSettings and Timing.

@@ -167,7 +167,7 @@ class Link:
         data = party.codec.encode(command.message)
         if isinstance(command, Tell):
             yield from self._send(party, data, command.message)
-            pause = party.facts.timing.broadcast_pause_s if command.pause_s is None else command.pause_s
+            pause = party.facts.broadcast_pause_s if command.pause_s is None else command.pause_s
             self._free_at = self._now + party.facts.settings.wire_s(len(data)) + pause
             return None
         return (yield from self._ask(party, command, data))
@@ -193,10 +193,10 @@ class Link:
         raise AssertionError("attempts is at least 1")  # pragma: no cover
 
     def _await_reply(self, party: Party, ask: Ask, data: bytes) -> Steps[Message]:
-        settings, timing = party.facts.settings, party.facts.timing
+        facts, settings, timing = party.facts, party.facts.settings, party.facts.timing
         timeout = timing.reply_timeout_s if ask.reply_timeout_s is None else ask.reply_timeout_s
         limit = self._now + settings.wire_s(len(data) + 1) + timeout
-        latest = limit + settings.wire_s(_LONGEST_TELEGRAM) + timing.gap_s
+        latest = limit + settings.wire_s(_LONGEST_TELEGRAM) + facts.gap_s
         framer = Framer(party.codec, "reply")
         echo = data if self._echo else b""
         damage = stray = ""
@@ -210,7 +210,7 @@ class Link:
                 if isinstance(find, Framed):
                     reason = "echo" if find.data == data else party.mismatch(ask.message, find.message)
                     if not reason:
-                        self._free_at = self._now + timing.turnaround_s
+                        self._free_at = self._now + facts.turnaround_s
                         self._note(party, "received", find.data, find.message)
                         return find.message
                     self._stray(party, find, reason)
@@ -221,7 +221,7 @@ class Link:
                 break
             # Once bytes have come only the gap limit counts; without any, the reply time keeps running.
             waiting = framer.missing > 1 or bool(damage)
-            deadline = self._now + settings.wire_s(framer.missing) + timing.gap_s if waiting else limit
+            deadline = self._now + settings.wire_s(framer.missing) + facts.gap_s if waiting else limit
         if damage:
             raise DamagedReplyError(f"{party.name} answered with a damaged telegram ({damage})")
         why = f": {stray}" if stray else ""
@@ -250,19 +250,21 @@ class Link:
         """Bring the port to the drive's line settings."""
         if self._settings == party.facts.settings:
             return
+        # Whoever is interrupted in the middle of this no longer knows how the port stands.
+        before, self._settings = self._settings, None
         arrival = yield Configure(party.facts.settings)
         self._now = arrival.time
         if arrival.note:
             self._note(party, "note", detail=arrival.note)
-        if self._settings is not None:
+        if before is not None:
             self._free_at = max(self._free_at, self._now + self._guard_s)
         self._settings = party.facts.settings
 
     def _drain(self, party: Party) -> Steps[None]:
         """Read until the line has been quiet for the drive's gap, at most for one reply time."""
-        timing = party.facts.timing
-        limit = self._now + max(timing.reply_timeout_s, timing.gap_s)
-        while (quiet_at := min(limit, self._heard_at + timing.gap_s)) > self._now:
+        gap = party.facts.gap_s
+        limit = self._now + max(party.facts.timing.reply_timeout_s, gap)
+        while (quiet_at := min(limit, self._heard_at + gap)) > self._now:
             came = yield from self._receive(quiet_at)
             if came:
                 self._count(party, "drained bytes", len(came))

@@ -39,7 +39,13 @@ protocol = Protocol(
     facts=LineFacts(
         settings=LineSettings(baudrate=19200, bytesize=7, parity="E"),
         timing=Timing(
-            reply_timeout_s=0.5, gap_s=0.050, turnaround_s=0.002, broadcast_pause_s=0.050, late_s=1.0, attempts=3
+            reply_timeout_s=0.5,
+            gap_s=0.050,
+            gap_characters=3,
+            turnaround_s=0.002,
+            broadcast_pause_s=0.050,
+            late_s=1.0,
+            attempts=3,
         ),
     ),
     facts_source=(

@@ -32,7 +32,13 @@ protocol = Protocol(
     facts=LineFacts(
         settings=LineSettings(baudrate=9600, bytesize=8, parity="N"),
         timing=Timing(
-            reply_timeout_s=0.25, gap_s=0.050, turnaround_s=0.010, broadcast_pause_s=0.010, late_s=1.0, attempts=3
+            reply_timeout_s=0.25,
+            gap_s=0.050,
+            gap_characters=5,
+            turnaround_s=0.010,
+            broadcast_pause_s=0.010,
+            late_s=1.0,
+            attempts=3,
         ),
     ),
     facts_source=(
