@@ -1,0 +1,153 @@
+"""Reading and writing parameters: values, texts, option texts, description elements, RAM and EEPROM.
+
+Specification, sections 6 to 8; VLT 5000 Design Guide p. 95-99.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import NotSupported, ParameterAddressError, UsageError
+from drivecomm_danfoss_fc.conversation import answered
+from drivecomm_danfoss_fc.description import NAME, description_reading
+from drivecomm_danfoss_fc.messages import ParameterReply, TextReply
+from drivecomm_danfoss_fc.parameters import raw_for, reading_of, text_for, text_reading, trimmed
+from drivecomm_danfoss_fc.telegrams import LONGEST_TEXT
+
+if TYPE_CHECKING:
+    from drivecomm.exchange import Exchange
+    from drivecomm.reading import Reading, Value
+    from drivecomm_danfoss_fc.conversation import Conversation
+    from drivecomm_danfoss_fc.parameters import Target
+
+READ, WRITE_WORD, WRITE_DOUBLE, READ_ELEMENT, STORE_DOUBLE, STORE_WORD, TEXT = 1, 2, 3, 4, 13, 14, 15
+"""Commands (AK) that a master sends."""
+
+READ_TEXT, WRITE_TEXT = 0x0400, 0x0500
+"""High byte of IND with AK 15 (FC 102 Design Guide section 8.4.10; VLT 6000 operating manual p. 74)."""
+
+_NUMBERS = frozenset([1, 2])
+_ELEMENT = frozenset([3])
+_TEXTS = frozenset([15])
+_WRITTEN_TEXT = frozenset([1, 2, 15])
+
+# A confirmation with another value can be the late reply to an earlier read, so the write is sent once more before that
+# value is believed. Values are absolute: nothing changes by writing one twice.
+_TWICE = range(2)
+
+
+def read_number(talk: Conversation, wanted: Target) -> Exchange[Reading]:
+    """Read a value with AK 1."""
+    reply = yield from talk.parameter(READ, wanted.pnu, wanted.ind)
+    return reading_of(wanted, _number(reply, wanted))
+
+
+def read_text(talk: Conversation, wanted: Target) -> Exchange[Reading]:
+    """Read the text that a parameter holds: AK 15, IND 04xx, in a parameter block with PWE 0."""
+    reply = yield from talk.parameter(TEXT, wanted.pnu, READ_TEXT | wanted.ind)
+    return text_reading(wanted, _text(reply, _TEXTS, wanted))
+
+
+def read_option_text(talk: Conversation, wanted: Target, option: int) -> Exchange[Reading]:
+    """Read what one value of an option parameter is called: AK 15, IND = value + 1 (VLT 5000 Design Guide p. 99)."""
+    if type(option) is not int or option not in range(254):
+        raise ParameterAddressError(f"option {option!r} has no text: IND names the options 0 to 253")
+    return _read_option_text(talk, wanted, option)
+
+
+def _read_option_text(talk: Conversation, wanted: Target, option: int) -> Exchange[Reading]:
+    reply = yield from talk.parameter(TEXT, wanted.pnu, option + 1)
+    return text_reading(wanted, _text(reply, _TEXTS, wanted), f"text of option {option}")
+
+
+def read_element(talk: Conversation, wanted: Target, element: int) -> Exchange[Reading]:
+    """Read a description element with AK 4; element 6, the name, is a text."""
+    if type(element) is not int or element not in range(1, 256):
+        raise ParameterAddressError(f"{element!r} is no description element: they are 1 to 255")
+    return _read_element(talk, wanted, element)
+
+
+def _read_element(talk: Conversation, wanted: Target, element: int) -> Exchange[Reading]:
+    reply = yield from talk.parameter(READ_ELEMENT, wanted.pnu, element)
+    if element == NAME:
+        return text_reading(wanted, _text(reply, _ELEMENT, wanted), "description element 6, name")
+    answered(reply, _ELEMENT, wanted.address)
+    assert isinstance(reply, ParameterReply)  # noqa: S101 - AK 3 is a text with element 6 only
+    return description_reading(wanted, element, reply.pwe)
+
+
+def write_number(talk: Conversation, wanted: Target, value: Value | float, *, store: bool) -> Exchange[Reading]:
+    """Write a value, to RAM with AK 2 or 3, or with store to EEPROM too with AK 14 or 13; the drive reports it back."""
+    raw = raw_for(wanted, value)
+    if wanted.double:
+        return _write_number(talk, wanted, STORE_DOUBLE if store else WRITE_DOUBLE, raw % 2**32)
+    return _write_number(talk, wanted, STORE_WORD if store else WRITE_WORD, raw % 2**16)
+
+
+def _write_number(talk: Conversation, wanted: Target, ak: int, pwe: int) -> Exchange[Reading]:
+    for _ in _TWICE:
+        reply = _number((yield from talk.parameter(ak, wanted.pnu, wanted.ind, pwe, acts=True)), wanted)
+        reported = reading_of(wanted, reply)
+        if reported.raw == pwe:
+            return reported
+    differs = f"the drive reports {reported.raw} where {pwe} was written"
+    return replace(reported, note="; ".join(filter(None, (differs, reported.note))))
+
+
+def write_text(talk: Conversation, wanted: Target, value: Value | float, *, allowed: bool) -> Exchange[Reading | None]:
+    """Write a text with AK 15, IND 05xx, in a text block, exactly the characters given."""
+    if not allowed:
+        raise NotSupported("the guides of this series know AK 15 for reading texts only (FC 101, FC 360)")
+    return _write_text(talk, wanted, text_for(wanted, value, LONGEST_TEXT))
+
+
+def _write_text(talk: Conversation, wanted: Target, text: str) -> Exchange[Reading | None]:
+    # What answers a text write is printed nowhere: a text, or a word of which nothing is known, both are taken.
+    kept = "whether a drive keeps a text over power-off is not printed"
+    reported = ""
+    for _ in _TWICE:
+        reply = yield from talk.text(wanted.pnu, WRITE_TEXT | wanted.ind, text)
+        answered(reply, _WRITTEN_TEXT, wanted.address)
+        if not isinstance(reply, TextReply):
+            return None
+        reported = reply.text
+        if trimmed(reported) == trimmed(text):
+            return text_reading(wanted, reported, kept)
+    if not trimmed(reported):
+        return None
+    return text_reading(wanted, reported, f"the drive reports another text than the one written, {text!r}; {kept}")
+
+
+def tell_number(talk: Conversation, wanted: Target, value: Value | float, *, store: bool) -> Exchange[None]:
+    """Write a value of all drives at once; nobody answers and no manual says that they obey."""
+    raw = raw_for(wanted, value)
+    if wanted.double:
+        return talk.tell_parameter(STORE_DOUBLE if store else WRITE_DOUBLE, wanted.pnu, wanted.ind, raw % 2**32)
+    return talk.tell_parameter(STORE_WORD if store else WRITE_WORD, wanted.pnu, wanted.ind, raw % 2**16)
+
+
+def chosen_reading(
+    talk: Conversation, wanted: Target, *, option_text: int | None, element: int | None, index_given: bool
+) -> Exchange[Reading]:
+    """Return the exchange that reads what the options of `read` ask for. Raises UsageError for two things at once."""
+    asked = [name for name, given in (("option_text", option_text), ("element", element)) if given is not None]
+    if len(asked) > 1 or (asked and index_given):
+        raise UsageError(f"IND holds one thing: {' or '.join([*asked, 'an index'] if index_given else asked)}")
+    if option_text is not None:
+        return read_option_text(talk, wanted, option_text)
+    if element is not None:
+        return read_element(talk, wanted, element)
+    return read_text(talk, wanted) if wanted.type == "text" else read_number(talk, wanted)
+
+
+def _number(reply: ParameterReply | TextReply, wanted: Target) -> ParameterReply:
+    answered(reply, _NUMBERS, wanted.address)
+    assert isinstance(reply, ParameterReply)  # noqa: S101 - AK 1 and 2 are never texts
+    return reply
+
+
+def _text(reply: ParameterReply | TextReply, expected: frozenset[int], wanted: Target) -> str:
+    answered(reply, expected, wanted.address)
+    assert isinstance(reply, TextReply)  # noqa: S101 - AK 15, and AK 3 with element 6, are always texts
+    return reply.text

@@ -1,0 +1,54 @@
+"""Which reply belongs to which request (specification, section 6.2)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm_danfoss_fc.messages import REPLIES, REQUESTS, ProcessReply, ProcessRequest, TextRequest
+
+if TYPE_CHECKING:
+    from drivecomm.telegram import Message
+
+_ANSWERS: dict[int, frozenset[int]] = {
+    0: frozenset([0]),
+    1: frozenset([0, 1, 2, 7]),
+    2: frozenset([0, 1, 7]),
+    3: frozenset([0, 1, 2, 7]),
+    4: frozenset([0, 3, 7]),
+    13: frozenset([0, 1, 2, 7]),
+    14: frozenset([0, 1, 7]),
+    15: frozenset([0, 7, 15]),
+}
+"""Response codes that each command can get. AK 1 to a double word is what the FC guides print for 3-41."""
+
+_REFUSALS = frozenset([0, 7])
+_LISTED_RESPONSES = frozenset([0, 1, 2, 3, 7, 15])
+_LOW_BYTE_OF_IND = frozenset([1, 2, 3, 13, 14])
+"""Commands that use IND as an array index; its high byte then says nothing (specification, section 18)."""
+
+
+def mismatch(request: Message, reply: Message) -> str:
+    """Name the first field in which a sound reply does not belong to a request; nothing when it belongs.
+
+    The whole ADR is compared, the address format too: a drive hands it back unchanged (seeds 001 and 004). An AK that
+    no response table lists is let through, so that the exchange can report it (specification, section 15, no. 29).
+    """
+    if not isinstance(request, REQUESTS) or not isinstance(reply, REPLIES):
+        return "kind"
+    if (reply.address_format, reply.broadcast, reply.address) != (
+        request.address_format,
+        request.broadcast,
+        request.address,
+    ):
+        return "address"
+    if isinstance(request, ProcessRequest) or isinstance(reply, ProcessReply):
+        return "" if isinstance(request, ProcessRequest) and isinstance(reply, ProcessReply) else "kind"
+    if reply.pnu != request.pnu:
+        return "pnu"
+    if isinstance(request, TextRequest):
+        # What answers a text write is printed nowhere: AK decides alone (specification, section 8).
+        return "ak" if reply.ak == 3 else ""
+    if (reply.ind ^ request.ind) & (0x00FF if request.ak in _LOW_BYTE_OF_IND else 0xFFFF):
+        return "ind"
+    legal = reply.ak not in _LISTED_RESPONSES or reply.ak in _ANSWERS.get(request.ak, _REFUSALS)
+    return "" if legal else "ak"

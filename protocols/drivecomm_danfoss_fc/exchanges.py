@@ -1,0 +1,369 @@
+"""The verbs of a drive that speaks the Danfoss FC protocol."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import NotSupported, RefusedError, UnexpectedReplyError, UsageError, ValueRefusedError
+from drivecomm.numbers import exact
+from drivecomm.protocol import Capabilities
+from drivecomm.status import DriveState, DriveStatus, Stop
+from drivecomm_danfoss_fc import access, words
+from drivecomm_danfoss_fc.conversation import Conversation
+from drivecomm_danfoss_fc.motion import (
+    PERCENT_PER_STEP,
+    PRESET_MASK,
+    RAMP_MASK,
+    SET_UP_MASK,
+    Motion,
+    fc_profile_only,
+    one_of,
+    reference_for,
+    stop_words,
+)
+from drivecomm_danfoss_fc.options import span
+from drivecomm_danfoss_fc.parameters import target
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from decimal import Decimal
+
+    from drivecomm.exchange import Exchange
+    from drivecomm.models import Model
+    from drivecomm.reading import Reading, Value
+    from drivecomm_danfoss_fc.options import DanfossFcOptions
+
+_PROBED = "1"
+"""0-01 (001), the language: every series has it."""
+
+_NAME_PLATE = {
+    "15-40": "FC type",
+    "15-41": "power section",
+    "15-43": "software version",
+    "15-46": "ordering number",
+    "15-51": "serial number",
+}
+_OLD_NAME_PLATE = {"621": "unit type"}
+"""Texts that are read without a model (FC 102 Design Guide section 8.4.10; VLT 5000 Design Guide p. 87)."""
+
+
+class DanfossFcOperations:
+    """The verbs of one drive, or of all drives at address 0.
+
+    extra: verbs beyond those that every protocol has: `jog(number=1)`, `preset(number)`, `set_up(number)`,
+    `relays(relay_1=None, relay_2=None)`, `ramp(number)`, `freeze()`, `catch_up()`, `slow_down()`, `control_word(word)`
+    and `release()`.
+    """
+
+    def __init__(self, address: int, options: DanfossFcOptions, model: Model | None) -> None:
+        self._options = options
+        self._model = model
+        self._talk = Conversation(address, options)
+        self._motion = Motion(self._talk, state_timeout_s=options.state_timeout_s)
+        self._range = span("reference", options.reference_minimum_hz, options.reference_maximum_hz)
+        self._limits = span("output", options.output_minimum_hz, options.output_maximum_hz)
+        self.extra: Mapping[str, Callable[..., Exchange[Any]]] = {
+            "jog": self.jog,
+            "preset": self.preset,
+            "set_up": self.set_up,
+            "relays": self.relays,
+            "ramp": self.ramp,
+            "freeze": self.freeze,
+            "catch_up": self.catch_up,
+            "slow_down": self.slow_down,
+            "control_word": self.control_word,
+            "release": self.release,
+        }
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What the drive can be asked to do.
+
+        Reverse works only if 8-54 (506) gives it to the bus; the factory setting often does not. A reference in percent
+        goes to the nearest of its steps of 100/16384 %, about 0.0061 %. The reference in Hz needs the option
+        reference_maximum_hz.
+        """
+        return Capabilities(
+            stops=frozenset(stop_words(profidrive=self._talk.profidrive)),
+            reverse=True,
+            reference_percent=True,
+            reference_hz=self._range is not None,
+            stored_writes=True,
+            volatile_writes=True,
+            broadcast=True,
+            link_loss=(
+                "what 8-04 (514, VLT 6000: 556) says, after the time in 8-03 (513) without a valid control word; "
+                "8-04 = 0 is off: the motor runs on"
+            ),
+        )
+
+    def read(
+        self,
+        parameter: str,
+        *,
+        type: str = "",
+        index: int | None = None,
+        option_text: int | None = None,
+        element: int | None = None,
+    ) -> Exchange[Reading]:
+        """Read a parameter.
+
+        type: int16, int32, uint8, uint16, uint32 or text. index: of an array's element. option_text: read what this
+        value of an option parameter is called instead. element: read this element of the parameter's description
+        instead (1 basic characteristics, 2 number of array elements, 4 conversion index and unit, 6 name, 7 and 8
+        limits, 20 default value, 21 additional characteristics).
+        """
+        self._must_be_one_drive("read")
+        wanted = target(parameter, self._model, self._options, type=type, index=index)
+        return access.chosen_reading(
+            self._talk,
+            wanted,
+            option_text=option_text,
+            element=element,
+            index_given=index is not None or "[" in parameter,
+        )
+
+    def write(
+        self,
+        parameter: str,
+        value: Value | float,
+        *,
+        store: bool = False,
+        type: str = "",
+        index: int | None = None,
+    ) -> Exchange[Reading | None]:
+        """Write a parameter, to RAM, or with store to EEPROM too; returns what the drive reports.
+
+        type: int16, int32, uint8, uint16, uint32 or text. index: of an array's element. EEPROM cells wear: never store
+        in a cycle. Whether a text is kept over power-off is up to the drive.
+        """
+        wanted = target(parameter, self._model, self._options, type=type, index=index)
+        if self._talk.broadcast:
+            if not self._options.broadcast_parameters or wanted.type == "text":
+                raise NotSupported(
+                    "no manual says that drives obey a parameter write to all; the option broadcast_parameters forces "
+                    "it for numbers"
+                )
+            return access.tell_number(self._talk, wanted, value, store=store)
+        if wanted.type == "text":
+            return access.write_text(self._talk, wanted, value, allowed=self._options.text_writes)
+        return access.write_number(self._talk, wanted, value, store=store)
+
+    def status(self) -> Exchange[DriveStatus]:
+        """Read status word and actual value with a process block, and the fault code if the drive has tripped."""
+        self._must_be_one_drive("status")
+        return self._status()
+
+    def start(self, *, reverse: bool = False) -> Exchange[None]:
+        """Start the motor; reverse sets bit 15, which works only if 8-54 (506) gives reversing to the bus."""
+        self._must_be_one_drive("start")
+        return self._motion.start(reverse=reverse)
+
+    def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
+        """Stop: 043C (ramp), 0474 (coast), 046C (quick stop) or 0478 (DC brake); repeated in every later telegram."""
+        known = stop_words(profidrive=self._talk.profidrive)
+        if how not in known:
+            raise NotSupported(
+                f"the PROFIdrive control word cannot stop by {how.value}; it can by ramp, coast and quick"
+            )
+        if self._talk.broadcast:
+            return self._talk.tell_all(known[how])
+        return self._motion.stop(known[how])
+
+    def reset(self) -> Exchange[None]:
+        """Acknowledge a trip with 043C, 04BC, 043C; a drive that has not tripped is left alone."""
+        self._must_be_one_drive("reset")
+        return self._motion.reset()
+
+    def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
+        """Set the bus reference, -200 % to 199.99 % of the reference range, to the nearest step of 0.0061 %.
+
+        A running drive gets it at once, any other with the next command.
+        """
+        self._must_be_one_drive("set_reference")
+        number = exact(percent, "reference")
+        return self._motion.set_reference(reference_for(number, f"{number} %"))
+
+    def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
+        """Set the bus reference as a frequency within the reference range that the options give."""
+        self._must_be_one_drive("set_reference")
+        if self._range is None:
+            raise NotSupported(
+                "the telegram carries a percentage; give the drive's maximum reference 3-03 (205) with the option "
+                "reference_maximum_hz to set a reference in Hz"
+            )
+        lowest, highest = self._range
+        number = exact(hz, "reference")
+        if (lowest and number < lowest) or abs(number) > highest:
+            raise ValueRefusedError(f"{number} Hz is outside the reference range {lowest} to {highest} Hz")
+        return self._motion.set_reference(reference_for((number - lowest) * 100 / (highest - lowest), f"{number} Hz"))
+
+    def probe(self) -> Exchange[None]:
+        """Ask once for parameter 1, without a valid control word; a refusal proves a drive as well as a value does."""
+        self._must_be_one_drive("probe")
+        return self._probe()
+
+    def identify(self) -> Exchange[Mapping[str, str]]:
+        """Read the name plate: the read-only texts of the model, or without one what both families may have."""
+        self._must_be_one_drive("identify")
+        return self._identify()
+
+    # Functions of the control word that only this protocol has
+
+    def jog(self, number: int = 1) -> Exchange[None]:
+        """Run at the jog speed (3-11 or 3-19; PROFIdrive: bus jog 1 or 2, 8-90 and 8-91) until start or stop."""
+        self._must_be_one_drive("jog")
+        return self._motion.jog(one_of(number, range(1, 3 if self._talk.profidrive else 2), "jog"))
+
+    def preset(self, number: int) -> Exchange[None]:
+        """Select preset reference 1 to 4, that is 3-10 [0] to [3] (215 to 218; VLT 6000: 211 to 214).
+
+        A running drive gets it at once, any other with the next start. Whether it adds to the bus reference is a
+        setting of the drive.
+        """
+        fc_profile_only(self._talk, "preset references")
+        return self._switch("preset", PRESET_MASK, one_of(number, range(1, 5), "preset") - 1)
+
+    def set_up(self, number: int) -> Exchange[None]:
+        """Select set-up 1 to 4; multi set-up must be chosen in 0-10 (004).
+
+        Small drives are said to have no bit 14 and so no set-ups 3 and 4; the bit is set for those two only.
+        """
+        bits = one_of(number, range(1, 5), "set-up") - 1 << words.SET_UP_BIT
+        return self._switch("set_up", SET_UP_MASK, bits, at_once=True)
+
+    def relays(self, *, relay_1: bool | None = None, relay_2: bool | None = None) -> Exchange[None]:
+        """Switch the relays; None leaves one as it is. 5-40 must tie them to the control word ([36], [37]).
+
+        VLT 5000 manuals call relay 2 relay 04. The relays drop at the control word timeout (VLT 6000 manual p. 163).
+        """
+        fc_profile_only(self._talk, "relays")
+        if relay_1 is None and relay_2 is None:
+            raise UsageError("relays takes relay_1= or relay_2=, each True or False")
+        mask = bits = 0
+        for bit, on in ((words.RELAY_1_BIT, relay_1), (words.RELAY_2_BIT, relay_2)):
+            mask |= 0 if on is None else 1 << bit
+            bits |= 1 << bit if on else 0
+        return self._switch("relays", mask, bits, at_once=True)
+
+    def ramp(self, number: int) -> Exchange[None]:
+        """Use ramp 1 or ramp 2; no function on VLT 6000."""
+        fc_profile_only(self._talk, "ramp 2")
+        return self._switch("ramp", RAMP_MASK, one_of(number, range(1, 3), "ramp") - 1 << words.RAMP_2_BIT)
+
+    def freeze(self) -> Exchange[None]:
+        """Hold the output frequency of a running motor until the next start or stop."""
+        self._must_be_one_drive("freeze")
+        return self._motion.freeze()
+
+    def catch_up(self) -> Exchange[None]:
+        """Raise the reference of a running motor by one step (PROFIdrive bit 12); never repeated."""
+        return self._pulse("catch_up", words.CATCH_UP_BIT)
+
+    def slow_down(self) -> Exchange[None]:
+        """Lower the reference of a running motor by one step (PROFIdrive bit 11); never repeated."""
+        return self._pulse("slow_down", words.SLOW_DOWN_BIT)
+
+    def control_word(self, word: int) -> Exchange[None]:
+        """Send this control word with the reference that is set; a valid one is repeated in every later telegram."""
+        self._must_be_one_drive("control_word")
+        return self._motion.control_word(one_of(word, range(0x10000), "control word"))
+
+    def release(self) -> Exchange[None]:
+        """Stop repeating the control word, so that another master can take over. Sends nothing."""
+        return self._motion.release()
+
+    # Conversations
+
+    def _status(self) -> Exchange[DriveStatus]:
+        word, actual = yield from self._motion.status_word()
+        profidrive = self._talk.profidrive
+        fault = words.tripped(word, profidrive=profidrive)
+        code = (yield from self._fault_code()) if fault else None
+        percent = _plain(actual * PERCENT_PER_STEP)
+        return DriveStatus(
+            word=word,
+            state=_state_of(word, fault=fault),
+            running=words.has(word, words.RUNNING),
+            fault=fault,
+            warning=words.has(word, words.WARNING),
+            at_reference=words.has(word, words.AT_REFERENCE),
+            reverse=actual < 0 if actual else None,
+            remote=words.has(word, words.BUS_CONTROL),
+            fault_code=code,
+            fault_text=self._model.faults.get(code, "") if self._model and code is not None else "",
+            actual_percent=percent if self._options.actual_scaling == "reference" else None,
+            actual_hz=self._frequency(percent),
+            flags=words.flags_of(word, profidrive=profidrive),
+        )
+
+    def _frequency(self, percent: Decimal) -> Decimal | None:
+        span = self._range if self._options.actual_scaling == "reference" else self._limits
+        if span is None or (percent < 0 and span[0]):
+            return None
+        return _plain(span[0] + (span[1] - span[0]) * percent / 100)
+
+    def _fault_code(self) -> Exchange[int | None]:
+        if not self._options.fault_code_parameter:
+            return None
+        wanted = target(self._options.fault_code_parameter, self._model, self._options, type="uint16")
+        try:
+            return int((yield from access.read_number(self._talk, wanted)).raw)
+        except (RefusedError, UnexpectedReplyError):
+            return None
+
+    def _probe(self) -> Exchange[None]:
+        wanted = target(_PROBED, None, self._options)
+        yield from self._talk.parameter(access.READ, wanted.pnu, wanted.ind, attempts=1)
+
+    def _identify(self) -> Exchange[Mapping[str, str]]:
+        if self._model is not None:
+            texts = {
+                info.address: info.title
+                for info in self._model.parameters.values()
+                if info.type == "text" and info.access == "r"
+            }
+            return (yield from self._texts(texts))
+        found = yield from self._texts(_NAME_PLATE)
+        return found or (yield from self._texts(_OLD_NAME_PLATE))
+
+    def _texts(self, parameters: Mapping[str, str]) -> Exchange[Mapping[str, str]]:
+        found = {}
+        for parameter, title in parameters.items():
+            wanted = target(parameter, self._model, self._options, type="text")
+            try:
+                reading = yield from access.read_text(self._talk, wanted)
+            except (RefusedError, UnexpectedReplyError):
+                continue
+            if reading.value:
+                found[title] = str(reading.value)
+        return found
+
+    def _switch(self, verb: str, mask: int, bits: int, *, at_once: bool = False) -> Exchange[None]:
+        self._must_be_one_drive(verb)
+        return self._motion.switch(mask, bits, at_once=at_once)
+
+    def _pulse(self, verb: str, bit: int) -> Exchange[None]:
+        self._must_be_one_drive(verb)
+        if not self._talk.profidrive:
+            raise NotSupported(f"{verb} is a function of the PROFIdrive control word; the FC profile has relays there")
+        return self._motion.pulse(bit, verb)
+
+    def _must_be_one_drive(self, verb: str) -> None:
+        if self._talk.broadcast:
+            raise NotSupported(f"{verb} needs an answer, and nobody answers a broadcast")
+
+
+def _plain(number: Decimal) -> Decimal:
+    """Return a number without the zeros behind it."""
+    whole = number.to_integral_value()
+    return whole if whole == number else number.normalize()
+
+
+def _state_of(word: int, *, fault: bool) -> DriveState:
+    if fault:
+        return DriveState.FAULT
+    if words.has(word, words.RUNNING):
+        return DriveState.RUNNING
+    ready = all(words.has(word, bit) for bit in (words.CONTROL_READY, words.DRIVE_READY, words.ENABLED))
+    return DriveState.READY if ready else DriveState.NOT_READY

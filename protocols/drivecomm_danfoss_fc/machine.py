@@ -1,0 +1,260 @@
+"""What an FC drive makes of control words: its motor, its status word, its functions, its watchdog.
+
+Specification, section 12. Where the manuals leave the order of stops open, the order in which section 14 names words is
+taken. The status word is asked for before a command is obeyed (VLT 5000 Design Guide p. 95).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from drivecomm.motor import Command
+from drivecomm_danfoss_fc import words
+from drivecomm_danfoss_fc.words import has
+
+if TYPE_CHECKING:
+    from drivecomm.motor import Motor
+    from drivecomm_danfoss_fc.options import DanfossFcOptions
+    from drivecomm_danfoss_fc.store import Store
+
+CONTROL_WORD_TIMEOUT = 17
+"""Alarm "control word timeout"; the number is general knowledge of the FC series."""
+
+_RPM = 67
+"""Conversion index of a speed; the jogs of PROFIdrive are in rpm on FC drives and in Hz on VLT drives."""
+
+_STOPS = {
+    "coast": Command.OFF,
+    "quick_stop": Command.QUICK_STOP,
+    "dc_brake": Command.DC_BRAKE,
+    "ramp_stop": Command.RAMP_STOP,
+    "freeze_output": Command.HOLD,
+}
+_GATES = (
+    ("gate_coast", words.COAST_BIT, True),
+    ("gate_quick_stop", words.QUICK_STOP_BIT, True),
+    ("gate_dc_brake", words.DC_BRAKE_BIT, True),
+    ("gate_start", words.START_BIT, False),
+    ("gate_reverse", words.REVERSE_BIT, False),
+)
+"""Role of the parameter that gates a bit, the bit, and its level where the bus has no say (value 0, digital input)."""
+
+
+class Machine:
+    """One drive's reaction to the bus over time.
+
+    local: operated at the keypad, bus commands have no effect. locked: the trip is a trip lock, mains must be cycled.
+    conditions: status bits that the motor does not produce by itself (4, 5, 12 to 15), for tests. word, reference: the
+    last valid control word and its reference. set_up, relays: what bits 13, 14 and 11, 12 chose.
+    """
+
+    def __init__(self, motor: Motor, store: Store, options: DanfossFcOptions) -> None:
+        self.motor = motor
+        self.local = False
+        self.locked = False
+        self.conditions = 0
+        self._store = store
+        self._options = options
+        self.power_up()
+
+    def power_up(self) -> None:
+        """Begin as after mains is switched on."""
+        self.word = words.IGNORED
+        self.reference = 0
+        self.set_up = 1
+        self.relays = [False, False]
+        self.timed_out = False
+        self._valid_at: float | None = None
+        self._trips_when_stopped = False
+        self._on = False
+        self._caught_up = 0.0
+
+    @property
+    def profidrive(self) -> bool:
+        """Whether control words are read as PROFIdrive; 8-10 (512) decides where the drive has it."""
+        if not self._store.has("profile"):
+            return self._options.profile == "profidrive"
+        return self._store.setting("profile", 0) != self._store.fact("profile", "fc_value", 0)
+
+    def control(self, word: int, reference: int, now: float) -> None:
+        """Obey a control word; one without bit 10 is ignored as a whole, and its reference with it."""
+        if not has(word, words.VALID_BIT):
+            return
+        self._valid_at = now
+        if self.timed_out:
+            self.timed_out = self._trips_when_stopped = self.motor.warning = False
+        if self.local:
+            return
+        previous, self.word, self.reference = self.word, word, reference
+        if self.motor.fault and not self.locked and has(word, words.RESET_BIT) and not has(previous, words.RESET_BIT):
+            self.motor.reset(now)
+        if self._allowed("gate_set_up") and self._multi_set_up():
+            self.set_up = 1 + (word >> words.SET_UP_BIT & 0b11)
+        if self.profidrive:
+            self._profidrive_functions(word, previous)
+        else:
+            self.relays = self._tied_relays(has(word, words.RELAY_1_BIT), has(word, words.RELAY_2_BIT))
+        self._move(now)
+
+    def watch(self, now: float) -> None:
+        """Let time pass: the control word timeout, a stop that ends in a trip, the motor."""
+        function = round(self._store.setting("timeout_function", 0))
+        if function and self._valid_at is not None and not self.timed_out:
+            deadline = self._valid_at + self._store.setting("timeout_s", math.inf)
+            if now > deadline:
+                self._time_out(function, deadline)
+        self.motor.advance(now)
+        if self._trips_when_stopped and not self.motor.running:
+            self._trips_when_stopped = False
+            self.motor.trip(CONTROL_WORD_TIMEOUT, now)
+        if self.motor.fault:
+            self._on = False
+
+    def status_word(self) -> int:
+        """Return the status word of the profile that is set."""
+        motor, fault = self.motor, bool(self.motor.fault)
+        coasting = self._command() == "coast"
+        bits = {
+            words.CONTROL_READY: not fault,
+            words.DRIVE_READY: not fault,
+            words.ENABLED: not fault and not coasting,
+            words.TRIP: fault,
+            words.WARNING: motor.warning,
+            words.AT_REFERENCE: motor.at_reference,
+            words.BUS_CONTROL: not self.local,
+            words.IN_LIMITS: self._low() <= abs(motor.output_hz) <= self._high(),
+            words.RUNNING: motor.running,
+        }
+        if self.profidrive:
+            off_2, off_3 = coasting, self._command() == "quick_stop"
+            active = self._options.off_bit_when_active
+            bits |= {words.ENABLED: self._on and not coasting}
+            bits |= {4: off_2 == active, 5: off_3 == active, 6: fault or off_2 or off_3}
+        else:
+            bits[words.TRIP_LOCK] = fault and self.locked
+        return sum(1 << bit for bit, on in bits.items() if on) | self.conditions
+
+    def main_actual(self) -> int:
+        """Return the actual value: the output frequency on the scale that the series uses."""
+        hz = self.motor.output_hz
+        if hz == 0:
+            return 0
+        low, high = self._low(), self._high()
+        if self._options.actual_scaling == "reference":
+            low, high = self._reference_span()
+        share = math.copysign(abs(hz) - max(low, 0.0), hz) / (high - max(low, 0.0)) if high > low else 0.0
+        return max(-(2**15), min(2**15 - 1, round(share * words.HUNDRED_PERCENT)))
+
+    def reference_percent(self) -> float:
+        """Return the reference in force: bus reference and preset, added up or one instead of the other."""
+        percent = self.reference * 100 / words.HUNDRED_PERCENT + self._caught_up
+        if not self.profidrive and self._allowed("gate_preset"):
+            preset = self._preset(self.word & 0b11)
+            percent = percent + preset if self._options.presets_added else preset or percent
+        return max(-100.0, min(100.0, percent))
+
+    def _preset(self, place: int) -> float:
+        if self._store.has("preset"):
+            return self._store.setting("preset", 0.0, place)
+        return self._store.setting(f"preset_{place + 1}", 0.0)
+
+    def _move(self, now: float) -> None:
+        store, motor = self._store, self.motor
+        motor.rated_hz = store.setting("rated_hz", motor.rated_hz)
+        motor.maximum_hz = self._high()
+        second = has(self.word, words.RAMP_2_BIT) and not self.profidrive and store.has("ramp_2")
+        # The tables name no ramp-down time for ramp 2; the ramp-up time serves both ways.
+        motor.ramp_up_s = store.setting("ramp_2" if second else "ramp_up", motor.ramp_up_s)
+        motor.ramp_down_s = store.setting("ramp_2" if second else "ramp_down", motor.ramp_down_s)
+        motor.quick_ramp_s = store.setting("quick_ramp", motor.quick_ramp_s)
+        if motor.fault:
+            return
+        command = self._command()
+        if command in _STOPS:
+            motor.stop(_STOPS[command], now)
+        elif self.profidrive and not self._on:
+            motor.stop(Command.RAMP_STOP, now)
+        else:
+            motor.run(self._directed(self._wanted_hz(command)), now)
+
+    def _command(self) -> str:
+        """Return the name of the word in force, with the bits gated that the bus has no say in."""
+        word = self.word & ~(1 << words.RESET_BIT)
+        for role, bit, level in _GATES:
+            if not self._allowed(role) and not (self.profidrive and role == "gate_dc_brake"):
+                word = word | 1 << bit if level else word & ~(1 << bit)
+        return words.profidrive_command_of(word) if self.profidrive else words.command_of(word)
+
+    def _wanted_hz(self, command: str) -> float:
+        if command.startswith("jog"):
+            if not self.profidrive:
+                return self._store.setting("jog_hz", 5.0)
+            role = "bus_jog_1" if command == "jog" else "bus_jog_2"
+            in_rpm = self._store.fact(role, "conversion_index", 0) == _RPM
+            speed = self._store.setting(role, 5.0)
+            return speed * self.motor.rated_hz / self.motor.rated_rpm if in_rpm else speed
+        low, high = self._reference_span()
+        percent = self.reference_percent()
+        if self._store.setting("range", 0):
+            return percent * high / 100
+        # With the range "minimum to maximum" a negative reference stays at the minimum.
+        return low + max(0.0, percent) * (high - low) / 100
+
+    def _directed(self, hz: float) -> float:
+        if has(self.word, words.REVERSE_BIT) and self._allowed("gate_reverse"):
+            hz = -hz
+        if hz < 0 and self._store.setting("direction", 2) == 0:
+            return 0.0
+        return math.copysign(max(abs(hz), self._low()), hz)
+
+    def _reference_span(self) -> tuple[float, float]:
+        high = self._store.setting("reference_maximum", 50.0)
+        return (-high if self._store.setting("range", 0) else self._store.setting("reference_minimum", 0.0)), high
+
+    def _low(self) -> float:
+        return self._store.setting("low_limit", 0.0)
+
+    def _high(self) -> float:
+        return self._store.setting("high_limit", 50.0)
+
+    def _allowed(self, role: str) -> bool:
+        return self._store.setting(role, 3) != 0
+
+    def _multi_set_up(self) -> bool:
+        return self._store.setting("active_set_up", 0) == self._store.fact("active_set_up", "multi", 0)
+
+    def _tied_relays(self, first: bool, second: bool) -> list[bool]:
+        """Relays follow the bits to which 5-40 ties them: [36] bit 11, [37] bit 12."""
+        if not self._store.has("relay"):
+            return [first, second]
+        bits = {36: first, 37: second}
+        return [bits.get(round(self._store.setting("relay", 0, place)), False) for place in (0, 1)]
+
+    def _profidrive_functions(self, word: int, previous: int) -> None:
+        """Switch on at a rising edge of bit 0 behind a valid word, off with OFF1, OFF2 or OFF3; catch up, slow down."""
+        off = not (has(word, words.ON_BIT) and has(word, words.OFF2_BIT) and has(word, words.OFF3_BIT))
+        if off:
+            self._on, self._caught_up = False, 0.0
+        elif has(previous, words.VALID_BIT) and not has(previous, words.ON_BIT) and not self.motor.fault:
+            self._on = True
+        step = float(self._options.catch_up_percent)
+        for bit, sign in ((words.CATCH_UP_BIT, 1), (words.SLOW_DOWN_BIT, -1)):
+            if has(word, bit) and not has(previous, bit):
+                self._caught_up += sign * step
+
+    def _time_out(self, function: int, deadline: float) -> None:
+        """Do what 8-04 says: 1 freeze, 2 stop, 3 jog, 4 maximum speed, 5 stop and trip, 7 to 10 set-up 1 to 4."""
+        motor = self.motor
+        self.timed_out = motor.warning = True
+        self.relays = [False, False]
+        if function == 1:
+            motor.stop(Command.HOLD, deadline)
+        elif function in (2, 5):
+            motor.stop(Command.RAMP_STOP, deadline)
+            self._trips_when_stopped = function == 5
+        elif function in (3, 4) and motor.running:
+            hz = self._store.setting("jog_hz", 5.0) if function == 3 else self._high()
+            motor.run(math.copysign(hz, motor.output_hz), deadline)
+        elif function >= 7:
+            self.set_up = function - 6

@@ -1,0 +1,85 @@
+"""What differs between drives of the Danfoss FC protocol and is therefore configurable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Literal, TypeAlias
+
+from drivecomm.errors import UsageError
+from drivecomm.numbers import exact
+from drivecomm_danfoss_fc.messages import ADDRESS_FORMATS, FORMAT_126
+
+Profile: TypeAlias = Literal["fc", "profidrive"]
+Hertz: TypeAlias = Decimal | int | float | str
+
+_CHOICES: dict[str, tuple[object, ...]] = {
+    "address_format": ADDRESS_FORMATS,
+    "pnu_bits": (12, 11),
+    "profile": ("fc", "profidrive"),
+    "index_base": (0, 1),
+    "actual_scaling": ("reference", "limits"),
+    "off_bit_when_active": (0, 1),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DanfossFcOptions:
+    """Options of a drive that speaks the Danfoss FC protocol; the models set those of their series.
+
+    address_format: "1-126" or "1-31" for what is sent; both are understood (seed 001). pnu_bits: 12, or 11 for VLT
+    2800, 5000, 6000 and 8000. profile: "fc", or "profidrive" when 8-10 (512) is set so. index_base: the index of an
+    array's first element, used where an address names none: 0, or 1 for the old numbers (V6; F3a p. 240). text_writes:
+    False for drives whose guides know text reading only (FC 101, FC 360).
+
+    reference_minimum_hz, reference_maximum_hz: the reference range, 3-02 and 3-03 (204, 205), where the reference unit
+    is Hz; without the maximum `set_reference(hz=)` is not possible. actual_scaling: what 100 % of the actual value is,
+    the maximum "reference" (later FC guides) or the output frequency "limits" (VLT 5000 p. 93, VLT 6000 p. 165, FC 300
+    early edition p. 288). output_minimum_hz, output_maximum_hz: those limits, 4-12 and 4-14 (201, 202); without the
+    maximum a status shows no output frequency.
+
+    fault_code_parameter: where a tripped drive keeps the code of its fault, empty for not asking. broadcast_parameters:
+    let writes go to all drives at once; no manual says whether drives obey them. state_timeout_s: how long a reset may
+    take to clear the trip.
+
+    reply_delay_s, presets_added, catch_up_percent, off_bit_when_active: for a virtual drive. How long it takes at least
+    to answer; whether a preset reference adds to the bus reference or replaces it; the step of catch up and slow down;
+    the level of the PROFIdrive status bits 4 and 5 while OFF2 or OFF3 is active: 1 on VLT drives (V5 p. 93), 0 on FC
+    drives (F3a p. 285).
+    """
+
+    address_format: str = FORMAT_126
+    pnu_bits: int = 12
+    profile: Profile = "fc"
+    index_base: int = 0
+    text_writes: bool = True
+    reference_minimum_hz: Hertz = 0
+    reference_maximum_hz: Hertz | None = None
+    actual_scaling: Literal["reference", "limits"] = "reference"
+    output_minimum_hz: Hertz = 0
+    output_maximum_hz: Hertz | None = None
+    fault_code_parameter: str = ""
+    broadcast_parameters: bool = False
+    state_timeout_s: float = 2.0
+    reply_delay_s: float = 0.0
+    presets_added: bool = True
+    catch_up_percent: Hertz = 1
+    off_bit_when_active: int = 0
+
+    def __post_init__(self) -> None:
+        for name, allowed in _CHOICES.items():
+            if getattr(self, name) not in allowed:
+                raise UsageError(f"{name} is {' or '.join(map(repr, allowed))}, not {getattr(self, name)!r}")
+        for name in ("reference", "output"):
+            span(name, getattr(self, f"{name}_minimum_hz"), getattr(self, f"{name}_maximum_hz"))
+
+
+def span(name: str, minimum: Hertz, maximum: Hertz | None) -> tuple[Decimal, Decimal] | None:
+    """Return a range of frequencies, None where its end is not known. Raises UsageError for an empty one."""
+    lowest = exact(minimum, f"{name}_minimum_hz")
+    if maximum is None:
+        return None
+    highest = exact(maximum, f"{name}_maximum_hz")
+    if highest <= lowest:
+        raise UsageError(f"{name}_maximum_hz {highest} is not above {name}_minimum_hz {lowest}")
+    return lowest, highest

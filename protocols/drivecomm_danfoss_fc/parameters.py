@@ -1,0 +1,232 @@
+"""Parameter addresses and values: what `16-14`, `3-10[3]`, `520` and `motor_current` mean and how their values look.
+
+Specification, sections 8, 10 and 11.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
+from drivecomm.numbers import exact, scaled, unscaled
+from drivecomm.reading import Reading, Value
+
+if TYPE_CHECKING:
+    from drivecomm.models import Model, ParameterInfo
+    from drivecomm_danfoss_fc.messages import ParameterReply
+    from drivecomm_danfoss_fc.options import DanfossFcOptions
+
+TYPES = ("int16", "int32", "uint8", "uint16", "uint32", "text")
+DATA_TYPES = {"int16": 3, "int32": 4, "uint8": 5, "uint16": 6, "uint32": 7, "text": 9}
+"""Numbers of the data types (VLT 5000 Design Guide p. 87; FC 102 guide); others are named in the models."""
+
+RANGES = {
+    "int16": range(-(2**15), 2**15),
+    "int32": range(-(2**31), 2**31),
+    "uint8": range(2**8),
+    "uint16": range(2**16),
+    "uint32": range(2**32),
+}
+
+_ADDRESS = re.compile(
+    r"(?:(?P<group>\d{1,2})-(?P<member>\d{2})|(?P<number>\d{1,4}))(?:\[(?P<index>\d{1,3})\])?", re.ASCII
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """A parameter with what is known about it. index is None for one that is no array and was named without index."""
+
+    pnu: int
+    name: str
+    index: int | None
+    type: str
+    info: ParameterInfo | None
+
+    @property
+    def address(self) -> str:
+        """The parameter address as the maker writes it."""
+        return self.name if self.index is None else f"{self.name}[{self.index}]"
+
+    @property
+    def ind(self) -> int:
+        """The IND word of a number: the array index in the low byte."""
+        return self.index or 0
+
+    @property
+    def double(self) -> bool:
+        """Whether the type takes a double word."""
+        return self.type in ("int32", "uint32")
+
+
+def target(
+    parameter: str, model: Model | None, options: DanfossFcOptions, *, type: str = "", index: int | None = None
+) -> Target:
+    """Return what a parameter address or a name of the model means.
+
+    `16-14` is group and member, PNU 1614; `520` is the PNU itself; the array index stands in brackets as it goes into
+    IND. Raises ParameterAddressError for anything else.
+    """
+    name, opening, rest = parameter.partition("[")
+    known = model.find(name) if model else None
+    match = _ADDRESS.fullmatch((known.address if known else name) + opening + rest)
+    if match is None:
+        remedy = f"nor a name of model {model.name}" if model else "such as 16-14, 3-10[3] or 520"
+        raise ParameterAddressError(f"{parameter!r} is no FC parameter address {remedy}")
+    pnu = int(match["number"] or match["group"] + match["member"])
+    if pnu >= 2**options.pnu_bits:
+        raise ParameterAddressError(
+            f"parameter {parameter} cannot be reached: its number {pnu} is beyond {2**options.pnu_bits - 1}, the "
+            f"highest that {options.pnu_bits} bits can name"
+        )
+    info = known or in_model(model, pnu)
+    if match["index"] is not None:
+        if index is not None and index != int(match["index"]):
+            raise UsageError(f"{parameter} names index {match['index']}, and index={index} another")
+        index = int(match["index"])
+    if index is None and info is not None and "elements" in info.extra:
+        index = options.index_base
+    if index is not None and index not in range(256):
+        raise ParameterAddressError(
+            f"index {index} of parameter {parameter} does not fit the low byte of IND, 0 to 255"
+        )
+    chosen = type or (info.type if info else "")
+    if chosen not in ("", *TYPES):
+        raise UsageError(f"{chosen!r} is no type of the FC protocol; they are {', '.join(TYPES)}")
+    plain = str(pnu) if match["number"] else f"{int(match['group'])}-{match['member']}"
+    return Target(
+        pnu=pnu,
+        name=info.address if info else plain,
+        index=index,
+        type=chosen,
+        info=info,
+    )
+
+
+def in_model(model: Model | None, pnu: int) -> ParameterInfo | None:
+    """Return what a model knows of a parameter number, however it writes it."""
+    if model is None:
+        return None
+    return next((info for info in model.parameters.values() if number_of(info.address) == pnu), None)
+
+
+def number_of(address: str) -> int:
+    """Return the PNU of a model's address: 4-14 is 414, 001 is 1. Raises ParameterAddressError."""
+    match = _ADDRESS.fullmatch(address)
+    if match is None or match["index"]:
+        raise ParameterAddressError(f"the model's {address!r} is no FC parameter address such as 16-14 or 520")
+    return int(match["number"] or match["group"] + match["member"])
+
+
+def reading_of(wanted: Target, reply: ParameterReply) -> Reading:
+    """Return the reading that the reply to a read or a write gives.
+
+    AK decides the width: a word counts with PWE low only, whatever the model says of the type, because small drives
+    keep some parameters in 16 bits and the FC guides print a word for 3-41 (specification, sections 6.2 and 16).
+    """
+    bits = 16 if reply.ak == 1 else 32
+    raw = reply.pwe % 2**bits
+    common: dict[str, Any] = {"parameter": wanted.address, "name": wanted.info.name if wanted.info else "", "raw": raw}
+    if wanted.type in ("", "text"):
+        return Reading(value=raw, note="type not known: this is the unsigned number as sent", **common)
+    notes = []
+    if (bits == 32) is not wanted.double:
+        notes.append(f"the drive answered {wanted.type} with {'a word' if bits == 16 else 'a double word'}")
+    value = signed(raw, bits) if wanted.type.startswith("int") else raw
+    return _physical(wanted, value, notes, common)
+
+
+def _physical(wanted: Target, value: int, notes: list[str], common: dict[str, Any]) -> Reading:
+    info = wanted.info
+    if info is None or info.type == "text":
+        notes.append("scale not known: this is the number as sent")
+        return Reading(value=value, type=wanted.type, note="; ".join(notes), **common)
+    if info.sure != "manual":
+        notes.append(f"type and unit are {info.sure}")
+    return Reading(
+        value=scaled(value, info.factor),
+        unit=info.unit,
+        type=wanted.type,
+        text=info.values.get(value, ""),
+        note="; ".join(notes),
+        **common,
+    )
+
+
+def limit_reading(wanted: Target, pwe: int, note: str) -> Reading:
+    """Return the reading of a limit or default value, description elements 7, 8 and 20, scaled as the parameter is."""
+    common: dict[str, Any] = {"parameter": wanted.address, "name": wanted.info.name if wanted.info else "", "raw": pwe}
+    if wanted.type in ("", "text"):
+        return Reading(value=pwe, note=f"{note}; type not known: this is the unsigned number as sent", **common)
+    bits = 32 if wanted.double else 16
+    value = signed(pwe % 2**bits, bits) if wanted.type.startswith("int") else pwe % 2**bits
+    return _physical(wanted, value, [note], common)
+
+
+def text_reading(wanted: Target, text: str, note: str = "") -> Reading:
+    """Return the reading of a text; trailing spaces and zero bytes are padding (specification, section 8)."""
+    return Reading(
+        parameter=wanted.address,
+        value=trimmed(text),
+        raw=text,
+        type="text",
+        name=wanted.info.name if wanted.info else "",
+        note=note,
+    )
+
+
+def trimmed(text: str) -> str:
+    """Return a text without what it is padded with."""
+    return text.rstrip(" \0")
+
+
+def signed(raw: int, bits: int) -> int:
+    """Return what an unsigned number of so many bits is in two's complement."""
+    return raw - 2**bits if raw >= 2 ** (bits - 1) else raw
+
+
+def raw_for(wanted: Target, value: Value | float) -> int:
+    """Return the number that carries a value, signed; physical values where the model knows the scale.
+
+    Raises ValueRefusedError for a value that does not fit, UsageError when the type is not known.
+    """
+    if wanted.type == "":
+        raise UsageError(
+            f"the type of parameter {wanted.address} is not known, so its value cannot be written; "
+            f"name a model or give type= ({', '.join(TYPES)})"
+        )
+    info = wanted.info if wanted.info and wanted.info.type != "text" else None
+    number = exact(value, wanted.address)
+    if info is not None:
+        _check_limits(info, number)
+    raw = unscaled(number, info.factor if info else Decimal(1), wanted.address, info.unit if info else "")
+    allowed = RANGES[wanted.type]
+    if raw not in allowed:
+        raise ValueRefusedError(
+            f"{value} for parameter {wanted.address} is {raw} on the wire, and {wanted.type} goes from "
+            f"{allowed.start} to {allowed.stop - 1}"
+        )
+    return raw
+
+
+def _check_limits(info: ParameterInfo, number: Decimal) -> None:
+    if (info.minimum is not None and number < info.minimum) or (info.maximum is not None and number > info.maximum):
+        low = "" if info.minimum is None else f"{info.minimum} "
+        high = "" if info.maximum is None else f" {info.maximum}"
+        raise ValueRefusedError(f"{number} for parameter {info.address} is outside {low}to{high} {info.unit}".rstrip())
+
+
+def text_for(wanted: Target, value: Value | float, longest: int) -> str:
+    """Return the characters to write. Raises ValueRefusedError for what is no text or too long; nothing is padded."""
+    if not isinstance(value, str):
+        raise ValueRefusedError(f"{value!r} for parameter {wanted.address} is no text")
+    if wanted.info is not None:
+        longest = int(wanted.info.extra.get("characters", longest))
+    if len(value) > longest:
+        raise ValueRefusedError(f"{value!r} for parameter {wanted.address} is longer than {longest} characters")
+    if any(ord(character) > 0xFF for character in value):
+        raise ValueRefusedError(f"{value!r} for parameter {wanted.address} has characters outside ISO 8859-1")
+    return value

@@ -1,0 +1,58 @@
+"""What the Danfoss FC protocol gives to drivecomm."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.line import LineFacts, LineSettings, Timing
+from drivecomm.protocol import Protocol
+from drivecomm_danfoss_fc.conversation import BROADCAST
+from drivecomm_danfoss_fc.correlation import mismatch
+from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
+from drivecomm_danfoss_fc.options import DanfossFcOptions
+from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, blind_spots, message_from, titled_forms
+from drivecomm_danfoss_fc.virtual import VirtualDanfossFcDrive
+
+if TYPE_CHECKING:
+    from drivecomm.models import Model
+    from drivecomm.protocol import VirtualDrive
+
+
+def _codec(options: DanfossFcOptions) -> DanfossFcCodec:
+    return DanfossFcCodec(options.pnu_bits)
+
+
+def _virtual(address: int, options: DanfossFcOptions, model: Model) -> VirtualDrive:
+    return VirtualDanfossFcDrive(address, options, model)
+
+
+protocol = Protocol(
+    name="danfoss-fc",
+    title="Danfoss FC protocol",
+    package="drivecomm_danfoss_fc",
+    facts=LineFacts(
+        settings=LineSettings(baudrate=9600, bytesize=8, parity="E", stopbits=1),
+        timing=Timing(
+            reply_timeout_s=0.100, gap_s=0.050, turnaround_s=0.0023, broadcast_pause_s=0.0023, late_s=0.25, attempts=3
+        ),
+    ),
+    facts_source=(
+        "8E1: FC 101 Design Guide MG18C502 p. 82 and VLT 6000 manual p. 122; 9600 baud: field drivers; two characters "
+        "before the next request: VLT 6000 manual p. 122, VLT 5000 Crane manual p. 97; replies come within 20 ms (same "
+        "pages) or 50 ms (VLT 2800 Design Guide p. 108), 100 ms leave room; gap, broadcast pause, late replies and "
+        "attempts are printed nowhere, defaults of drivecomm"
+    ),
+    addresses=range(1, 127),
+    scan_addresses=range(1, 32),
+    default_model="fc300",
+    broadcast_address=BROADCAST,
+    options=DanfossFcOptions,
+    codec=_codec,
+    message=message_from,
+    mismatch=mismatch,
+    operations=DanfossFcOperations,
+    virtual=_virtual,
+    blind_spots=blind_spots,
+    forms=titled_forms,
+    parameter_examples=("16-14", "3-10[3]", "1614", "520", "615[1]"),
+)

@@ -1,0 +1,262 @@
+"""What a virtual FC drive holds: parameters with their elements, in RAM and in EEPROM, and their descriptions.
+
+Values are kept as the drive counts them, numbers signed; a telegram carries them in two's complement of 16 or 32 bits.
+"""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from typing import TYPE_CHECKING
+
+from drivecomm_danfoss_fc import description
+from drivecomm_danfoss_fc.faultcodes import (
+    FACTORY_SET_UP,
+    NO_BUS_ACCESS,
+    NO_SUCH_ELEMENT,
+    NO_SUCH_INDEX,
+    NO_SUCH_PARAMETER,
+    NO_TEXT,
+    NOT_AN_ARRAY,
+    NOT_WHILE_RUNNING,
+    OUTSIDE_LIMITS,
+    READ_ONLY,
+    WRONG_TYPE,
+)
+from drivecomm_danfoss_fc.parameters import DATA_TYPES, RANGES, number_of, signed
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from drivecomm.models import Model, ParameterInfo
+
+_UNIT_INDICES = {"s": 4, "ms": 4, "h": 4, "kWh": 8, "kW": 9, "rpm": 11, "Nm": 16, "deg C": 17}
+_UNIT_INDICES |= {"V": 21, "A": 22, "%": 24, "Hz": 28}
+
+
+class Refusal(Exception):  # noqa: N818 - an answer of the drive, not an error of the program
+    """The drive refuses with AK 7 and this fault code."""
+
+    def __init__(self, code: int) -> None:
+        self.code = code
+        super().__init__(f"fault {code}")
+
+
+class Store:
+    """The parameters of one drive by number and array index; index_base is the index of a first element.
+
+    without_bus_access: parameters that answer fault 130. factory_set_up: every write is refused with fault 131.
+    """
+
+    def __init__(self, model: Model, index_base: int) -> None:
+        self._infos: dict[int, ParameterInfo] = {number_of(info.address): info for info in model.parameters.values()}
+        self._roles = {
+            str(info.extra["role"]): number for number, info in self._infos.items() if info.extra.get("role")
+        }
+        self._base = index_base
+        self._eeprom = {
+            (number, index_base + place if _elements(info) else 0): value
+            for number, info in self._infos.items()
+            for place, value in enumerate(_starts(info))
+        }
+        self._ram = dict(self._eeprom)
+        self._poked: set[int] = set()
+        self.without_bus_access: set[int] = set()
+        self.factory_set_up = False
+
+    def power_cycle(self) -> None:
+        """Forget what was written to RAM only."""
+        self._ram = dict(self._eeprom)
+
+    def read(self, number: int, index: int) -> tuple[int, int]:
+        """Return width in bits and unsigned value. Raises Refusal."""
+        info = self._info(number)
+        value = self._ram[number, self._place(number, info, index)]
+        if isinstance(value, str):
+            raise Refusal(WRONG_TYPE)
+        return _bits(info), value % 2 ** _bits(info)
+
+    def read_text(self, number: int, index: int) -> str:
+        """Return the text that a parameter holds. Raises Refusal."""
+        value = self._ram[number, self._place(number, self._info(number), index)]
+        if isinstance(value, int):
+            raise Refusal(NO_TEXT)
+        return value
+
+    def option_text(self, number: int, option: int) -> str:
+        """Return what one value of an option parameter is called. Raises Refusal."""
+        text = self._info(number).values.get(option)
+        if text is None:
+            raise Refusal(NO_TEXT)
+        return text
+
+    def write(self, number: int, index: int, bits: int, value: int, *, store: bool, running: bool) -> tuple[int, int]:
+        """Take an unsigned value of this width and return what `read` then gives. Raises Refusal."""
+        info = self._writable(number, running=running)
+        if info.type == "text" or bits != _bits(info):
+            raise Refusal(WRONG_TYPE)
+        place = self._place(number, info, index)
+        number_given = signed(value % 2**bits, bits) if info.type.startswith("int") else value % 2**bits
+        lowest, highest = limits(info)
+        if not lowest <= number_given <= highest:
+            raise Refusal(OUTSIDE_LIMITS)
+        self._put(number, place, number_given, store=store)
+        return self.read(number, index)
+
+    def write_text(self, number: int, index: int, text: str, *, running: bool) -> None:
+        """Take a text. Raises Refusal."""
+        info = self._writable(number, running=running)
+        place = self._place(number, info, index)
+        if info.type != "text":
+            raise Refusal(WRONG_TYPE)
+        if len(text) > int(info.extra.get("characters", 245)):
+            raise Refusal(OUTSIDE_LIMITS)
+        self._put(number, place, text, store=True)
+
+    def describe(self, number: int, element: int) -> int | str:
+        """Return one element of a parameter's description. Raises Refusal for one that it does not have."""
+        info = self._info(number)
+        if element == description.NAME:
+            return info.title
+        if element == description.BASIC:
+            return self._characteristics(number, info)
+        if element == description.ELEMENTS:
+            return max(1, _elements(info))
+        if info.type == "text":
+            raise Refusal(NO_SUCH_ELEMENT)
+        if element == description.CONVERSION:
+            conversion: int = info.extra.get("conversion_index", 0)
+            return conversion % 256 << 8 | _UNIT_INDICES.get(info.unit, 0)
+        lowest, highest = limits(info)
+        numbers = {
+            description.LOWER_LIMIT: lowest,
+            description.UPPER_LIMIT: highest,
+            description.DEFAULT: _raw(info, info.start),
+        }
+        if element not in numbers:
+            raise Refusal(NO_SUCH_ELEMENT)
+        limit: int = numbers[element] % 2 ** _bits(info)
+        return limit
+
+    def peek(self, number: int, index: int | None) -> int | str:
+        """Return a value as a telegram would carry it, without asking for access. Raises Refusal."""
+        info = self._info(number, bus=False)
+        value = self._ram[number, self._place(number, info, self._first(info) if index is None else index)]
+        return value if isinstance(value, str) else value % 2 ** _bits(info)
+
+    def poke(self, number: int, index: int | None, value: int | str) -> None:
+        """Set a value in RAM and EEPROM; one that the drive measures stays as it was poked. Raises Refusal."""
+        info = self._info(number, bus=False)
+        if isinstance(value, int):
+            value = signed(value % 2 ** _bits(info), _bits(info)) if info.type.startswith("int") else value
+        self._put(number, self._place(number, info, self._first(info) if index is None else index), value, store=True)
+        self._poked.add(number)
+
+    # What a drive knows of its own parameters: by their role in the model
+
+    def has(self, role: str) -> bool:
+        """Tell whether a parameter has this role."""
+        return role in self._roles
+
+    def setting(self, role: str, otherwise: float, element: int = 0) -> float:
+        """Return a physical value by its role; otherwise where no parameter of this drive has the role."""
+        if role not in self._roles:
+            return otherwise
+        number = self._roles[role]
+        info = self._infos[number]
+        return int(self._ram[number, self._first(info) + element]) * float(info.factor)
+
+    def fact(self, role: str, key: str, otherwise: int) -> int:
+        """Return a number that the model gives for the parameter with this role, beyond what every parameter has."""
+        return int(self._infos[self._roles[role]].extra.get(key, otherwise)) if role in self._roles else otherwise
+
+    def show(self, role: str, value: float, element: int = 0) -> None:
+        """Put a measured physical value into the parameter with this role, unless it was poked."""
+        number = self._roles.get(role)
+        if number is None or number in self._poked:
+            return
+        info = self._infos[number]
+        allowed = RANGES[info.type]
+        raw = max(allowed.start, min(allowed.stop - 1, round(value / float(info.factor))))
+        self._put(number, self._first(info) + element, raw, store=True)
+
+    def set(self, role: str, value: int) -> None:
+        """Set the parameter with this role to a raw number."""
+        if role in self._roles:
+            number = self._roles[role]
+            self._put(number, self._first(self._infos[number]), value, store=True)
+
+    def _put(self, number: int, place: int, value: int | str, *, store: bool) -> None:
+        self._ram[number, place] = value
+        if store:
+            self._eeprom[number, place] = value
+
+    def _info(self, number: int, *, bus: bool = True) -> ParameterInfo:
+        if number not in self._infos:
+            raise Refusal(NO_SUCH_PARAMETER)
+        if bus and number in self.without_bus_access:
+            raise Refusal(NO_BUS_ACCESS)
+        return self._infos[number]
+
+    def _writable(self, number: int, *, running: bool) -> ParameterInfo:
+        info = self._info(number)
+        if "w" not in info.access:
+            raise Refusal(READ_ONLY)
+        if self.factory_set_up:
+            raise Refusal(FACTORY_SET_UP)
+        if running and info.access == "rw*":
+            raise Refusal(NOT_WHILE_RUNNING)
+        return info
+
+    def _place(self, number: int, info: ParameterInfo, index: int) -> int:
+        if (number, index) in self._ram:
+            return index
+        raise Refusal(NO_SUCH_INDEX if _elements(info) else NOT_AN_ARRAY)
+
+    def _first(self, info: ParameterInfo) -> int:
+        return self._base if _elements(info) else 0
+
+    def _characteristics(self, number: int, info: ParameterInfo) -> int:
+        number_of_type = int(info.extra.get("data_type", DATA_TYPES[info.type]))
+        differs = self._ram[number, self._first(info)] != next(iter(_starts(info)))
+        flags = {
+            14: bool(_elements(info)),
+            12: differs,
+            11: info.type == "text",
+            10: bool(info.values),
+            9: "w" not in info.access,
+            8: info.type == "text",
+        }
+        return number_of_type | sum(1 << bit for bit, on in flags.items() if on)
+
+
+def limits(info: ParameterInfo) -> tuple[int, int]:
+    """Return lower and upper limit as raw numbers: what the model knows, the virtual ones, or the type's."""
+    allowed = RANGES[info.type]
+    low, high = info.minimum, info.maximum
+    if low is None and "virtual_minimum" in info.extra:
+        low = Decimal(str(info.extra["virtual_minimum"]))
+    if high is None and "virtual_maximum" in info.extra:
+        high = Decimal(str(info.extra["virtual_maximum"]))
+    return (
+        allowed.start if low is None else int(low / info.factor),
+        allowed.stop - 1 if high is None else int(high / info.factor),
+    )
+
+
+def _elements(info: ParameterInfo) -> int:
+    return int(info.extra.get("elements", 0))
+
+
+def _bits(info: ParameterInfo) -> int:
+    return 32 if info.type in ("int32", "uint32") else 16
+
+
+def _starts(info: ParameterInfo) -> Sequence[int | str]:
+    if "starts" in info.extra:
+        return [_raw(info, Decimal(each)) for each in str(info.extra["starts"]).split()]
+    start: int | str = str(info.start or "") if info.type == "text" else _raw(info, info.start)
+    return [start] * max(1, _elements(info))
+
+
+def _raw(info: ParameterInfo, physical: Decimal | str | None) -> int:
+    return int(physical / info.factor) if isinstance(physical, Decimal) else 0

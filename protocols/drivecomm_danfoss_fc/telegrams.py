@@ -1,0 +1,325 @@
+"""The telegrams of the Danfoss FC protocol.
+
+VLT 5000 Design Guide MG.52.B2.02 p. 84-99 (seed 001: p. 85); FC 101 Design Guide MG18C502 p. 82, section 7.4 (seed
+004).
+
+    process     STX LGE=6     ADR                          PCD1 PCD2 BCC
+    parameter   STX LGE=14    ADR PKE IND PWE-high PWE-low PCD1 PCD2 BCC
+    text        STX LGE=10+n  ADR PKE IND c...c            PCD1 PCD2 BCC
+
+STX is 02H. LGE counts the bytes behind itself. All words go high byte first, 32-bit values as two words, high word
+first. PCD1 and PCD2 are control word and bus reference from the master, status word and actual value from the drive.
+BCC is the exclusive-or of everything before it, STX included. Nothing is escaped and nothing ends a telegram: 02H may
+stand anywhere in it, so reception goes by LGE and by silence.
+
+A parameter block and a text block of four characters are equally long; AK and IND tell them apart (specification,
+section 4): text is a reply with AK 15, a request with AK 15 and IND 05xxH, and a reply with AK 3 and IND 6.
+
+Faults to expect: a wrong BCC, a cut telegram, a reply of another drive or to an earlier request, AK 0 ("no response"),
+the master's own telegram handed back by its adapter, which looks like a reply with value 0, and a telegram that broke
+off with its repetition right behind it, which can have a sound BCC.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from construct import this
+
+from drivecomm.errors import TelegramError
+from drivecomm.schema import Check, Form, Leaf, characters, constant, signed, unsigned, xor_byte
+from drivecomm_danfoss_fc.messages import (
+    ADDRESS_FORMATS,
+    FORMAT_31,
+    FORMAT_126,
+    REPLIES,
+    REQUESTS,
+    ParameterReply,
+    ParameterRequest,
+    ProcessReply,
+    ProcessRequest,
+    TextReply,
+    TextRequest,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.telegram import Direction, Message
+    from drivecomm_danfoss_fc.messages import Reply, Request
+
+LONGEST_TEXT = 255 - 10
+
+_STX = b"\x02"
+_PROCESS_LGE, _PARAMETER_LGE, _EMPTY_TEXT_LGE = 6, 14, 10
+
+
+_NEVER_SENT = range(5, 13)
+"""Commands of PROFIBUS and USS that no FC-protocol table lists (specification, section 6.1)."""
+
+
+def _adr(*, broadcast_allowed: bool) -> Leaf:
+    """ADR, read as format, broadcast and address (seed 001, seed 004 section 7.4.4)."""
+
+    def read(found: bytes) -> tuple[str, bool, int | None]:
+        if found[0] & 0x80:
+            layout, broadcast, address = FORMAT_126, found[0] == 0x80, found[0] & 0x7F
+        else:
+            layout, broadcast, address = FORMAT_31, bool(found[0] & 0x20), found[0] & 0x1F
+        if broadcast and not broadcast_allowed:
+            raise ValueError(f"ADR {found[0]:02X} is the broadcast, and no drive answers with that")
+        if not broadcast and address not in _addresses(layout):
+            raise ValueError(f"ADR {found[0]:02X} is no address")
+        return layout, broadcast, None if broadcast else address
+
+    def write(adr: tuple[str, bool, int | None]) -> bytes:
+        layout, broadcast, address = adr
+        if broadcast and not broadcast_allowed:
+            raise ValueError("no drive answers with the broadcast address")
+        if broadcast and address is not None:
+            raise ValueError(f"a broadcast has no address, and {address!r} is given")
+        if not broadcast and (type(address) is not int or address not in _addresses(layout)):
+            raise ValueError(f"{address!r} is no address of format {layout}")
+        number = address or 0
+        return bytes([0x80 | number if layout == FORMAT_126 else number | (0x20 if broadcast else 0)])
+
+    return Leaf(1, read, write, meaning="ADR: 80H + 1..126, or 1..31; 80H, 20H for all")
+
+
+def _addresses(layout: str) -> range:
+    return range(1, 32) if layout == FORMAT_31 else range(1, 127)
+
+
+def _pke(pnu_bits: int) -> Leaf:
+    """PKE, read as AK, toggle bit (None with twelve bits of PNU) and PNU."""
+    mask = 2**pnu_bits - 1
+
+    def read(found: bytes) -> tuple[int, bool | None, int]:
+        word = int.from_bytes(found, "big")
+        return word >> 12, bool(word >> 11 & 1) if pnu_bits == 11 else None, word & mask
+
+    def write(pke: tuple[int, bool | None, int]) -> bytes:
+        ak, spm, pnu = pke
+        return (ak << 12 | bool(spm) << 11 | pnu).to_bytes(2, "big")
+
+    return Leaf(2, read, write, meaning=f"PKE: AK in bits 12..15, PNU in bits 0..{pnu_bits - 1}")
+
+
+def _lge_of_text() -> Leaf:
+    def read(found: bytes) -> int:
+        if found[0] < _EMPTY_TEXT_LGE:
+            raise ValueError(f"LGE {found[0]} is too short for a text block")
+        return found[0] - _EMPTY_TEXT_LGE
+
+    return Leaf(
+        1, read, lambda count: bytes([_EMPTY_TEXT_LGE + count]), category="length", meaning="LGE: 10 + characters"
+    )
+
+
+_HEAD = constant(_STX, "STX")
+_BCC = Check(1, 0, xor_byte, meaning="BCC: exclusive-or of all bytes before it")
+_FROM_MASTER = (
+    "address" / _adr(broadcast_allowed=True),
+    ("control_word" / unsigned(2, "PCD1: control word"), "reference" / signed(2, "PCD2: 4000H = 100 %")),
+)
+_FROM_DRIVE = (
+    "address" / _adr(broadcast_allowed=False),
+    ("status_word" / unsigned(2, "PCD1: status word"), "main_actual" / signed(2, "PCD2: 4000H = 100 %")),
+)
+
+
+def _forms(pnu_bits: int) -> dict[type[Any], Form[Any]]:
+    """Return the form of each message for a width of the parameter number."""
+    pke = "pke" / _pke(pnu_bits)
+    ind = "ind" / unsigned(2, "IND: text command or 0, array index")
+    pwe = "pwe" / unsigned(4, "PWE: value, high word first")
+    text = "text" / characters(this.characters, lowest=0, highest=255, meaning="characters, ISO 8859-1")
+    forms: dict[type[Any], Form[Any]] = {}
+    for messages, (adr, pcd) in ((REQUESTS, _FROM_MASTER), (REPLIES, _FROM_DRIVE)):
+        process, parameter, texts = messages
+        middle: dict[type[Any], tuple[Any, ...]] = {
+            process: (constant(bytes([_PROCESS_LGE]), "LGE: 6"), adr),
+            parameter: (constant(bytes([_PARAMETER_LGE]), "LGE: 14"), adr, pke, ind, pwe),
+            texts: ("characters" / _lge_of_text(), adr, pke, ind, text),
+        }
+        for message, leaves in middle.items():
+            form = Form(message, _HEAD, *leaves, *pcd, _BCC, unpack=_unpack, pack=_packing(pnu_bits))
+            forms[message] = form
+    return forms
+
+
+def _unpack(container: Mapping[str, Any]) -> dict[str, Any]:
+    taken = {name: value for name, value in container.items() if name not in ("_io", "characters", "address", "pke")}
+    taken["address_format"], taken["broadcast"], taken["address"] = container["address"]
+    if "pke" in container:
+        taken["ak"], taken["spm"], taken["pnu"] = container["pke"]
+    return taken
+
+
+def _packing(pnu_bits: int) -> Any:
+    def pack(message: Request | Reply) -> dict[str, Any]:
+        if message.address_format not in ADDRESS_FORMATS:
+            raise _wrong("address_format", f"{message.address_format!r} is neither 1-31 nor 1-126")
+        if type(message.broadcast) is not bool:
+            raise _wrong("broadcast", f"{message.broadcast!r} is neither true nor false")
+        fields = {name: getattr(message, name) for name in type(message).__dataclass_fields__}
+        fields["address"] = (message.address_format, message.broadcast, message.address)
+        if not isinstance(message, ProcessRequest | ProcessReply):
+            _check_pke(message, pnu_bits)
+            fields["pke"] = (message.ak, message.spm, message.pnu)
+        if isinstance(message, TextRequest | TextReply):
+            fields["characters"] = _length(message.text)
+        return fields
+
+    return pack
+
+
+def _check_pke(message: ParameterRequest | ParameterReply | TextRequest | TextReply, pnu_bits: int) -> None:
+    if type(message.ak) is not int or message.ak not in range(16):
+        raise _wrong("ak", f"{message.ak!r} does not fit the four bits of AK")
+    if type(message.pnu) is not int or message.pnu not in range(2**pnu_bits):
+        raise _wrong("pnu", f"{message.pnu!r} does not fit {pnu_bits} bits of PNU")
+    if message.spm is not None and (pnu_bits != 11 or type(message.spm) is not bool):
+        raise _wrong("spm", f"{message.spm!r}: there is a toggle bit with pnu_bits=11 only, true or false")
+    if message.spm and isinstance(message, ParameterRequest | TextRequest):
+        raise _wrong("spm", "the toggle bit is for spontaneous messages on PROFIBUS; on RS-485 a master sends 0")
+    if isinstance(message, ParameterRequest | TextRequest) and message.ak in _NEVER_SENT:
+        raise _wrong("ak", f"AK {message.ak} is in no command table of the FC protocol and is not sent")
+    if type(message.ind) is not int:
+        raise _wrong("ind", f"{message.ind!r} is no number")
+    direction: Direction = "request" if isinstance(message, ParameterRequest | TextRequest) else "reply"
+    if _is_text(message.ak, message.ind, direction) is not isinstance(message, TextRequest | TextReply):
+        raise _wrong("ak", f"AK {message.ak} with IND {message.ind:04X} in a {direction} is no {message.kind} block")
+
+
+def _length(text: object) -> int:
+    if not isinstance(text, str):
+        raise _wrong("text", f"{text!r} is no text")
+    if len(text) > LONGEST_TEXT:
+        raise _wrong("text", f"{len(text)} characters are more than the {LONGEST_TEXT} that LGE can count")
+    return len(text)
+
+
+def _wrong(field: str, message: str) -> TelegramError:
+    return TelegramError("field", f"{field}: {message}", field=field)
+
+
+def _is_text(ak: int, ind: int, direction: Direction) -> bool:
+    """Tell a text block from a parameter block (specification, section 4)."""
+    if direction == "request":
+        return ak == 15 and ind >> 8 == 5
+    return ak == 15 or (ak == 3 and ind & 0xFF == 6)
+
+
+_FORMS_11, _FORMS_12 = _forms(11), _forms(12)
+
+
+class DanfossFcCodec:
+    """Telegrams to bytes and back; understands both address formats.
+
+    pnu_bits: 12 (FC series), or 11 with the toggle bit above them (VLT 2800, 5000, 6000, 8000).
+    """
+
+    def __init__(self, pnu_bits: int = 12) -> None:
+        self._forms = _FORMS_11 if pnu_bits == 11 else _FORMS_12
+
+    def measure(self, head: bytes, direction: Direction) -> int:
+        """Return how long the telegram is that begins with these bytes, see `Codec.measure`.
+
+        A drive hears other makers' telegrams too, where 02H is common. It does not wait for a long one of its own
+        unless what follows can be a text write.
+        """
+        if head[:1] != _STX:
+            return 0
+        if len(head) < 2:
+            return 2
+        lge = head[1]
+        if lge != _PROCESS_LGE and lge < _EMPTY_TEXT_LGE:
+            return 0
+        if direction == "request" and lge not in (_PROCESS_LGE, _PARAMETER_LGE):
+            if len(head) < 6:
+                return 6
+            if not _is_text(head[3] >> 4, head[5] << 8, direction):
+                return 0
+        return lge + 2
+
+    def decode(self, data: bytes, direction: Direction) -> Message:
+        """Return the content of one telegram; what is wrong is looked for in the order of section 4."""
+        if not data:
+            raise TelegramError("length", "no telegram, nothing at all")
+        if data[:1] != _STX:
+            raise TelegramError("framing", f"a telegram begins with STX 02, not with {data[0]:02X}")
+        if len(data) < 2:
+            raise TelegramError("length", "one byte is no telegram")
+        lge = data[1]
+        if lge != _PROCESS_LGE and lge < _EMPTY_TEXT_LGE:
+            raise TelegramError("length", f"LGE {lge} belongs to no block")
+        if len(data) < lge + 2:
+            raise TelegramError("length", f"truncated: LGE announces {lge + 2} bytes, {len(data)} there")
+        if len(data) > lge + 2:
+            raise TelegramError("length", f"{len(data) - lge - 2} trailing bytes behind the BCC")
+        process, parameter, text = REQUESTS if direction == "request" else REPLIES
+        if lge == _PROCESS_LGE:
+            return self._parse(process, data)
+        if _is_text(data[3] >> 4, int.from_bytes(data[5:7], "big"), direction):
+            return self._parse(text, data)
+        if lge == _PARAMETER_LGE:
+            return self._parse(parameter, data)
+        # BCC and address come first: noise is not called a block of the wrong length.
+        self._parse(text, data)
+        raise TelegramError("length", f"LGE {lge} fits a text block only, and AK {data[3] >> 4} is none here")
+
+    def encode(self, message: Message) -> bytes:
+        """Return the bytes of one telegram."""
+        return self._forms[type(message)].build(message)
+
+    def _parse(self, message: type[Any], data: bytes) -> Message:
+        parsed: Message = self._forms[message].parse(data)
+        if _begins_again(data):
+            raise TelegramError("framing", "a telegram that broke off and its repetition, run together")
+        return parsed
+
+
+def _begins_again(data: bytes) -> bool:
+    """Tell whether a telegram begins once more in its middle: all that came before, or as much as there is room for.
+
+    A telegram that breaks off and is repeated at once gives one of the right length, and often of the right BCC: what
+    stands in it twice cancels out of an exclusive-or, whatever it is. Its words would be read out of the second head. A
+    drive that means such a telegram has to match at least 24 bits by chance.
+    """
+    for start in range(3, len(data) - 2):
+        repeated = min(start, len(data) - start)
+        if data[start : start + repeated] == data[:repeated]:
+            return True
+    return False
+
+
+def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
+    """Build a message from fields as test vectors name them."""
+    kinds: tuple[type[Any], ...] = REQUESTS if direction == "request" else REPLIES
+    chosen = next((kind for kind in kinds if kind.kind == given.get("kind")), None)
+    if chosen is None:
+        raise TelegramError("field", "a telegram is a process, parameter or text block", field="kind")
+    try:
+        message: Message = chosen(**{name: value for name, value in given.items() if name != "kind"})
+    except TypeError as error:
+        raise TelegramError("field", f"a {chosen.kind} block: {error}") from None
+    return message
+
+
+def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:  # noqa: ARG001 - the contract's signature
+    """Return the positions where one wrong bit can go unnoticed: none, BCC covers STX, LGE and ADR too."""
+    return frozenset()
+
+
+def titled_forms() -> dict[str, Form[Any]]:
+    """Return the forms of all telegrams by the titles that people know them by, with twelve bits of PNU."""
+    titles: dict[str, type[Any]] = {
+        "Process block, master": ProcessRequest,
+        "Process block, drive": ProcessReply,
+        "Parameter block, master": ParameterRequest,
+        "Parameter block, drive": ParameterReply,
+        "Text block, master": TextRequest,
+        "Text block, drive": TextReply,
+    }
+    return {title: _FORMS_12[message] for title, message in titles.items()}

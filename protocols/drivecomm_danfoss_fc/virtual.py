@@ -1,0 +1,240 @@
+"""How a drive answers over the Danfoss FC protocol.
+
+VLT 2800 Design Guide p. 108 (it answers only an error-free telegram for its address, and nothing else); specification,
+sections 3 to 9 and 13.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import ParameterAddressError
+from drivecomm.framing import Framed
+from drivecomm.line import LineSettings
+from drivecomm.motor import Motor
+from drivecomm.protocol import VirtualReply
+from drivecomm_danfoss_fc import access
+from drivecomm_danfoss_fc.faultcodes import NO_TEXT, NOT_SUPPORTED
+from drivecomm_danfoss_fc.machine import Machine
+from drivecomm_danfoss_fc.messages import (
+    FORMAT_31,
+    ParameterReply,
+    ParameterRequest,
+    ProcessReply,
+    ProcessRequest,
+    TextReply,
+    TextRequest,
+)
+from drivecomm_danfoss_fc.parameters import target
+from drivecomm_danfoss_fc.store import Refusal, Store
+from drivecomm_danfoss_fc.telegrams import DanfossFcCodec
+
+if TYPE_CHECKING:
+    from drivecomm.framing import Damaged
+    from drivecomm.models import Model
+    from drivecomm_danfoss_fc.messages import Request
+    from drivecomm_danfoss_fc.options import DanfossFcOptions
+
+_REFUSED = 7
+_LOG_PLACES = 10
+
+
+class VirtualDanfossFcDrive:
+    """A drive at one address: parameter store, control word with its consequences, motor.
+
+    store and machine are open for tests: `machine.local`, `machine.locked`, `store.without_bus_access` and so on.
+    """
+
+    def __init__(self, address: int, options: DanfossFcOptions, model: Model) -> None:
+        self.address = address
+        self.codec = DanfossFcCodec(options.pnu_bits)
+        self.settings = LineSettings(baudrate=9600, bytesize=8, parity="E", stopbits=1)
+        self.gap_s = 0.050
+        self.motor = Motor()
+        self.store = Store(model, options.index_base)
+        self.machine = Machine(self.motor, self.store, options)
+        self._model = model
+        self._options = options
+        self._logged = 0
+        self._read_name_plate()
+        self.store.set("address", address)
+        if options.profile == "profidrive":
+            self.store.set("profile", 1 - self.store.fact("profile", "fc_value", 0))
+
+    def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
+        """Act on a telegram: silence for what is broken or not for this drive, and for all that goes to everybody."""
+        self._live(now)
+        if not isinstance(find, Framed):
+            return None
+        message = find.message
+        if not isinstance(message, ProcessRequest | ParameterRequest | TextRequest) or not self._means_us(message):
+            return None
+        status, actual = self.machine.status_word(), self.machine.main_actual()
+        reply = self._reply(message, status, actual)
+        self.machine.control(message.control_word, message.reference, now)
+        if message.broadcast:
+            return None
+        return VirtualReply(data=self.codec.encode(reply), delay_s=self._delay_s())
+
+    def peek(self, parameter: str, now: float) -> int | str:
+        """Return the unsigned number or the text that a read would get."""
+        self._live(now)
+        wanted = target(parameter, self._model, self._options)
+        try:
+            return self.store.peek(wanted.pnu, wanted.index)
+        except Refusal as refusal:
+            raise _unknown(parameter) from refusal
+
+    def poke(self, parameter: str, raw: int | str) -> None:
+        """Set what a parameter holds; one that the drive measures is not measured any more."""
+        wanted = target(parameter, self._model, self._options)
+        try:
+            self.store.poke(wanted.pnu, wanted.index, raw)
+        except Refusal as refusal:
+            raise _unknown(parameter) from refusal
+
+    def trip(self, code: int, now: float) -> None:
+        """Trip: output off, the code in front of the alarm log."""
+        self._live(now)
+        self.motor.trip(code, now)
+        self._live(now)
+
+    def power_cycle(self, now: float) -> None:
+        """Switch mains off and on: RAM values, control word, trip and trip lock are gone."""
+        self._live(now)
+        self.store.power_cycle()
+        self.motor.stop(self.motor.command.OFF, now)
+        self.motor.reset(now)
+        self.motor.warning = False
+        self.machine.locked = False
+        self.machine.power_up()
+        self.store.show("power_ups", self.store.setting("power_ups", 0) + 1)
+
+    def _means_us(self, message: Request) -> bool:
+        if message.broadcast:
+            return True
+        return message.address == self.address and (message.address_format != FORMAT_31 or self.address < 32)
+
+    def _reply(self, message: Request, status: int, actual: int) -> ProcessReply | ParameterReply | TextReply:
+        address = self.address
+        if isinstance(message, ProcessRequest):
+            return ProcessReply(
+                address_format=message.address_format, address=address, status_word=status, main_actual=actual
+            )
+        try:
+            ak, content = self._answer(message)
+        except Refusal as refusal:
+            ak, content = _REFUSED, refusal.code
+        if isinstance(content, str):
+            return TextReply(
+                address_format=message.address_format,
+                address=address,
+                ak=ak,
+                pnu=message.pnu,
+                ind=message.ind,
+                text=content,
+                status_word=status,
+                main_actual=actual,
+            )
+        return ParameterReply(
+            address_format=message.address_format,
+            address=address,
+            ak=ak,
+            pnu=message.pnu,
+            ind=message.ind,
+            pwe=content,
+            status_word=status,
+            main_actual=actual,
+        )
+
+    def _answer(self, message: ParameterRequest | TextRequest) -> tuple[int, int | str]:
+        """Return response code and value or text. IND's high byte counts with AK 4 and 15 only. Raises Refusal."""
+        store, number, low, high = self.store, message.pnu, message.ind & 0xFF, message.ind & 0xFF00
+        if isinstance(message, TextRequest):
+            if not self._options.text_writes:
+                raise Refusal(NOT_SUPPORTED)
+            store.write_text(number, low, message.text, running=self.motor.running)
+            return access.TEXT, message.text
+        if message.ak == 0:
+            return 0, 0
+        if message.ak == access.READ:
+            return _number(store.read(number, low))
+        if message.ak in (access.WRITE_WORD, access.WRITE_DOUBLE, access.STORE_WORD, access.STORE_DOUBLE):
+            bits = 32 if message.ak in (access.WRITE_DOUBLE, access.STORE_DOUBLE) else 16
+            stored = message.ak in (access.STORE_WORD, access.STORE_DOUBLE)
+            return _number(store.write(number, low, bits, message.pwe, store=stored, running=self.motor.running))
+        if message.ak == access.READ_ELEMENT:
+            return 3, store.describe(number, message.ind)
+        if message.ak != access.TEXT:
+            raise Refusal(NOT_SUPPORTED)
+        if high == access.READ_TEXT:
+            return access.TEXT, store.read_text(number, low)
+        if high or not low:
+            raise Refusal(NO_TEXT)
+        return access.TEXT, store.option_text(number, low - 1)
+
+    def _delay_s(self) -> float:
+        """Two characters, or 8-35 if that is longer (specification, section 13)."""
+        minimum_s = self.store.setting("response_delay", 0) / 1000
+        return max(2 * self.settings.character_s, minimum_s, self._options.reply_delay_s)
+
+    def _live(self, now: float) -> None:
+        """Let time pass and put what is measured into the parameters that show it."""
+        machine, motor, store = self.machine, self.motor, self.store
+        machine.watch(now)
+        if motor.fault != self._logged:
+            self._logged = motor.fault
+            if motor.fault:
+                self._log(motor.fault, now)
+        shown = {
+            "seen_control_word": machine.word,
+            "port_control_word": machine.word,
+            "port_reference": machine.reference,
+            "seen_reference": motor.target_hz,
+            "seen_reference_percent": machine.reference_percent(),
+            "status_word": machine.status_word(),
+            "actual_percent": machine.main_actual() * 100 / 16384,
+            "power": motor.power_kw,
+            "voltage": motor.voltage_v,
+            "frequency": abs(motor.output_hz),
+            "current": motor.current_a,
+            "torque_nm": motor.torque_percent / 100 * motor.rated_kw * 9550 / motor.rated_rpm,
+            "torque_percent": motor.torque_percent,
+            "speed": motor.speed_rpm,
+            "dc_link": motor.dc_link_v,
+            "heat_sink": motor.temperature_c,
+            "relay_outputs": machine.relays[0] + 2 * machine.relays[1],
+            "hours": self._hours + now // 3600,
+            "running_hours": self._running_hours + motor.running_s // 3600,
+            "energy": self._energy + motor.energy_kwh // 1,
+        }
+        for role, value in shown.items():
+            store.show(role, value)
+
+    def _log(self, code: int, now: float) -> None:
+        """Put a trip in front of the alarm log: code, value, time."""
+        for role, newest in (("log_code", float(code)), ("log_value", 0.0), ("log_time", now)):
+            if self.store.has(role):
+                older = [self.store.setting(role, 0, place) for place in range(_LOG_PLACES - 1)]
+                for place, value in enumerate([newest, *older]):
+                    self.store.show(role, value, place)
+
+    def _read_name_plate(self) -> None:
+        motor, store = self.motor, self.store
+        motor.rated_hz = store.setting("rated_hz", motor.rated_hz)
+        motor.rated_v = store.setting("rated_v", motor.rated_v)
+        motor.rated_a = store.setting("rated_a", motor.rated_a)
+        motor.rated_kw = store.setting("rated_kw", motor.rated_kw)
+        motor.rated_rpm = store.setting("rated_rpm", motor.rated_rpm)
+        self._hours = int(store.setting("hours", 0))
+        self._running_hours = int(store.setting("running_hours", 0))
+        self._energy = int(store.setting("energy", 0))
+
+
+def _number(read: tuple[int, int]) -> tuple[int, int]:
+    bits, value = read
+    return (2 if bits == 32 else 1), value
+
+
+def _unknown(parameter: str) -> ParameterAddressError:
+    return ParameterAddressError(f"the virtual drive holds no parameter {parameter!r}")

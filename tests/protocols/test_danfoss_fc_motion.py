@@ -1,0 +1,470 @@
+"""Commands of the FC protocol: which control words are sent, remembered and repeated."""
+
+from decimal import Decimal
+
+import pytest
+
+from drivecomm.errors import NoReplyError, NotSupported, StateError, UsageError, ValueRefusedError
+from drivecomm.models import load_model
+from drivecomm.runners.script import play
+from drivecomm.status import DriveState, Stop
+from drivecomm_danfoss_fc import words
+from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
+from drivecomm_danfoss_fc.messages import ParameterReply, ParameterRequest, ProcessReply, ProcessRequest
+from drivecomm_danfoss_fc.options import DanfossFcOptions
+
+FC300 = load_model("drivecomm_danfoss_fc", "danfoss-fc", "fc300")
+AT_3 = {"address_format": "1-126", "address": 3}
+READY, RUNNING, TRIPPED, LOCAL = 0x0607, 0x0F07, 0x0608, 0x0407
+
+
+def operations(model=None, **options):
+    return DanfossFcOperations(3, DanfossFcOptions(**{**(model.options if model else {}), **options}), model)
+
+
+def sent(word, reference=0, status=READY, actual=0):
+    """A process block and its answer, for the script."""
+    request = ProcessRequest(**AT_3, control_word=word, reference=reference)
+    return request, ProcessReply(**AT_3, status_word=status, main_actual=actual)
+
+
+def unanswered(word, reference=0):
+    return sent(word, reference)[0], NoReplyError("silence")
+
+
+def read(word, reference=0, status=RUNNING):
+    """A read of 16-14, with the process words that it must carry."""
+    parameter = {"pnu": 1614, "ind": 0}
+    request = ParameterRequest(**AT_3, **parameter, ak=1, pwe=0, control_word=word, reference=reference)
+    return request, ParameterReply(**AT_3, **parameter, ak=2, pwe=524, status_word=status, main_actual=0)
+
+
+def started(profile="fc", reference=0, **options):
+    drive = operations(profile=profile, **options)
+    steps = [sent(0x047E, reference), sent(0x047F, reference)] if profile == "profidrive" else [sent(0x047C, reference)]
+    play(drive.start(), [sent(0), *steps])
+    return drive
+
+
+class TestBeforeAnyCommand:
+    def test_reading_carries_no_control_word(self):
+        play(operations().read("16-14"), [read(0)])
+
+    def test_status_carries_no_control_word(self):
+        play(operations().status(), [sent(0)])
+
+    def test_a_reference_is_remembered_and_not_sent(self):
+        drive = operations()
+        play(drive.set_reference_percent(50), [])
+        play(drive.read("16-14"), [read(0, 0)])
+        play(drive.start(), [sent(0, 0), sent(0x047C, 8192)])
+
+
+class TestStart:
+    def test_the_word_and_that_it_is_sent_once(self):
+        exchange = operations().start()
+        next(exchange)
+        command = exchange.send(sent(0)[1])
+        assert command.message.control_word == 0x047C
+        assert (command.attempts, command.acts) == (1, True)
+
+    def test_it_is_repeated_by_reads_from_then_on(self):
+        drive = started()
+        play(drive.set_reference_percent(100), [sent(0x047C, 16384)])
+        play(drive.read("16-14"), [read(0x047C, 16384)])
+        play(drive.status(), [sent(0x047C, 16384, RUNNING)])
+
+    def test_reverse(self):
+        play(operations().start(reverse=True), [sent(0), sent(0x847C)])
+
+    @pytest.mark.parametrize(("status", "words"), [(TRIPPED, "tripped"), (LOCAL, "local"), (0x0640, "tripped")])
+    def test_a_drive_that_cannot_start_is_not_told_to(self, status, words):
+        drive = operations()
+        with pytest.raises(StateError, match=words):
+            play(drive.start(), [sent(0, status=status)])
+        play(drive.read("16-14"), [read(0)])
+
+    def test_a_start_without_an_answer_is_not_repeated_by_reads(self):
+        drive = operations()
+        with pytest.raises(NoReplyError):
+            play(drive.start(), [sent(0), unanswered(0x047C)])
+        play(drive.read("16-14"), [read(0)])
+
+    def test_a_trip_ends_the_repetition(self):
+        drive = started()
+        play(drive.read("16-14"), [read(0x047C, status=TRIPPED)])
+        play(drive.read("16-14"), [read(0x043C)])
+
+
+class TestStop:
+    @pytest.mark.parametrize(
+        ("how", "word"),
+        [(Stop.RAMP, 0x043C), (Stop.COAST, 0x0474), (Stop.QUICK, 0x046C), (Stop.DC_BRAKE, 0x0478)],
+    )
+    def test_words(self, how, word):
+        drive = started()
+        play(drive.stop(how), [sent(word)])
+        play(drive.read("16-14"), [read(word)])
+
+    def test_a_stop_without_an_answer_is_repeated_by_reads(self):
+        drive = started()
+        with pytest.raises(NoReplyError):
+            play(drive.stop(), [unanswered(0x043C)])
+        play(drive.read("16-14"), [read(0x043C)])
+
+    def test_a_stop_that_has_no_effect_is_an_error(self):
+        with pytest.raises(StateError, match="local operation"):
+            play(operations().stop(), [sent(0x043C, status=LOCAL)])
+
+    def test_a_reference_for_a_stopped_drive_waits_for_the_next_command(self):
+        drive = started()
+        play(drive.stop(), [sent(0x043C)])
+        play(drive.set_reference_percent(25), [])
+        play(drive.start(), [sent(0x043C, 4096), sent(0x047C, 4096)])
+
+
+class TestReset:
+    def test_an_edge_between_two_words_without_it(self):
+        script = [sent(0, status=TRIPPED), sent(0x043C, status=TRIPPED), sent(0x04BC, status=TRIPPED), sent(0x043C)]
+        play(operations().reset(), script)
+
+    def test_the_edge_is_sent_once(self):
+        exchange = operations().reset()
+        next(exchange)
+        exchange.send(sent(0, status=TRIPPED)[1])
+        command = exchange.send(sent(0, status=TRIPPED)[1])
+        assert command.message.control_word == 0x04BC
+        assert (command.attempts, command.acts) == (1, True)
+
+    def test_the_motor_stays_stopped(self):
+        drive = started()
+        script = [
+            sent(0x047C, status=TRIPPED),
+            sent(0x043C, status=TRIPPED),
+            sent(0x04BC, status=TRIPPED),
+            sent(0x043C, status=TRIPPED),
+            sent(0x043C),
+        ]
+        play(drive.reset(), script)
+        play(drive.read("16-14"), [read(0x043C)])
+
+    def test_a_drive_without_a_trip_is_left_alone(self):
+        drive = started()
+        play(drive.reset(), [sent(0x047C, status=RUNNING)])
+        play(drive.read("16-14"), [read(0x047C)])
+
+    @pytest.mark.parametrize(("status", "words"), [(TRIPPED, "cause"), (TRIPPED | 0x40, "mains")])
+    def test_a_trip_that_stays(self, status, words):
+        script = [sent(0, status=status), sent(0x043C, status=status), sent(0x04BC, status=status)]
+        script += [sent(0x043C, status=status)] * 2
+        with pytest.raises(StateError, match=words):
+            play(operations(state_timeout_s=0.05).reset(), script)
+
+
+class TestReference:
+    @pytest.mark.parametrize(
+        ("percent", "steps"),
+        [
+            (0, 0),
+            (50, 8192),
+            (100, 16384),
+            ("-100", -16384),
+            (-200, -32768),
+            ("199.99", 32766),
+            (33.3, 5456),
+            (Decimal("0.006103515625"), 1),
+            (Decimal("0.0030517578125"), 0),
+        ],
+    )
+    def test_percent_to_the_nearest_step(self, percent, steps):
+        play(started().set_reference_percent(percent), [sent(0x047C, steps)])
+
+    @pytest.mark.parametrize("percent", [200, "-200.01", 10**9, "-1e30", "x", float("nan")])
+    def test_beyond_the_word(self, percent):
+        with pytest.raises(ValueRefusedError):
+            operations().set_reference_percent(percent)
+
+    def test_hertz_need_the_reference_range(self):
+        assert not operations().capabilities.reference_hz
+        with pytest.raises(NotSupported, match="reference_maximum_hz"):
+            operations().set_reference_hz(25)
+
+    def test_hertz(self):
+        drive = started(reference_maximum_hz=50)
+        assert drive.capabilities.reference_hz
+        play(drive.set_reference_hz("25"), [sent(0x047C, 8192)])
+        play(drive.set_reference_hz(-50), [sent(0x047C, -16384)])
+        with pytest.raises(ValueRefusedError, match="outside"):
+            drive.set_reference_hz(50.1)
+
+    def test_hertz_above_a_minimum(self):
+        drive = started(reference_minimum_hz=10, reference_maximum_hz=50)
+        play(drive.set_reference_hz(30), [sent(0x047C, 8192)])
+        for beyond in (9, -30):
+            with pytest.raises(ValueRefusedError):
+                drive.set_reference_hz(beyond)
+
+    def test_a_reference_that_gets_lost_is_repeated(self):
+        drive = started()
+        with pytest.raises(NoReplyError):
+            play(drive.set_reference_percent(25), [unanswered(0x047C, 4096)])
+        play(drive.read("16-14"), [read(0x047C, 4096)])
+
+
+class TestFunctions:
+    def test_jog_until_start_or_stop(self):
+        drive = operations()
+        play(drive.jog(), [sent(0), sent(0x057C)])
+        play(drive.read("16-14"), [read(0x057C)])
+        play(drive.start(), [sent(0x057C), sent(0x047C)])
+
+    def test_presets(self):
+        drive = operations()
+        play(drive.preset(2), [])
+        play(drive.start(), [sent(0), sent(0x047D)])
+        play(drive.preset(4), [sent(0x047F)])
+        play(drive.preset(1), [sent(0x047C)])
+
+    def test_ramp_2(self):
+        drive = started()
+        play(drive.ramp(2), [sent(0x067C)])
+        play(drive.stop(), [sent(0x063C)])
+        play(drive.ramp(1), [])
+        play(drive.start(), [sent(0x043C), sent(0x047C)])
+
+    @pytest.mark.parametrize(("number", "word"), [(1, 0x047C), (2, 0x247C), (3, 0x447C), (4, 0x647C)])
+    def test_set_ups(self, number, word):
+        play(started().set_up(number), [sent(word)])
+
+    def test_relays_while_stopped(self):
+        drive = operations()
+        play(drive.stop(), [sent(0x043C)])
+        play(drive.relays(relay_2=True), [sent(0x143C)])
+        play(drive.relays(relay_1=True), [sent(0x1C3C)])
+        play(drive.start(), [sent(0x1C3C), sent(0x1C7C)])
+        play(drive.stop(Stop.COAST), [sent(0x1C74)])
+        play(drive.relays(relay_1=False, relay_2=False), [sent(0x0474)])
+
+    @pytest.mark.parametrize("call", [lambda drive: drive.set_up(2), lambda drive: drive.relays(relay_1=True)])
+    def test_what_acts_at_once_needs_a_valid_word(self, call):
+        with pytest.raises(UsageError, match=r"start\(\) or stop\(\)"):
+            play(call(operations()), [])
+
+    def test_freeze(self):
+        drive = started()
+        play(drive.freeze(), [sent(0x045C)])
+        play(drive.read("16-14"), [read(0x045C)])
+        play(drive.start(), [sent(0x045C), sent(0x047C)])
+
+    def test_freeze_is_for_a_running_motor(self):
+        with pytest.raises(UsageError, match="freeze"):
+            play(operations().freeze(), [])
+
+    def test_a_control_word_is_repeated_without_its_edges(self):
+        drive = operations()
+        play(drive.control_word(0x2CFC), [sent(0x2CFC)])
+        play(drive.read("16-14"), [read(0x2C7C)])
+        play(drive.stop(), [sent(0x2C3C)])
+        play(drive.control_word(0), [sent(0)])
+        play(drive.read("16-14"), [read(0)])
+
+    def test_a_control_word_that_runs_is_not_repeated_unless_it_was_answered(self):
+        drive = operations()
+        with pytest.raises(NoReplyError):
+            play(drive.control_word(0x047C), [unanswered(0x047C)])
+        play(drive.read("16-14"), [read(0)])
+
+    def test_release(self):
+        drive = started()
+        play(drive.release(), [])
+        play(drive.read("16-14"), [read(0)])
+
+    @pytest.mark.parametrize(
+        "call",
+        [
+            lambda drive: drive.jog(2),
+            lambda drive: drive.preset(0),
+            lambda drive: drive.preset(5),
+            lambda drive: drive.set_up(5),
+            lambda drive: drive.ramp(3),
+            lambda drive: drive.control_word(0x10000),
+            lambda drive: drive.control_word("047C"),
+        ],
+    )
+    def test_what_does_not_exist(self, call):
+        with pytest.raises(ValueRefusedError, match="does not exist"):
+            call(operations())
+
+    def test_relays_are_named(self):
+        with pytest.raises(UsageError, match="relay_1"):
+            operations().relays()
+
+    @pytest.mark.parametrize("verb", ["catch_up", "slow_down"])
+    def test_catching_up_is_profidrive(self, verb):
+        with pytest.raises(NotSupported, match="PROFIdrive"):
+            operations().extra[verb]()
+
+    def test_every_function_can_be_reached(self):
+        assert set(operations().extra) == {
+            "jog",
+            "preset",
+            "set_up",
+            "relays",
+            "ramp",
+            "freeze",
+            "catch_up",
+            "slow_down",
+            "control_word",
+            "release",
+        }
+
+
+class TestProfidrive:
+    def test_two_steps(self):
+        play(operations(profile="profidrive").start(reverse=True), [sent(0), sent(0x047E), sent(0x847F)])
+
+    def test_a_running_drive_is_not_switched_off_to_be_started(self):
+        drive = started("profidrive")
+        play(drive.start(reverse=True), [sent(0x047F), sent(0x847F)])
+
+    def test_a_second_step_that_gets_lost_leaves_the_drive_off(self):
+        drive = operations(profile="profidrive")
+        with pytest.raises(NoReplyError):
+            play(drive.start(), [sent(0), sent(0x047E), unanswered(0x047F)])
+        play(drive.read("16-14"), [read(0x047E)])
+
+    @pytest.mark.parametrize(("how", "word"), [(Stop.RAMP, 0x043F), (Stop.COAST, 0x0477), (Stop.QUICK, 0x046F)])
+    def test_stops(self, how, word):
+        play(started("profidrive").stop(how), [sent(word)])
+
+    def test_there_is_no_dc_brake(self):
+        drive = operations(profile="profidrive")
+        assert Stop.DC_BRAKE not in drive.capabilities.stops
+        with pytest.raises(NotSupported, match="dc_brake"):
+            drive.stop(Stop.DC_BRAKE)
+
+    def test_reset(self):
+        script = [sent(0, status=TRIPPED), sent(0x043E, status=TRIPPED), sent(0x04BE, status=TRIPPED), sent(0x043E)]
+        play(operations(profile="profidrive").reset(), script)
+
+    def test_a_trip_ends_the_repetition(self):
+        drive = started("profidrive")
+        play(drive.read("16-14"), [read(0x047F, status=TRIPPED)])
+        play(drive.read("16-14"), [read(0x043E)])
+
+    def test_start_not_possible_is_no_trip(self):
+        play(started("profidrive").status(), [sent(0x047F, status=0x0647)])
+
+    def test_jogs(self):
+        drive = operations(profile="profidrive")
+        play(drive.jog(2), [sent(0), sent(0x047E), sent(0x067F)])
+        play(drive.jog(1), [sent(0x067F), sent(0x057F)])
+
+    def test_relative_commands_are_sent_once_and_forgotten(self):
+        drive = started("profidrive")
+        play(drive.catch_up(), [sent(0x147F), sent(0x047F)])
+        play(drive.slow_down(), [sent(0x0C7F), sent(0x047F)])
+        assert next(drive.catch_up()).attempts == 1
+        with pytest.raises(UsageError, match="catch_up"):
+            play(operations(profile="profidrive").catch_up(), [])
+
+    def test_set_up_freeze_and_control_word(self):
+        drive = started("profidrive")
+        play(drive.set_up(3), [sent(0x447F)])
+        play(drive.freeze(), [sent(0x445F)])
+        play(drive.control_word(0x14FF), [sent(0x14FF)])
+        play(drive.read("16-14"), [read(0x047F)])
+
+    @pytest.mark.parametrize(
+        "call",
+        [lambda drive: drive.preset(1), lambda drive: drive.ramp(2), lambda drive: drive.relays(relay_1=True)],
+    )
+    def test_what_its_word_has_no_bits_for(self, call):
+        with pytest.raises(NotSupported, match="PROFIdrive"):
+            call(operations(profile="profidrive"))
+
+
+class TestStatus:
+    @pytest.mark.parametrize(
+        ("word", "state"),
+        [
+            (0x0607, DriveState.READY),
+            (0x0F07, DriveState.RUNNING),
+            (0x0F03, DriveState.RUNNING),
+            (0x0603, DriveState.NOT_READY),
+            (0x0600, DriveState.NOT_READY),
+            (0x0608, DriveState.FAULT),
+            (0x0648, DriveState.FAULT),
+        ],
+    )
+    def test_states(self, word, state):
+        assert play(operations().status(), [sent(0, status=word)]).state is state
+
+    def test_what_the_word_says(self):
+        status = play(operations().status(), [sent(0, status=0x0F87, actual=-8192)])
+        assert (status.word, status.running, status.warning, status.at_reference) == (0x0F87, True, True, True)
+        assert (status.remote, status.fault, status.reverse) == (True, False, True)
+        assert (status.actual_percent, status.actual_hz) == (-50, None)
+        assert "speed equals reference" in status.flags
+
+    @pytest.mark.parametrize("bit", range(16))
+    def test_every_bit_has_a_name_in_both_profiles(self, bit):
+        for profidrive in (False, True):
+            assert len(words.flags_of(1 << bit, profidrive=profidrive)) == 1
+
+    def test_hertz_of_the_reference_range(self):
+        drive = operations(reference_minimum_hz=10, reference_maximum_hz=50)
+        status = play(drive.status(), [sent(0, status=RUNNING, actual=8192)])
+        assert (status.actual_percent, status.actual_hz) == (50, 30)
+        assert play(drive.status(), [sent(0, status=RUNNING, actual=-8192)]).actual_hz is None
+
+    def test_hertz_of_the_frequency_limits(self):
+        drive = operations(actual_scaling="limits", output_maximum_hz=50)
+        status = play(drive.status(), [sent(0, status=RUNNING, actual=0x2000)])
+        assert (status.actual_percent, status.actual_hz) == (None, 25)
+
+    def test_the_code_of_a_fault(self):
+        parameter = {"pnu": 1530, "ind": 0}
+        request = ParameterRequest(**AT_3, **parameter, ak=1, pwe=0, control_word=0, reference=0)
+        reply = ParameterReply(**AT_3, **parameter, ak=1, pwe=14, status_word=TRIPPED, main_actual=0)
+        status = play(operations(FC300).status(), [sent(0, status=TRIPPED), (request, reply)])
+        assert (status.fault_code, status.fault_text) == (14, "earth fault")
+
+    @pytest.mark.parametrize("ak", [7, 0])
+    def test_a_drive_that_does_not_tell_the_code(self, ak):
+        parameter = {"pnu": 1530, "ind": 0}
+        request = ParameterRequest(**AT_3, **parameter, ak=1, pwe=0, control_word=0, reference=0)
+        reply = ParameterReply(**AT_3, **parameter, ak=ak, pwe=0, status_word=TRIPPED, main_actual=0)
+        status = play(operations(FC300).status(), [sent(0, status=TRIPPED), (request, reply)])
+        assert (status.fault, status.fault_code) == (True, None)
+
+    def test_without_a_model_the_code_is_not_asked_for(self):
+        assert play(operations().status(), [sent(0, status=TRIPPED)]).fault_code is None
+
+
+def test_what_the_drive_can_be_asked_to_do():
+    capabilities = operations().capabilities
+    assert capabilities.stops == frozenset(Stop)
+    assert capabilities.reverse
+    assert capabilities.stored_writes
+    assert capabilities.volatile_writes
+    assert "8-04" in capabilities.link_loss
+
+
+@pytest.mark.parametrize(
+    ("word", "name"),
+    [
+        (0x0000, "ignored"),
+        (0xFBFF, "ignored"),
+        (0x0474, "coast"),
+        (0x046C, "quick_stop"),
+        (0x0478, "dc_brake"),
+        (0x04BC, "reset"),
+        (0x043C, "ramp_stop"),
+        (0x045C, "freeze_output"),
+        (0x057C, "jog"),
+        (0x047C, "start"),
+    ],
+)
+def test_names_of_control_words(word, name):
+    assert words.command_of(word) == name

@@ -1,0 +1,233 @@
+"""Telegrams of the FC protocol where the vectors do not reach: correlation, framing, fields that make none."""
+
+import pytest
+
+from drivecomm.errors import TelegramError
+from drivecomm.framing import Damaged, Framed, Framer
+from drivecomm.telegram import fields_of
+from drivecomm_danfoss_fc.correlation import mismatch
+from drivecomm_danfoss_fc.messages import (
+    ParameterReply,
+    ParameterRequest,
+    ProcessReply,
+    ProcessRequest,
+    TextReply,
+    TextRequest,
+)
+from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, blind_spots, drawings, message_from
+
+CODEC = DanfossFcCodec()
+OLD = DanfossFcCodec(11)
+AT_3 = {"address_format": "1-126", "address": 3}
+IDLE = {"control_word": 0, "reference": 0}
+READY = {"status_word": 0x0607, "main_actual": 0}
+
+
+def ask(ak, pnu=1614, ind=0, pwe=0, **address):
+    return ParameterRequest(**(address or AT_3), ak=ak, pnu=pnu, ind=ind, pwe=pwe, **IDLE)
+
+
+def answer(ak, pnu=1614, ind=0, pwe=0, **address):
+    return ParameterReply(**(address or AT_3), ak=ak, pnu=pnu, ind=ind, pwe=pwe, **READY)
+
+
+class TestCorrelation:
+    @pytest.mark.parametrize(
+        ("command", "responses"),
+        [
+            (0, {0}),
+            (1, {0, 1, 2, 7}),
+            (2, {0, 1, 7}),
+            (3, {0, 1, 2, 7}),
+            (4, {0, 3, 7}),
+            (13, {0, 1, 2, 7}),
+            (14, {0, 1, 7}),
+            (15, {0, 7}),
+            (9, {0, 7}),
+        ],
+    )
+    def test_responses_that_a_command_can_get(self, command, responses):
+        listed = {0, 1, 2, 3, 7}
+        legal = {ak for ak in listed if mismatch(ask(command), answer(ak)) == ""}
+        assert legal == responses
+        assert all(mismatch(ask(command), answer(ak)) == "ak" for ak in listed - responses)
+
+    def test_an_unlisted_response_is_let_through_to_be_reported(self):
+        assert mismatch(ask(1), answer(8)) == ""
+
+    def test_the_high_byte_of_ind_counts_where_it_says_something(self):
+        assert mismatch(ask(1, ind=3), answer(1, ind=0x0703)) == ""
+        assert mismatch(ask(4, ind=4), answer(3, ind=0x0704)) == "ind"
+        assert mismatch(ask(15, ind=0x0400), answer(7, ind=0)) == "ind"
+
+    def test_the_whole_address_byte_counts(self):
+        old = {"address_format": "1-31", "address": 3}
+        assert mismatch(ask(1), answer(1, **old)) == "address"
+        assert mismatch(ask(1, **old), answer(1, **old)) == ""
+
+    def test_nothing_answers_a_broadcast(self):
+        everybody = {"address_format": "1-126", "broadcast": True}
+        assert mismatch(ask(1, **everybody), answer(1)) == "address"
+
+    def test_requests_are_no_replies(self):
+        assert mismatch(ask(1), ask(1)) == "kind"
+        assert mismatch(answer(1), answer(1)) == "kind"
+
+    def test_process_blocks_answer_process_blocks(self):
+        process = ProcessRequest(**AT_3, **IDLE)
+        assert mismatch(process, ProcessReply(**AT_3, **READY)) == ""
+        assert mismatch(process, answer(1)) == "kind"
+        assert mismatch(ask(1), ProcessReply(**AT_3, **READY)) == "kind"
+
+    def test_a_text_write_is_answered_by_text_or_word_whatever_ind(self):
+        write = TextRequest(**AT_3, ak=15, pnu=37, ind=0x0500, text="A", **IDLE)
+        text = TextReply(**AT_3, ak=15, pnu=37, ind=0x0400, text="A", **READY)
+        name = TextReply(**AT_3, ak=3, pnu=37, ind=6, text="A", **READY)
+        assert mismatch(write, text) == ""
+        assert mismatch(write, answer(1, pnu=37)) == ""
+        assert mismatch(write, answer(1, pnu=38)) == "pnu"
+        assert mismatch(write, name) == "ak"
+
+
+class TestToggleBit:
+    DATA = bytes.fromhex("02 0E 81 1A 08 00 00 00 00 02 0C 06 07 00 00 90")
+
+    def test_it_is_a_field_with_eleven_bits_only(self):
+        assert fields_of(OLD.decode(self.DATA, "reply"))["spm"] is True
+        assert "spm" not in fields_of(CODEC.decode(self.DATA, "reply"))
+
+    def test_a_drive_may_have_set_it(self):
+        assert OLD.encode(OLD.decode(self.DATA, "reply")) == self.DATA
+
+    @pytest.mark.parametrize(("codec", "spm"), [(OLD, True), (OLD, 1), (CODEC, True), (CODEC, False)])
+    def test_a_master_does_not_send_it(self, codec, spm):
+        with pytest.raises(TelegramError, match="toggle bit") as caught:
+            codec.encode(ParameterRequest(**AT_3, ak=1, spm=spm, pnu=520, ind=0, pwe=0, **IDLE))
+        assert caught.value.field == "spm"
+
+    def test_pnu_has_eleven_bits_then(self):
+        assert OLD.encode(ask(1, pnu=2047))
+        with pytest.raises(TelegramError, match="11 bits"):
+            OLD.encode(ask(1, pnu=2048))
+
+
+class TestFields:
+    @pytest.mark.parametrize(
+        ("changed", "field"),
+        [
+            ({"ak": 16}, "ak"),
+            ({"ak": "1"}, "ak"),
+            ({"ak": 6}, "ak"),
+            ({"pnu": True}, "pnu"),
+            ({"ind": None}, "ind"),
+            ({"ind": -1}, "ind"),
+            ({"pwe": 2**32}, "pwe"),
+            ({"address_format": 31}, "address_format"),
+            ({"broadcast": 1}, "broadcast"),
+            ({"address": 1.0}, "address"),
+            ({"control_word": None}, "control_word"),
+        ],
+    )
+    def test_what_makes_no_telegram_names_its_field(self, changed, field):
+        fields = {"kind": "parameter", **AT_3, "ak": 1, "pnu": 1, "ind": 0, "pwe": 0, **IDLE, **changed}
+        with pytest.raises(TelegramError) as caught:
+            CODEC.encode(message_from(fields, "request"))
+        assert (caught.value.category, caught.value.field) == ("field", field)
+
+    def test_a_text_is_text(self):
+        with pytest.raises(TelegramError, match="no text"):
+            CODEC.encode(TextRequest(**AT_3, ak=15, pnu=37, ind=0x0500, text=5, **IDLE))
+
+    @pytest.mark.parametrize(
+        ("data", "direction", "category"),
+        [
+            ("03 04 81", "request", "framing"),
+            ("02", "reply", "length"),
+            ("02 09 81", "reply", "length"),
+            ("02 06 81 00 00 00 00", "request", "length"),
+            ("02 06 81 00 00 00 00 85 00", "request", "length"),
+            ("02 0D 81 11 9E 00 00 00 03 E8 06 07 00 00 EB", "reply", "length"),
+            ("02 06 81 00 00 00 00 84", "request", "checksum"),
+            ("02 06 00 00 00 00 00 04", "request", "field"),
+            ("02 06 80 06 07 00 00 85", "reply", "field"),
+        ],
+    )
+    def test_what_is_no_telegram(self, data, direction, category):
+        with pytest.raises(TelegramError) as caught:
+            CODEC.decode(bytes.fromhex(data), direction)
+        assert caught.value.category == category
+
+    @pytest.mark.parametrize("fields", [{}, {"kind": "ppo1"}, {"kind": "process", "unknown": 1}, {"kind": "process"}])
+    def test_what_names_no_telegram(self, fields):
+        with pytest.raises(TelegramError):
+            message_from(fields, "request")
+
+    @pytest.mark.parametrize(
+        "address",
+        [
+            {"address_format": "1-31", "address": 32},
+            {"address_format": "1-126"},
+            {"address_format": "1-126", "broadcast": True, "address": 1},
+        ],
+    )
+    def test_addresses_that_are_none(self, address):
+        with pytest.raises(TelegramError, match="address"):
+            CODEC.encode(ProcessRequest(**address, **IDLE))
+        with pytest.raises(TelegramError, match="address"):
+            CODEC.encode(ProcessReply(address_format="1-31", broadcast=True, **READY))
+
+    def test_a_text_has_room_for_245_characters(self):
+        long = TextRequest(**AT_3, ak=15, pnu=37, ind=0x0500, text="x" * 246, **IDLE)
+        with pytest.raises(TelegramError, match="245"):
+            CODEC.encode(long)
+
+    def test_blocks_are_told_apart_by_command_and_index(self):
+        with pytest.raises(TelegramError, match="no parameter block"):
+            CODEC.encode(ask(15, ind=0x0500))
+
+    def test_nothing_is_no_telegram(self):
+        with pytest.raises(TelegramError) as caught:
+            CODEC.decode(b"", "reply")
+        assert caught.value.category == "length"
+
+
+class TestFraming:
+    REPLY = bytes.fromhex("02 0E 83 26 4E 00 00 00 00 02 0C 06 07 00 00 E8")
+
+    @pytest.mark.parametrize("broken_off", range(3, 14))
+    def test_a_cut_telegram_and_its_repetition_are_not_taken_for_one(self, broken_off):
+        framer = Framer(CODEC, "reply")
+        found = [*framer.feed(self.REPLY[:broken_off] + self.REPLY), *framer.flush()]
+        assert [find.data for find in found if isinstance(find, Framed)] == [self.REPLY]
+
+    def test_two_heads_with_a_sound_bcc(self):
+        # Nine bytes of a telegram and seven of its repetition: the exclusive-or is right, and the value would be 526.
+        both = self.REPLY[:9] + self.REPLY[:7]
+        checked = 0
+        for byte in both:
+            checked ^= byte
+        assert checked == 0
+        with pytest.raises(TelegramError) as caught:
+            CODEC.decode(both, "reply")
+        assert caught.value.category == "framing"
+
+    def test_a_drive_does_not_wait_for_what_can_be_no_request(self):
+        framer = Framer(CODEC, "request")
+        own = bytes.fromhex("02 06 83 04 3C 00 00 BF")
+        foreign = bytes.fromhex("02 10 82 F6 04 04 00")
+        assert [find.data for find in framer.feed(foreign + own) if isinstance(find, Framed)] == [own]
+
+    def test_a_master_takes_a_wrong_bcc_for_damage(self):
+        framer = Framer(CODEC, "reply")
+        found = framer.feed(self.REPLY[:-1] + b"\x00")
+        assert [type(find) for find in found][:1] == [Damaged]
+
+    def test_no_single_wrong_bit_goes_unnoticed(self):
+        assert blind_spots(self.REPLY, "reply") == frozenset()
+
+
+def test_drawings_show_all_blocks():
+    shown = drawings()
+    assert len(shown) == 6
+    assert shown["Process block, master"][0] == ("", "1", "STX")
+    assert shown["Text block, drive"][5] == ("text", "n", "characters, ISO 8859-1")
