@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from threading import RLock
 from typing import TYPE_CHECKING, Any, Self, TypeVar
+from weakref import WeakSet
 
 from drivecomm.drive import Broadcast, Drive
-from drivecomm.errors import AddressError, LinkDownError, NoReplyError, ReplyError, UsageError
+from drivecomm.errors import AddressError, LinkDownError, NoReplyError, NotSupported, ReplyError, UsageError
 from drivecomm.line import LINE_FACT_NAMES
 from drivecomm.link import Link, Party
 from drivecomm.models import load_model
@@ -66,6 +67,7 @@ class Bus:
         self._link = Link(trace=trace, echo=echo, guard_s=guard_s)
         self._lock = RLock()
         self._closed = False
+        self._drives: WeakSet[Drive] = WeakSet()
         self._port: Port | None = open_port()
         self._wall_time = self._port.wall_time()
 
@@ -82,11 +84,15 @@ class Bus:
             raise AddressError(f"{protocol} has no drive at address {address}; addresses are {allowed}")
         known = None if model is None else load_model(plugin.package, protocol, model)
         party, chosen = self._party(plugin, address, known, options)
-        return Drive(self, party, plugin.operations(address, chosen, known), known)
+        drive = Drive(self, party, plugin.operations(address, chosen, known), known)
+        self._drives.add(drive)
+        return drive
 
     def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> Broadcast:
         """Return all drives of a protocol at once; what is sent to them is never answered."""
         plugin = installed[protocol]
+        if plugin.broadcast_address is None:
+            raise NotSupported(f"{protocol} has no broadcast; command its drives one by one")
         known = None if model is None else load_model(plugin.package, protocol, model)
         party, chosen = self._party(plugin, plugin.broadcast_address, known, options)
         return Broadcast(self, party, plugin.operations(plugin.broadcast_address, chosen, known))
@@ -147,6 +153,14 @@ class Bus:
                 raise
             finally:
                 self._wall_time = port.wall_time()
+
+    def commanding(self, who: Drive | Broadcast) -> None:
+        """Let all other objects for the same drive, or drives, forget what they commanded last."""
+        protocol, _, address = who.party.name.partition(":")
+        for drive in list(self._drives):
+            name, _, number = drive.party.name.partition(":")
+            if drive is not who and name == protocol and address in (number, "*"):
+                drive.commanded_elsewhere()
 
     def wall_time(self) -> float:
         """Return when the last exchange ended, in seconds since 1970 (on a virtual line: since its start)."""

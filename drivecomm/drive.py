@@ -34,6 +34,10 @@ class Runs(Protocol):
         """Return the time for people."""
         ...
 
+    def commanding(self, who: Drive | Broadcast) -> None:
+        """Let all others who speak to the same drive know that it is being commanded."""
+        ...
+
 
 class Drive:
     """One addressed drive, made by `Bus.drive`; every verb is one exchange on the bus.
@@ -71,13 +75,22 @@ class Drive:
         reading = self._run(bound(self._operations.read, parameter, **options))
         return replace(reading, time_s=self._bus.wall_time())
 
+    @property
+    def party(self) -> Party:
+        """The drive as the link sees it."""
+        return self._party
+
+    def commanded_elsewhere(self) -> None:
+        """Forget the last command, because somebody else has commanded this drive since; the bus calls it."""
+        self._operations.commanded_elsewhere()
+
     def write(self, parameter: str, value: Value | float, *, store: bool = False, **options: Any) -> Reading | None:
         """Write a parameter; returns what the drive reports back, None where it only confirms.
 
         store: keep the value over power-off (EEPROM) where the protocol makes the difference. A value that does not fit
         raises ValueRefusedError before anything is sent.
         """
-        reading = self._run(bound(self._operations.write, parameter, value, store=store, **options))
+        reading = self._command(bound(self._operations.write, parameter, value, store=store, **options))
         return None if reading is None else replace(reading, time_s=self._bus.wall_time())
 
     def status(self) -> DriveStatus:
@@ -89,15 +102,15 @@ class Drive:
 
         What stops it when this program falls silent is a setting of the drive: see `capabilities.link_loss`.
         """
-        self._run(self._operations.start(reverse=reverse))
+        self._command(self._operations.start(reverse=reverse))
 
     def stop(self, how: Stop = Stop.RAMP) -> None:
         """Stop the motor."""
-        self._run(self._operations.stop(how))
+        self._command(self._operations.stop(how))
 
     def reset(self) -> None:
         """Acknowledge a fault. The motor does not start again by this."""
-        self._run(self._operations.reset())
+        self._command(self._operations.reset())
 
     def set_reference(self, *, percent: Value | float | None = None, hz: Value | float | None = None) -> None:
         """Set the reference, as a share of the reference range or as output frequency; never stored.
@@ -105,9 +118,9 @@ class Drive:
         Raises UsageError unless exactly one of the two is given.
         """
         if percent is not None and hz is None:
-            self._run(self._operations.set_reference_percent(percent))
+            self._command(self._operations.set_reference_percent(percent))
         elif hz is not None and percent is None:
-            self._run(self._operations.set_reference_hz(hz))
+            self._command(self._operations.set_reference_hz(hz))
         else:
             raise UsageError("a reference is set with percent or with hz, one of the two")
 
@@ -127,7 +140,11 @@ class Drive:
         extra = self._operations.extra
         if verb not in extra:
             raise NotSupported(f"{self.name} has no verb {verb!r}; it has {', '.join(sorted(extra)) or 'none'}")
-        return self._run(bound(extra[verb], **arguments))
+        return self._command(bound(extra[verb], **arguments))
+
+    def _command(self, exchange: Exchange[T]) -> T:
+        self._bus.commanding(self)
+        return self._run(exchange)
 
     def _run(self, exchange: Exchange[T]) -> T:
         return self._bus.run(self._party, exchange)
@@ -144,12 +161,19 @@ class Broadcast:
         self._party = party
         self._operations = operations
 
+    @property
+    def party(self) -> Party:
+        """All drives as the link sees them."""
+        return self._party
+
     def write(self, parameter: str, value: Value | float, **options: Any) -> None:
         """Write a parameter of all drives; returns when the telegram is sent."""
+        self._bus.commanding(self)
         self._bus.run(self._party, bound(self._operations.write, parameter, value, **options))
 
     def stop(self, how: Stop = Stop.RAMP) -> None:
         """Stop all motors; returns when the telegram is sent."""
+        self._bus.commanding(self)
         self._bus.run(self._party, self._operations.stop(how))
 
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from drivecomm.models import Model
     from drivecomm.motor import Motor
     from drivecomm.reading import Reading, Value
+    from drivecomm.schema import Form
     from drivecomm.status import DriveStatus
     from drivecomm.telegram import Direction, Message
 
@@ -74,6 +75,13 @@ class Operations(Interface):
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
         """Further verbs that only this protocol has, by name; `Drive.call` reaches them."""
+        ...
+
+    def commanded_elsewhere(self) -> None:
+        """Forget the last command: a broadcast, or another object for the same drive, has commanded since.
+
+        Whatever repeats or builds on the last control word must not bring an older command back.
+        """
         ...
 
     def status(self) -> Exchange[DriveStatus]:
@@ -155,13 +163,13 @@ class Protocol:
     vectors.toml, models/ and README.md. facts: default line settings and timing, with their source in `facts_source`.
     addresses: those a single drive can have; scan_addresses: those a scan asks unless told otherwise.
     default_model: the model of the package whose parameters a virtual drive holds unless told otherwise.
-    broadcast_address: what `operations` takes to mean all drives.
+    broadcast_address: None where there is none; otherwise what `operations` takes to mean all drives.
     options: frozen keyword-only dataclass of what differs between drives and decoders of this protocol; its docstring
     explains each. codec: telegrams for these options. message: builds a message from fields as vectors name them.
     mismatch: names the first field in which a sound reply does not belong to the request, empty when it belongs.
     operations: the verbs for a drive at an address. virtual: a drive to talk to.
     blind_spots: positions in a telegram where the protocol cannot notice a single wrong bit.
-    forms: names and drawings for the documentation: title to rows of (field, size, meaning).
+    forms: the forms of all its telegrams by title, for documentation, drawings and checks.
     parameter_examples: parameter addresses that show the forms of this protocol.
     """
 
@@ -173,7 +181,7 @@ class Protocol:
     addresses: range
     scan_addresses: range
     default_model: str
-    broadcast_address: int
+    broadcast_address: int | None
     options: type[Any]
     codec: Callable[[Any], Codec]
     message: Callable[[Mapping[str, Any], Direction], Message]
@@ -181,5 +189,5 @@ class Protocol:
     operations: Callable[[int, Any, Model | None], Operations]
     virtual: Callable[[int, Any, Model], VirtualDrive]
     blind_spots: Callable[[bytes, Direction], frozenset[int]]
-    forms: Callable[[], Mapping[str, list[tuple[str, str, str]]]]
+    forms: Callable[[], Mapping[str, Form[Any]]]
     parameter_examples: tuple[str, ...] = field(default=())

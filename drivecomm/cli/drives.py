@@ -203,9 +203,9 @@ def _show_reading(drive: Drive, parameter: str, reading: Reading, *, as_json: bo
     if as_json:
         emit(drive=drive.name, **{**plain(reading), "parameter": parameter, "address": reading.parameter})
         return
-    name = reading.name or ""
+    name = f"{reading.parameter} {reading.name}".rstrip()
     note = f"  [{reading.note}]" if reading.note else ""
-    say(f"{drive.name}  {parameter:<8} {reading!s:>14}  {name}{note}".rstrip())
+    say(f"{drive.name}  {name:<34} {reading!s:>14}{note}".rstrip())
 
 
 def _show_status(drive: Drive, found: DriveStatus, *, as_json: bool) -> None:
@@ -216,7 +216,7 @@ def _show_status(drive: Drive, found: DriveStatus, *, as_json: bool) -> None:
     if found.fault_code:
         words.append(f"fault {found.fault_code}" + (f" {found.fault_text}" if found.fault_text else ""))
     if found.actual_percent is not None:
-        words.append(f"actual {found.actual_percent} %")
+        words.append(f"actual {found.actual_percent:.2f} %")
     if found.actual_hz is not None:
         words.append(f"actual {found.actual_hz} Hz")
     if found.flags:

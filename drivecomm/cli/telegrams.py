@@ -97,21 +97,26 @@ def encode(
 ) -> int:
     """Build one telegram from its fields and print it in hexadecimal."""
     written = dict(_pair(text) for text in fields)
-    given = {name: _field(name, value) for name, value in written.items()}
-    options = parse_settings(option or [])
-    try:
-        data = encode_telegram(protocol, given, direction=direction, **options)
-    except TelegramError as error:
-        # Digits may be meant as text: VABus data 1234 are four characters.
-        if not isinstance(given.get(error.field), int):
-            raise
-        given[error.field] = written[error.field]
-        data = encode_telegram(protocol, given, direction=direction, **options)
+    given = {name: _field(value) for name, value in written.items()}
+    data = _encoded(protocol, direction, given, written, parse_settings(option or []))
     if json:
         emit(protocol=protocol, direction=direction, data=data, fields=given)
     else:
         say(data.hex(" ").upper())
     return 0
+
+
+def _encoded(
+    protocol: str, direction: Direction, given: dict[str, Any], written: dict[str, str], options: dict[str, Any]
+) -> bytes:
+    """Encode; a field that is refused as a number is tried as text, for VABus data 1234 are four characters."""
+    try:
+        return encode_telegram(protocol, given, direction=direction, **options)
+    except TelegramError as error:
+        if not isinstance(given.get(error.field), int):
+            raise
+        given[error.field] = written[error.field]
+        return _encoded(protocol, direction, given, written, options)
 
 
 def _show(telegram: Telegram, *, as_json: bool) -> None:
@@ -143,13 +148,8 @@ def _pair(text: str) -> tuple[str, str]:
     return name, value
 
 
-_TEXT_FIELDS = frozenset(["kind", "text", "value", "function", "command", "frame", "address_format"])
-
-
-def _field(name: str, value: str) -> Any:
+def _field(value: str) -> Any:
     """Return a field's value in the type that vectors give it: numbers for numbers, text for texts."""
-    if name in _TEXT_FIELDS:
-        return value
     if value.startswith("[") and value.endswith("]"):
         return [int(part, 0) for part in value[1:-1].split(",")]
     if value.lower() in ("true", "false"):

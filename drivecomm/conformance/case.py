@@ -11,6 +11,7 @@ from drivecomm.conformance.report import CheckFailure
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from drivecomm.conformance.forms import NamedForm
     from drivecomm.conformance.vectors import Vector
     from drivecomm.framing import Codec
     from drivecomm.protocol import Protocol
@@ -19,11 +20,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """A vector of a protocol. listed: all sound telegrams of the file and of the package, by direction."""
+    """A vector of a protocol.
+
+    listed: all sound telegrams of the file and of the package, by direction. forms: the protocol's schemas.
+    """
 
     plugin: Protocol
     vector: Vector
     listed: frozenset[tuple[Direction, bytes]]
+    forms: tuple[NamedForm, ...]
 
     @property
     def codec(self) -> Codec:

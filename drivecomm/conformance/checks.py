@@ -11,17 +11,15 @@ from typing import TYPE_CHECKING
 
 from drivecomm.conformance import drive_checks, framing_checks, schema_checks, telegram_checks
 from drivecomm.conformance.case import Case
-from drivecomm.conformance.report import Check as Check
-from drivecomm.conformance.report import CheckFailure as CheckFailure
-from drivecomm.conformance.report import Failure as Failure
-from drivecomm.conformance.report import Report as Report
-from drivecomm.conformance.report import carry_out
+from drivecomm.conformance.forms import forms_of
+from drivecomm.conformance.report import Check, carry_out
 from drivecomm.conformance.vectors import packaged_vectors
 from drivecomm.errors import FileFormatError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from drivecomm.conformance.report import Report
     from drivecomm.conformance.vectors import Vector, VectorFile
     from drivecomm.protocol import Protocol
     from drivecomm.telegram import Direction
@@ -41,15 +39,16 @@ def checks_of(plugin: Protocol, vectors: VectorFile) -> Iterator[Check]:
         raise FileFormatError(f"{vectors.name}: holds vectors of {vectors.protocol!r}, not of {plugin.name!r}")
     prefix = f"{plugin.name}/{vectors.name}"
     listed = _listed(vectors) | _listed(_packaged(plugin))
+    forms = tuple(forms_of(plugin))
     for vector in vectors.vectors:
-        case = Case(plugin=plugin, vector=vector, listed=listed)
+        case = Case(plugin=plugin, vector=vector, listed=listed, forms=forms)
         for name, check in _checks_for(vector):
             yield Check(f"{prefix}/{vector.id}/{name}", partial(check, case))
     for stream in vectors.streams:
         yield Check(f"{prefix}/{stream.id}/stream", partial(framing_checks.found_in_stream, plugin, stream))
     for refuse in vectors.refusals:
         yield Check(f"{prefix}/{refuse.id}/refuse", partial(telegram_checks.refuses_to_encode, plugin, refuse))
-    for named in schema_checks.forms_of(plugin):
+    for named in forms:
         yield Check(f"{plugin.name}/schemas/{named.name}/linked", partial(schema_checks.compiles_whole, named.form))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields as dataclass_fields
 from functools import lru_cache
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.conformance.case import expect, shown
@@ -14,7 +15,7 @@ from drivecomm.models import load_model
 if TYPE_CHECKING:
     from drivecomm.conformance.case import Case
     from drivecomm.models import Model
-    from drivecomm.protocol import Protocol, VirtualDrive, VirtualReply
+    from drivecomm.protocol import VirtualDrive, VirtualReply
     from drivecomm.telegram import Message
 
 _NOW = 1.0
@@ -34,7 +35,7 @@ def belongs_to_its_request(case: Case) -> None:
 
 def stays_silent(case: Case) -> None:
     """Nobody answers this request: neither a drive that it is for, nor one that overhears it."""
-    for address in _some_addresses(case.plugin):
+    for address in _some_addresses(case):
         answers = _answers(case, address)
         expect(not answers, f"drive {address} answers {[shown(answer.data) for answer in answers]}")
 
@@ -44,7 +45,7 @@ def is_answered_by_the_right_drive(case: Case) -> None:
     vector, codec, plugin = case.vector, case.codec, case.plugin
     request = codec.decode(vector.data, "request")
     own = _address(request)
-    for address in _some_addresses(plugin):
+    for address in _some_addresses(case):
         answers = _answers(case, address) if address != own else []
         expect(not answers, f"the request is for {own}, and drive {address} answers")
     if own not in plugin.addresses:
@@ -60,7 +61,7 @@ def is_answered_by_the_right_drive(case: Case) -> None:
 
 def survives_damage(case: Case) -> None:
     """A drive that hears a refused telegram raises nothing, and answers a sound reply or not at all."""
-    for address in _some_addresses(case.plugin):
+    for address in _some_addresses(case):
         for answer in _answers(case, address):
             case.codec.decode(answer.data, "reply")
 
@@ -69,9 +70,20 @@ def _address(message: Message) -> Any:
     return getattr(message, "address", None)
 
 
-def _some_addresses(plugin: Protocol) -> list[int]:
-    addresses = plugin.addresses
-    return sorted({addresses[0], addresses[1 % len(addresses)], addresses[len(addresses) // 2], addresses[-1]})
+def _some_addresses(case: Case) -> list[int]:
+    """Return the two lowest and the highest address that a drive of this variant can have."""
+    addresses = case.plugin.addresses
+    rising = (address for address in addresses if _exists(case, address))
+    falling = (address for address in reversed(addresses) if _exists(case, address))
+    return sorted({*islice(rising, 2), *islice(falling, 1)})
+
+
+def _exists(case: Case, address: int) -> bool:
+    try:
+        _drive(case, address)
+    except UsageError:
+        return False
+    return True
 
 
 def _answers(case: Case, address: int) -> list[VirtualReply]:

@@ -6,7 +6,6 @@ from random import Random
 from typing import TYPE_CHECKING
 
 from drivecomm.conformance.case import codec_for, expect, shown
-from drivecomm.errors import TelegramError
 from drivecomm.framing import Damaged, Framed, Framer
 
 if TYPE_CHECKING:
@@ -68,12 +67,24 @@ def found_after_garbage(case: Case) -> None:
 
 
 def found_after_false_starts(case: Case) -> None:
-    """A telegram that breaks off, or a character that looks like a start, does not hide the telegram that follows."""
+    """A telegram that breaks off, or a character that looks like a start, does not hide the telegram that follows.
+
+    Behind a gap it is always found. Without one, a cut telegram and the beginning of the next can happen to be a sound
+    telegram: the exclusive-or of something sent twice is nothing.
+    """
     vector, codec = case.vector, case.codec
     starts = [vector.data[:length] for length in range(1, len(vector.data))] + [vector.data[:1] * 3]
     for start in starts:
-        found = frames(codec, vector.direction, [start + vector.data])
-        expect(vector.data in found, f"after {shown(start)} found {[shown(each) for each in found]}")
+        framer = Framer(codec, vector.direction)
+        found = [*framer.feed(start), *framer.flush(), *framer.feed(vector.data), *framer.flush()]
+        telegrams = [find.data for find in found if isinstance(find, Framed)]
+        expect(vector.data in telegrams, f"behind {shown(start)} and a gap found {_listed(found)}")
+        both = start + vector.data
+        telegrams = frames(codec, vector.direction, [both])
+        happened = any(both.find(telegram) < len(start) < both.find(telegram) + len(telegram) for telegram in telegrams)
+        expect(
+            vector.data in telegrams or happened, f"behind {shown(start)} found {[shown(each) for each in telegrams]}"
+        )
 
 
 def found_before_garbage(case: Case) -> None:
@@ -101,17 +112,12 @@ def nothing_in_truncations(case: Case) -> None:
 
 
 def found_in_stream(plugin: Protocol, stream: Stream) -> None:
-    """The telegrams of a stream are found, fed whole and in pieces of every size, and each is sound by itself."""
+    """The telegrams of a stream are found, fed whole and in pieces of every size."""
     codec = codec_for(plugin, stream.options)
     for size in range(1, len(stream.data) + 1):
         found = frames(codec, stream.direction, pieces_of(stream.data, size))
         where = f"in pieces of {size}"
         expect(tuple(found) == stream.frames, f"{where} found {[shown(each) for each in found]}")
-    for frame in stream.frames:
-        try:
-            codec.decode(frame, stream.direction)
-        except TelegramError as error:
-            expect(condition=False, failure=f"the frame {shown(frame)} is refused: {error}")
 
 
 def _garbage(codec: Codec, direction: Direction) -> list[bytes]:

@@ -2,53 +2,16 @@
 
 from __future__ import annotations
 
-import sys
-from dataclasses import dataclass
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.conformance.case import expect, shown
-from drivecomm.schema.form import Form
 from drivecomm.schema.leaves import Fault
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from drivecomm.conformance.case import Case
-    from drivecomm.protocol import Protocol
-
-
-@dataclass(frozen=True, slots=True)
-class NamedForm:
-    """A schema of a protocol package. name: module and variable."""
-
-    name: str
-    form: Form[Any]
-
-
-def forms_of(plugin: Protocol) -> list[NamedForm]:
-    """Return the forms that the loaded modules of a protocol package hold, alone or in tuples, lists and mappings."""
-    seen: dict[int, NamedForm] = {}
-    package = plugin.package
-    for module_name, module in sorted(sys.modules.items()):
-        if module_name == package or module_name.startswith(f"{package}."):
-            short = module_name.removeprefix(package).lstrip(".")
-            for variable, value in vars(module).items():
-                for form in _forms_in(value):
-                    message = form.message.__name__
-                    seen.setdefault(id(form), NamedForm(f"{short}.{variable}.{message}", form))
-    return list(seen.values())
-
-
-def _forms_in(value: object) -> Iterator[Form[Any]]:
-    if isinstance(value, Form):
-        yield value
-    elif isinstance(value, dict):
-        for each in value.values():
-            yield from _forms_in(each)
-    elif isinstance(value, tuple | list):
-        for each in value:
-            yield from _forms_in(each)
+    from drivecomm.conformance.forms import NamedForm
+    from drivecomm.schema.form import Form
 
 
 def compiles_whole(form: Form[Any]) -> None:
@@ -62,7 +25,7 @@ def compiled_as_interpreted(case: Case) -> None:
     data = case.vector.data
     middle = len(data) // 2
     flipped = data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
-    for named in forms_of(case.plugin):
+    for named in case.forms:
         for each in (data, data[:-1], data + b"0", flipped):
             same_both_ways(named, each)
 

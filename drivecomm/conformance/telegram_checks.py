@@ -54,10 +54,14 @@ def encodes(case: Case) -> None:
 
 
 def survives_its_own_encoder(case: Case) -> None:
-    """What was decoded can be encoded, and says the same again."""
+    """What was decoded is refused by the encoder, or encoded so that it says the same again."""
     vector, codec = case.vector, case.codec
     message = codec.decode(vector.data, vector.direction)
-    again = codec.decode(codec.encode(message), vector.direction)
+    try:
+        written = codec.encode(message)
+    except TelegramError:
+        return
+    again = codec.decode(written, vector.direction)
     expect(again == message, f"decoded {message}, encoded and decoded again {again}")
 
 

@@ -37,5 +37,5 @@ def virtual_drive(
     drive = plugin.virtual(address, plugin.options(**{name: chosen[name] for name in chosen if name in own}), known)
     facts = plugin.facts.override({name: options[name] for name in options if name in LINE_FACT_NAMES})
     drive.settings = facts.settings
-    drive.gap_s = facts.timing.gap_s
+    drive.gap_s = facts.gap_s
     return drive

@@ -35,8 +35,9 @@ Answer: TypeAlias = ParameterReply | TextReply
 class Conversation:
     """Telegrams to and from the drive at one address, or to all drives.
 
-    word: the control word that is repeated, 0 before the first command. reference: PCD2 for it. functions: the bits for
-    preset, ramp, relays and set-up that every command carries.
+    word: the control word that is repeated, 0 before the first command. reference: PCD2 for it; reference_known: False
+    until it was set here or taken over from the drive. functions: the bits for preset, ramp, relays and set-up that
+    every command carries.
     """
 
     def __init__(self, address: int, options: DanfossFcOptions) -> None:
@@ -46,6 +47,7 @@ class Conversation:
         self.profidrive = options.profile == "profidrive"
         self.word = words.IGNORED
         self.reference = 0
+        self.reference_known = False
         self.functions = 0
         self._address = None if self.broadcast else address
         self._format = options.address_format
@@ -53,7 +55,7 @@ class Conversation:
     @property
     def runs(self) -> bool:
         """Whether the word that is repeated lets the motor run."""
-        return words.lets_run(self.word, profidrive=self.profidrive)
+        return self._lets_run(self.word)
 
     def process(
         self, word: int, *, attempts: int | None = None, acts: bool = False, nameless: bool = False
@@ -66,7 +68,9 @@ class Conversation:
             control_word=word,
             reference=self.reference if valid else 0,
         )
-        reply: ProcessReply = yield Ask(message=request, attempts=attempts, acts=acts, nameless=nameless)
+        reply: ProcessReply = yield Ask(
+            message=request, attempts=attempts, acts=acts, nameless=nameless, urgent=acts and not self._lets_run(word)
+        )
         self._notice(reply)
         return reply
 
@@ -103,6 +107,11 @@ class Conversation:
         )
         return (yield from self._access(request, acts=True))
 
+    def shown_word(self, pnu: int) -> Exchange[int | None]:
+        """Read a word that the drive shows in a parameter; None when it has no such parameter."""
+        reply = yield from self.parameter(1, pnu, 0)
+        return reply.pwe & 0xFFFF if isinstance(reply, ParameterReply) and reply.ak in (1, 2) else None
+
     def stop_word(self, word: int) -> int:
         """Return a stop word together with the functions that are switched on."""
         return word | self.functions
@@ -130,6 +139,9 @@ class Conversation:
 
     def _process_words(self) -> tuple[int, int]:
         return (self.word, self.reference) if self.word else (words.IGNORED, 0)
+
+    def _lets_run(self, word: int) -> bool:
+        return words.lets_run(word, profidrive=self.profidrive)
 
     def _notice(self, reply: Reply) -> None:
         """Do not go on repeating a start to a drive that has tripped: whoever resets it would start the motor."""

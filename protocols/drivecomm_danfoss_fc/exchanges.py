@@ -59,7 +59,12 @@ class DanfossFcOperations:
         self._options = options
         self._model = model
         self._talk = Conversation(address, options)
-        self._motion = Motion(self._talk, state_timeout_s=options.state_timeout_s)
+        self._motion = Motion(
+            self._talk,
+            state_timeout_s=options.state_timeout_s,
+            control_word_pnu=self._shown_in(options.control_word_parameter),
+            reference_pnu=self._shown_in(options.reference_parameter),
+        )
         self._range = span("reference", options.reference_minimum_hz, options.reference_maximum_hz)
         self._limits = span("output", options.output_minimum_hz, options.output_maximum_hz)
         self.extra: Mapping[str, Callable[..., Exchange[Any]]] = {
@@ -96,6 +101,11 @@ class DanfossFcOperations:
                 "8-04 = 0 is off: the motor runs on"
             ),
         )
+
+    def commanded_elsewhere(self) -> None:
+        """Repeat neither control word nor reference any more."""
+        self._talk.word = words.IGNORED
+        self._talk.reference, self._talk.reference_known = 0, False
 
     def read(
         self,
@@ -178,7 +188,9 @@ class DanfossFcOperations:
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
         """Set the bus reference, -200 % to 199.99 % of the reference range, to the nearest step of 0.0061 %.
 
-        A running drive gets it at once, any other with the next command.
+        It goes out at once with the control word that holds: the last one from here, the one that a running drive shows
+        in 16-85, or the ramp-stop word for a drive that stands. Raises StateError for a motor that runs for another
+        reason.
         """
         self._must_be_one_drive("set_reference")
         number = exact(percent, "reference")
@@ -348,6 +360,9 @@ class DanfossFcOperations:
         if not self._talk.profidrive:
             raise NotSupported(f"{verb} is a function of the PROFIdrive control word; the FC profile has relays there")
         return self._motion.pulse(bit, verb)
+
+    def _shown_in(self, parameter: str) -> int | None:
+        return target(parameter, None, self._options).pnu if parameter else None
 
     def _must_be_one_drive(self, verb: str) -> None:
         if self._talk.broadcast:

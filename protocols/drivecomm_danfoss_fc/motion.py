@@ -61,9 +61,18 @@ class Motion:
     remembered before it is sent, so that every further telegram repeats it.
     """
 
-    def __init__(self, talk: Conversation, *, state_timeout_s: float) -> None:
+    def __init__(
+        self,
+        talk: Conversation,
+        *,
+        state_timeout_s: float,
+        control_word_pnu: int | None = None,
+        reference_pnu: int | None = None,
+    ) -> None:
         self._talk = talk
         self._state_timeout_s = state_timeout_s
+        self._control_word_pnu = control_word_pnu
+        self._reference_pnu = reference_pnu
 
     def status_word(self) -> Exchange[tuple[int, int]]:
         """Ask for status word and actual value, commanding nothing that is not commanded already."""
@@ -71,8 +80,12 @@ class Motion:
         return reply.status_word, reply.main_actual
 
     def start(self, *, reverse: bool) -> Exchange[None]:
-        """Start with 047C, or with 047E and 047F in PROFIdrive; refuses to on a tripped or locally operated drive."""
+        """Start with 047C, or with 047E and 047F in PROFIdrive; refuses to on a tripped or locally operated drive.
+
+        The reference is the one that was set; if that was not done here, the one that the drive shows.
+        """
         yield from self._ready_to_start()
+        yield from self._take_over_reference()
         yield from self._run(words.REVERSE_BIT if reverse else None)
 
     def jog(self, number: int) -> Exchange[None]:
@@ -118,10 +131,15 @@ class Motion:
         )
 
     def set_reference(self, steps: int) -> Exchange[None]:
-        """Remember the reference; a running drive gets it at once, any other with the next command."""
-        self._talk.reference = steps
-        if self._talk.runs:
-            yield from self._talk.process(self._talk.word, acts=True)
+        """Send the reference with the control word that holds, and remember it for all that follow.
+
+        A drive that was not commanded from here keeps running as it does; one that stands gets the ramp-stop word.
+        """
+        talk = self._talk
+        if not talk.word:
+            yield from self._take_over_word()
+        talk.reference, talk.reference_known = steps, True
+        yield from talk.process(talk.word, acts=True)
 
     def switch(self, mask: int, bits: int, *, at_once: bool) -> Exchange[None]:
         """Set some function bits in this and every later word.
@@ -179,6 +197,29 @@ class Motion:
                 yield from talk.process(talk.word, attempts=1, acts=True)
         yield from talk.process(word | more, attempts=1, acts=True)
         talk.word = word | more
+
+    def _take_over_word(self) -> Exchange[None]:
+        """Find out which control word the drive obeys, so that sending it again changes nothing."""
+        talk = self._talk
+        status, _ = yield from self.status_word()
+        if not words.has(status, words.RUNNING):
+            talk.word = talk.stop_word(words.PROFIDRIVE_STANDSTILL if talk.profidrive else words.RAMP_STOP)
+            return
+        word = None if self._control_word_pnu is None else (yield from talk.shown_word(self._control_word_pnu))
+        if word is None or not words.lets_run(word, profidrive=talk.profidrive):
+            raise StateError(
+                "the motor runs, and the drive does not show a control word of this port that made it run; set the "
+                "reference from the program that started it, or together with a start"
+            )
+        self._remember(word)
+
+    def _take_over_reference(self) -> Exchange[None]:
+        talk = self._talk
+        if talk.reference_known or self._reference_pnu is None:
+            return
+        word = yield from talk.shown_word(self._reference_pnu)
+        if word is not None:
+            talk.reference, talk.reference_known = word - 0x10000 if word >= 0x8000 else word, True
 
     def _ready_to_start(self) -> Exchange[None]:
         status, _ = yield from self.status_word()

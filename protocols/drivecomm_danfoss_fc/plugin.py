@@ -33,7 +33,13 @@ protocol = Protocol(
     facts=LineFacts(
         settings=LineSettings(baudrate=9600, bytesize=8, parity="E", stopbits=1),
         timing=Timing(
-            reply_timeout_s=0.100, gap_s=0.050, turnaround_s=0.0023, broadcast_pause_s=0.0023, late_s=0.25, attempts=3
+            reply_timeout_s=0.100,
+            gap_s=0.050,
+            turnaround_s=0.0,
+            turnaround_characters=2,
+            broadcast_pause_s=0.0,
+            late_s=0.25,
+            attempts=3,
         ),
     ),
     facts_source=(

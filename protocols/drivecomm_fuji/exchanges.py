@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from drivecomm_fuji.options import FujiOptions
     from drivecomm_fuji.parameters import Target
 
-_NAME_PLATE = {"type_code": "M23", "capacity_code": "M24", "rom_version": "M25"}
+_NAME_PLATE = {"type code": "M23", "capacity code": "M24", "ROM version": "M25"}
 _POLL_S = 0.05
 
 
@@ -75,6 +75,11 @@ class FujiOperations:
             "digital_outputs": self.digital_outputs,
             "reset_by_command": self.reset_by_command,
         }
+
+    def commanded_elsewhere(self) -> None:
+        """Forget the run command, and what S01 and S05 hold; terminals stay as they were set here."""
+        self._word &= ~RUN
+        self._sent = dict.fromkeys(self._sent)
 
     def read(self, parameter: str, *, format: str | int | None = None) -> Exchange[Reading]:
         """Read a function. format: its data format in the manual's numbering, such as "[5]", instead of the model's."""
@@ -333,7 +338,7 @@ class FujiOperations:
                 reply = yield from self._asking.read(function)
             except RefusedError:
                 continue
-            text = word_text("[17]", reply.data, self._profile, {}) if name == "type_code" else ""
+            text = word_text("[17]", reply.data, self._profile, {}) if name == "type code" else ""
             found[name] = f"{reply.data:04X} ({text})" if text else str(reply.data)
         return found
 

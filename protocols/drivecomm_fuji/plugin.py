@@ -10,7 +10,7 @@ from drivecomm_fuji.codec import FujiCodec
 from drivecomm_fuji.exchanges import FujiOperations
 from drivecomm_fuji.options import FujiOptions
 from drivecomm_fuji.profiles import PROFILES
-from drivecomm_fuji.telegrams import BROADCAST, STATIONS, blind_spots, drawings, message_from, mismatch
+from drivecomm_fuji.telegrams import BROADCAST, STATIONS, blind_spots, message_from, mismatch, titled_forms
 from drivecomm_fuji.timing import GAP_S, QUICK_TIMEOUT_S
 from drivecomm_fuji.virtual import VirtualFujiDrive
 
@@ -60,6 +60,6 @@ protocol = Protocol(
     operations=FujiOperations,
     virtual=_virtual,
     blind_spots=blind_spots,
-    forms=drawings,
+    forms=titled_forms,
     parameter_examples=("S05", "M09", "F03", "o05"),
 )

@@ -311,9 +311,9 @@ def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:  # noqa: A
     return frozenset()
 
 
-def drawings() -> dict[str, list[tuple[str, str, str]]]:
-    """Return each telegram's fields, sizes and meanings, for the documentation."""
-    titles: dict[str, Form[Any]] = {
+def titled_forms() -> dict[str, Form[Any]]:
+    """Return the forms of all telegrams by the titles that people know them by."""
+    return {
         "Standard request, R": READ,
         "Standard request, W and A": WRITE,
         "Standard request, E": RESET,
@@ -329,4 +329,3 @@ def drawings() -> dict[str, list[tuple[str, str, str]]]:
         "Optional polling, reply": POLL_VALUE,
         "Optional polling, NAK": POLL_REFUSED,
     }
-    return {title: form.describe() for title, form in titles.items()}

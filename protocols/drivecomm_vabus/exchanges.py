@@ -88,6 +88,9 @@ class VabusOperations:
         """One more verb: control_word(word=) writes parameter 410 as it stands, once."""
         return {"control_word": self._command}
 
+    def commanded_elsewhere(self) -> None:
+        """Do nothing: no telegram repeats or builds on an earlier control word."""
+
     def read(self, parameter: str, *, type: str = "", dataset: int | None = None) -> Exchange[Reading]:
         """Read a parameter. type: uint, int, long or string. dataset: 0 to 4."""
         wanted = target(parameter, self._model, type, dataset)

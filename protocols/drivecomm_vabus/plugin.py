@@ -13,9 +13,9 @@ from drivecomm_vabus.telegrams import (
     NODES,
     VabusCodec,
     blind_spots,
-    drawings,
     message_from,
     mismatch,
+    titled_forms,
 )
 from drivecomm_vabus.virtual import VirtualVabusDrive
 
@@ -64,6 +64,6 @@ protocol = Protocol(
     operations=VabusOperations,
     virtual=_virtual,
     blind_spots=blind_spots,
-    forms=drawings,
+    forms=titled_forms,
     parameter_examples=("481", "520[2]", "C00"),
 )

@@ -384,9 +384,9 @@ def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:
     return frozenset([0, 1, 2] if direction == "request" else [0, 1])
 
 
-def drawings() -> dict[str, list[tuple[str, str, str]]]:
-    """Return each telegram's fields, sizes and meanings, for the documentation."""
-    titles: dict[str, Form[Any]] = {
+def titled_forms() -> dict[str, Form[Any]]:
+    """Return the forms of all telegrams by the titles that people know them by."""
+    return {
         "Enquiry": ENQUIRY,
         "Select": SELECT,
         "Value": VALUE,
@@ -394,7 +394,6 @@ def drawings() -> dict[str, list[tuple[str, str, str]]]:
         "NAK": REFUSE,
         "EOT": CLOSE,
     }
-    return {title: form.describe() for title, form in titles.items()}
 
 
 def check_type(type: str) -> ValueType:

@@ -137,9 +137,9 @@ def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:  # noqa: A
     return frozenset(range(1, 19)) - {3}
 
 
-def drawings() -> dict[str, list[tuple[str, str, str]]]:
-    """Return each telegram's fields, sizes and meanings, for the documentation."""
-    titles: dict[str, Form[Any]] = {
+def titled_forms() -> dict[str, Form[Any]]:
+    """Return the forms of all telegrams by the titles that people know them by."""
+    return {
         "U, update": telegrams.UPDATE,
         "R, read": telegrams.READ,
         "I, read index": telegrams.READ_INDEX,
@@ -148,7 +148,6 @@ def drawings() -> dict[str, list[tuple[str, str, str]]]:
         "Reply to U, R, I with a refusal": telegrams.REFUSAL,
         "Reply to C": telegrams.STATUS,
     }
-    return {title: form.describe() for title, form in titles.items()}
 
 
 _codec = VltCodec()

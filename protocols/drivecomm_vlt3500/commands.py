@@ -62,15 +62,20 @@ class Commander:
         reply: ControlReply = yield from self.ask_idle(request, attempts=attempts)
         return reply.status_word
 
-    def command(self, word: int, *, mask: int = 0xFFFF, attempts: int | None = None) -> Exchange[int]:
-        """Send a control word and return the status word; nobody answers a broadcast, which gives 0."""
+    def command(
+        self, word: int, *, mask: int = 0xFFFF, attempts: int | None = None, urgent: bool = False
+    ) -> Exchange[int]:
+        """Send a control word and return the status word; nobody answers a broadcast, which gives 0.
+
+        urgent: for what stops the motor, see `Ask`.
+        """
         before, self._commanded = self._commanded, None
         request = Control(address=self._address, control_word=word, control_mask=None if mask == 0xFFFF else mask)
         status = 0
         if self._address == BROADCAST:
             yield Tell(message=request)
         else:
-            reply: ControlReply = yield Ask(message=request, attempts=attempts, acts=True, nameless=True)
+            reply: ControlReply = yield Ask(message=request, attempts=attempts, acts=True, nameless=True, urgent=urgent)
             status = reply.status_word
         if not word & words.VALID:
             self._commanded = before
@@ -79,6 +84,10 @@ class Commander:
         if word & words.VALID and mask & _SETUP:
             self._setup = word & _SETUP
         return status
+
+    def forget(self) -> None:
+        """Take it that somebody else has commanded the drive."""
+        self._commanded = None
 
     def run(self, word: int) -> Exchange[None]:
         """Send a word that makes the motor run, and wait until it does; a start that is not obeyed is taken back."""
@@ -106,7 +115,7 @@ class Commander:
 
     def stop(self, word: int, reported: int) -> Exchange[None]:
         """Send a word that stops the motor. reported: the status bits that show that the drive obeys."""
-        status = yield from self.command(word | self._setup)
+        status = yield from self.command(word | self._setup, urgent=True)
         if self._address == BROADCAST:
             return
         status = yield from self._await(reported, reported, status)

@@ -80,6 +80,10 @@ class VltOperations:
             "control_word": self.control_word,
         }
 
+    def commanded_elsewhere(self) -> None:
+        """Forget the last control word, which further ones would build on."""
+        self._commander.forget()
+
     def read(self, parameter: str, *, index: Any = None) -> Exchange[Reading]:
         """Read a parameter (R), or one element of an indexed one (I): `502[17]`, `602[13,5]`, or index=(13, 5)."""
         wanted = target(parameter, self._model, index)

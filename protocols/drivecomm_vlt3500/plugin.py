@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.line import LineFacts, LineSettings, Timing
 from drivecomm.protocol import Protocol
-from drivecomm_vlt3500.codec import VltCodec, blind_spots, drawings, message_from, mismatch
+from drivecomm_vlt3500.codec import VltCodec, blind_spots, message_from, mismatch, titled_forms
 from drivecomm_vlt3500.exchanges import VltOperations
 from drivecomm_vlt3500.options import VltOptions
 from drivecomm_vlt3500.telegrams import ADDRESSES, BROADCAST
@@ -57,6 +57,6 @@ protocol = Protocol(
     operations=VltOperations,
     virtual=_virtual,
     blind_spots=blind_spots,
-    forms=drawings,
+    forms=titled_forms,
     parameter_examples=("516", "502[17]", "602[13,5]"),
 )

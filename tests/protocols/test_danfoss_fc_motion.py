@@ -18,8 +18,12 @@ AT_3 = {"address_format": "1-126", "address": 3}
 READY, RUNNING, TRIPPED, LOCAL = 0x0607, 0x0F07, 0x0608, 0x0407
 
 
+ALONE = {"control_word_parameter": "", "reference_parameter": ""}
+
+
 def operations(model=None, **options):
-    return DanfossFcOperations(3, DanfossFcOptions(**{**(model.options if model else {}), **options}), model)
+    """A master that asks the drive for nothing that it does not know itself."""
+    return DanfossFcOperations(3, DanfossFcOptions(**{**(model.options if model else {}), **ALONE, **options}), model)
 
 
 def sent(word, reference=0, status=READY, actual=0):
@@ -53,11 +57,51 @@ class TestBeforeAnyCommand:
     def test_status_carries_no_control_word(self):
         play(operations().status(), [sent(0)])
 
-    def test_a_reference_is_remembered_and_not_sent(self):
+    def test_a_reference_goes_to_a_drive_that_stands_with_the_ramp_stop_word(self):
         drive = operations()
-        play(drive.set_reference_percent(50), [])
-        play(drive.read("16-14"), [read(0, 0)])
-        play(drive.start(), [sent(0, 0), sent(0x047C, 8192)])
+        play(drive.set_reference_percent(50), [sent(0), sent(0x043C, 8192)])
+        play(drive.read("16-14"), [read(0x043C, 8192)])
+        play(drive.start(), [sent(0x043C, 8192), sent(0x047C, 8192)])
+
+
+def shown(pnu, value, status=READY):
+    """A read of a parameter in which the drive shows a word that it got."""
+    request = ParameterRequest(**AT_3, pnu=pnu, ind=0, ak=1, pwe=0, control_word=0, reference=0)
+    refused = value is None
+    reply = ParameterReply(
+        **AT_3, pnu=pnu, ind=0, ak=7 if refused else 1, pwe=value or 0, status_word=status, main_actual=0
+    )
+    return request, reply
+
+
+class TestTakingOver:
+    """A program that comes anew, such as each call of the command line."""
+
+    fresh = {"control_word_parameter": "16-85", "reference_parameter": "16-86"}
+
+    def test_the_reference_that_is_set_is_started_with(self):
+        drive = operations(**self.fresh)
+        play(drive.start(), [sent(0), shown(1686, 0xE000), sent(0x047C, -8192)])
+
+    def test_a_drive_that_does_not_show_it_starts_at_zero(self):
+        play(operations(**self.fresh).start(), [sent(0), shown(1686, None), sent(0x047C)])
+
+    def test_the_reference_of_a_running_drive_changes_and_nothing_else(self):
+        drive = operations(**self.fresh)
+        script = [sent(0, status=RUNNING), shown(1685, 0x867C, RUNNING), sent(0x867C, 8192, RUNNING)]
+        play(drive.set_reference_percent(50), script)
+        play(drive.read("16-14"), [read(0x867C, 8192)])
+
+    @pytest.mark.parametrize("word", [None, 0, 0x043C, 0x007C])
+    def test_a_motor_that_runs_for_another_reason_is_left_alone(self, word):
+        drive = operations(**self.fresh)
+        with pytest.raises(StateError, match="does not show a control word"):
+            play(drive.set_reference_percent(50), [sent(0, status=RUNNING), shown(1685, word, RUNNING)])
+        play(drive.read("16-14"), [read(0)])
+
+    def test_a_drive_without_these_parameters(self):
+        with pytest.raises(StateError):
+            play(operations().set_reference_percent(50), [sent(0, status=RUNNING)])
 
 
 class TestStart:
@@ -116,10 +160,10 @@ class TestStop:
         with pytest.raises(StateError, match="local operation"):
             play(operations().stop(), [sent(0x043C, status=LOCAL)])
 
-    def test_a_reference_for_a_stopped_drive_waits_for_the_next_command(self):
+    def test_a_reference_for_a_stopped_drive_goes_out_with_its_stop_word(self):
         drive = started()
         play(drive.stop(), [sent(0x043C)])
-        play(drive.set_reference_percent(25), [])
+        play(drive.set_reference_percent(25), [sent(0x043C, 4096)])
         play(drive.start(), [sent(0x043C, 4096), sent(0x047C, 4096)])
 
 

@@ -14,7 +14,7 @@ from drivecomm_danfoss_fc.messages import (
     TextReply,
     TextRequest,
 )
-from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, blind_spots, drawings, message_from
+from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, blind_spots, message_from, titled_forms
 
 CODEC = DanfossFcCodec()
 OLD = DanfossFcCodec(11)
@@ -226,8 +226,8 @@ class TestFraming:
         assert blind_spots(self.REPLY, "reply") == frozenset()
 
 
-def test_drawings_show_all_blocks():
-    shown = drawings()
+def test_titled_forms_show_all_blocks():
+    shown = {title: form.describe() for title, form in titled_forms().items()}
     assert len(shown) == 6
     assert shown["Process block, master"][0] == ("", "1", "STX")
     assert shown["Text block, drive"][5] == ("text", "n", "characters, ISO 8859-1")

@@ -551,8 +551,8 @@ def test_identify():
         (asked("M25"), value("M25", 1200)),
     ]
     assert play(drive().identify(), steps) == {
-        "type_code": "1234 (type 1, generation 2, series 3, voltage 4)",
-        "rom_version": "1200",
+        "type code": "1234 (type 1, generation 2, series 3, voltage 4)",
+        "ROM version": "1200",
     }
 
 

@@ -18,9 +18,9 @@ from drivecomm_fuji.telegrams import (
     Poll,
     Select,
     Standard,
-    drawings,
     message_from,
     mismatch,
+    titled_forms,
 )
 
 
@@ -249,7 +249,7 @@ def test_resets_of_all_stations_are_sent():
     assert caught.value.category == "framing"
 
 
-def test_drawings_add_up():
-    for title, rows in drawings().items():
-        assert sum(int(size) for _, size, _ in rows) in (8, 12, 16), title
+def test_titled_forms_add_up():
+    for title, form in titled_forms().items():
+        assert sum(int(size) for _, size, _ in form.describe()) in (8, 12, 16), title
     assert protocol.blind_spots(UNKNOWN, "reply") == frozenset()

@@ -11,7 +11,7 @@ import pytest
 import drivecomm
 from drivecomm.schema import Form
 from drivecomm_vlt3500 import telegrams, words
-from drivecomm_vlt3500.codec import VltCodec, blind_spots, drawings, message_from, mismatch
+from drivecomm_vlt3500.codec import VltCodec, blind_spots, message_from, mismatch, titled_forms
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.options import VltOptions
 from drivecomm_vlt3500.values import number, packed, unpacked
@@ -26,7 +26,7 @@ def test_every_schema_compiles_without_links() -> None:
 
 
 def test_every_drawing_is_22_characters_long() -> None:
-    assert {sum(int(size) for _, size, _ in rows) for rows in drawings().values()} == {22}
+    assert {sum(int(size) for _, size, _ in form.describe()) for form in titled_forms().values()} == {22}
 
 
 @pytest.mark.parametrize(

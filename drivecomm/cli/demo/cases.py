@@ -11,7 +11,7 @@ class Case:
     """What is read from a drive and how it is moved.
 
     model: whose names and units are used, None for bare values. parameters: what is read. frequency: the parameter that
-    shows the output frequency. reference, backwards: what is set for running, in percent or hertz; backwards is for
+    shows output frequency or speed, signed. reference, backwards: what is set for running, in percent or hertz; backwards is for
     drives that reverse by a negative reference. fault: the code that a virtual drive trips with.
     """
 
@@ -32,7 +32,7 @@ CASES = {
         backwards={"hz": Decimal(-20)},
         fault=3,
     ),
-    "danfoss-fc": Case(model="fc300", parameters=("16-13", "16-14", "16-30", "3-41"), frequency="16-13", fault=14),
+    "danfoss-fc": Case(model="fc300", parameters=("16-13", "16-14", "16-30", "3-41"), frequency="16-17", fault=14),
     "vlt3500": Case(model="vlt3500", parameters=("502[1]", "502[9]", "215", "516"), frequency="502[1]", fault=11),
     "fuji": Case(
         model="frenic",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -28,13 +27,12 @@ _WIDTH = 110
 def demo(
     line: LineOptions,
     allow_motion: Annotated[bool, typer.Option("--allow-motion", help="With --port: start motors too.")] = False,
-    picture: Annotated[Path | None, typer.Option(help="Save what is shown as an SVG picture.")] = None,
 ) -> int:
     """Tour everything on virtual lines in a few seconds; with --port on a real line, reading only.
 
     Exit code 1 when a step failed.
     """
-    console = Console(width=_WIDTH, record=picture is not None, quiet=line.json)
+    console = Console(width=_WIDTH, quiet=line.json)
     tour = stops.Tour(console)
     sites: AbstractContextManager[list[Site]] = virtual_sites() if line.port is None else real_site(line)
     with sites as opened:
@@ -42,8 +40,6 @@ def demo(
             _visit(tour, site, moving=allow_motion or bool(site.virtual))
     _manuals(tour)
     _summary(tour, as_json=line.json)
-    if picture is not None:
-        console.save_svg(str(picture), title="drivecomm demo")
     return 1 if tour.failed else 0
 
 

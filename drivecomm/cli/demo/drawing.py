@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
+from drivecomm.errors import TelegramError
 from drivecomm.registry import installed
 from drivecomm.telegram import fields_of
 
 if TYPE_CHECKING:
-    from drivecomm.telegram import Message
+    from collections.abc import Iterator
 
-_FIXED = {"", "length"}
+    from drivecomm.schema import Form
+    from drivecomm.telegram import Message
 
 
 def drawn(protocol: str, title: str, data: bytes, message: Message) -> Table:
@@ -21,32 +23,32 @@ def drawn(protocol: str, title: str, data: bytes, message: Message) -> Table:
     for heading in ("bytes", "field", "value", "meaning"):
         table.add_column(heading)
     values = fields_of(message)
-    for piece, name, meaning in _pieces(protocol, data, values) or [(data, "", "")]:
-        value = values.get(name, "")
-        table.add_row(piece.hex(" ").upper(), name, f"{value}", meaning)
+    for piece, name, meaning in _pieces(protocol, data, message):
+        table.add_row(piece.hex(" ").upper(), name, str(values.get(name, "")), meaning)
     return table
 
 
-def _pieces(protocol: str, data: bytes, values: dict[str, object]) -> list[tuple[bytes, str, str]]:
-    """Split the bytes by the form whose fields and sizes fit this telegram."""
-    wanted = set(values) - {"kind"}
-    for rows in installed[protocol].forms().values():
-        named = {name for name, _, _ in rows} - _FIXED
-        fixed = sum(int(size) for _, size, _ in rows if size != "n")
-        open_rows = sum(size == "n" for _, size, _ in rows)
-        if len(named & wanted) < min(len(wanted), len(named)) or len(data) < fixed or open_rows > 1:
-            continue
-        if not open_rows and len(data) != fixed:
-            continue
-        return _split(data, rows, len(data) - fixed)
-    return []
+def _pieces(protocol: str, data: bytes, message: Message) -> list[tuple[bytes, str, str]]:
+    """Split the bytes by the form that reads this message from them."""
+    for form in installed[protocol].forms().values():
+        if form.message is type(message) and _reads(form, data):
+            rows = form.describe()
+            rest = len(data) - sum(int(size) for _, size, _ in rows if size != "n")
+            return list(_split(data, rows, rest))
+    return [(data, "", "")]
 
 
-def _split(data: bytes, rows: list[tuple[str, str, str]], rest: int) -> list[tuple[bytes, str, str]]:
-    pieces = []
+def _reads(form: Form[Any], data: bytes) -> bool:
+    try:
+        form.parse(data)
+    except TelegramError:
+        return False
+    return True
+
+
+def _split(data: bytes, rows: list[tuple[str, str, str]], rest: int) -> Iterator[tuple[bytes, str, str]]:
     at = 0
     for name, size, meaning in rows:
         length = rest if size == "n" else int(size)
-        pieces.append((data[at : at + length], name, meaning))
+        yield data[at : at + length], name, meaning
         at += length
-    return pieces

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -65,7 +66,7 @@ def scan(tour: Tour, site: Site) -> list[Found]:
         for one in site.bus.scan(addresses=range(1, 32)):
             found.append(one)
             told = ", ".join(f"{name} {value}" for name, value in one.identity.items()) or "answers"
-            tour.console.print(f"  {one.name:<14} {told}", highlight=False, markup=False)
+            tour.console.print(f"  {one.name:<14} {textwrap.shorten(told, 92)}", highlight=False, markup=False)
         names = {one.name for one in found}
         missing = sorted(set(site.virtual) - names)
         surplus = sorted(names - set(site.virtual)) if site.virtual else []
@@ -79,13 +80,11 @@ def values(tour: Tour, drive: Drive, protocol: str) -> None:
     """Read what a plant engineer looks at first."""
     case = case_for(protocol, installed[protocol].parameter_examples)
     with tour.step(f"read {drive.name}") as tell:
-        shown = []
-        for parameter in case.parameters:
+        for place, parameter in enumerate(case.parameters):
             reading = drive.read(parameter)
-            label = reading.name.replace("_", " ") if reading.name else ""
-            shown.append(f"{reading.parameter} {label} = {reading}" if label else f"{reading.parameter} = {reading}")
-        tour.console.print(f"  {drive.name:<14} {escape('   '.join(shown))}", highlight=False)
-        tell(f"{len(shown)} parameters")
+            what = f"{reading.parameter} {reading.name.replace('_', ' ')}".rstrip()
+            tour.console.print(f"  {'' if place else drive.name:<14} {what:<30} {reading!s:>12}", highlight=False)
+        tell(f"{len(case.parameters)} parameters")
 
 
 def motion(tour: Tour, site: Site, drive: Drive, protocol: str) -> None:
@@ -107,18 +106,18 @@ def motion(tour: Tour, site: Site, drive: Drive, protocol: str) -> None:
         drive.stop(Stop.RAMP)
         site.let_pass(8.0)
         stopped = drive.status()
-        tour.console.print(f"  {drive.name:<14} forwards {forwards}   backwards {backwards}", highlight=False)
+        tour.console.print(f"  {drive.name:<14} forwards {forwards:<36} backwards {backwards}", highlight=False)
         if not status.running or stopped.running:
             raise AssertionError(f"running {status.running} after the start, {stopped.running} after the stop")
         tell(f"forwards {forwards}, backwards {backwards}, stopped")
 
 
 def _ramp(site: Site, drive: Drive, frequency: str) -> str:
-    steps = []
+    readings = []
     for _ in range(4):
         site.let_pass(1.5)
-        steps.append(str(drive.read(frequency).value))
-    return " > ".join(steps) + " Hz"
+        readings.append(drive.read(frequency))
+    return " > ".join(str(reading.value) for reading in readings) + f" {readings[-1].unit}".rstrip()
 
 
 def fault(tour: Tour, site: Site, drive: Drive, protocol: str) -> None:
@@ -187,10 +186,10 @@ def printed_telegrams(tour: Tour, protocol: str, vectors: list[Vector]) -> None:
             telegram = decode(protocol, vector.data, direction=vector.direction, **vector.options)
             differing = {name for name, value in vector.fields.items() if telegram.fields.get(name) != value}
             rebuilt = not vector.canonical or encode(protocol, vector.fields, direction=vector.direction) == vector.data
-            tour.console.print(
-                f"  {escape(vector.source)}\n    {vector.data.hex(' ').upper()}\n    {escape(str(telegram.fields))}",
-                highlight=False,
-            )
+            fields = ", ".join(f"{name} {value}" for name, value in telegram.fields.items())
+            tour.console.print(f"  {textwrap.shorten(vector.source, 100)}", highlight=False, markup=False, style="dim")
+            tour.console.print(f"    {vector.data.hex(' ').upper()}", highlight=False, markup=False)
+            tour.console.print(f"    {textwrap.shorten(fields, 104)}", highlight=False, markup=False)
             if differing or not rebuilt:
                 wrong.append(vector.id)
         if wrong:

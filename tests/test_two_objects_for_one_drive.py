@@ -1,0 +1,81 @@
+"""What one object commands, another one must not bring back."""
+
+import pytest
+
+import drivecomm
+from drivecomm.status import Stop
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+PROTOCOLS = sorted(drivecomm.protocols())
+
+
+@pytest.fixture(params=PROTOCOLS)
+def line(request):
+    return request.param, VirtualLine([virtual_drive(request.param, 3)])
+
+
+def running(line):
+    line.drives[0].motor.advance(line.time)
+    return line.drives[0].motor.running
+
+
+def set_off(bus, protocol):
+    drive = bus.drive(protocol, 3)
+    if protocol in ("danfoss-fc", "vlt3500"):
+        drive.set_reference(percent=50)
+    else:
+        drive.set_reference(hz=25)
+    drive.start()
+    return drive
+
+
+def read_something(bus, drive, protocol):
+    for parameter in {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09"}[protocol], None:
+        if parameter:
+            drive.read(parameter)
+    drive.status()
+
+
+@pytest.mark.parametrize("how", [Stop.RAMP, Stop.COAST])
+def test_a_stop_by_another_object_is_not_undone_by_reading(line, how):
+    protocol, virtual = line
+    with drivecomm.open_bus(virtual.port) as bus:
+        first = set_off(bus, protocol)
+        second = bus.drive(protocol, 3)
+        if how not in second.capabilities.stops:
+            how = Stop.RAMP
+        second.stop(how)
+        virtual.advance(20)
+        assert not running(virtual)
+        read_something(bus, first, protocol)
+        virtual.advance(5)
+        assert not running(virtual)
+
+
+def test_a_broadcast_stop_is_not_undone_by_reading(line):
+    protocol, virtual = line
+    with drivecomm.open_bus(virtual.port) as bus:
+        first = set_off(bus, protocol)
+        bus.broadcast(protocol).stop()
+        virtual.advance(20)
+        assert not running(virtual)
+        read_something(bus, first, protocol)
+        virtual.advance(5)
+        assert not running(virtual)
+
+
+def test_a_second_program_starts_with_the_reference_that_is_set(line):
+    protocol, virtual = line
+    with drivecomm.open_bus(virtual.port) as bus:
+        percent = protocol in ("danfoss-fc", "vlt3500")
+        bus.drive(protocol, 3).set_reference(**({"percent": 50} if percent else {"hz": 25}))
+    with drivecomm.open_bus(virtual.port) as bus:
+        bus.drive(protocol, 3).start()
+        virtual.advance(20)
+        virtual.drives[0].motor.advance(virtual.time)
+        assert virtual.drives[0].motor.output_hz == pytest.approx(25, abs=0.1)
+    with drivecomm.open_bus(virtual.port) as bus:
+        bus.drive(protocol, 3).set_reference(**({"percent": 20} if percent else {"hz": 10}))
+        virtual.advance(20)
+        virtual.drives[0].motor.advance(virtual.time)
+        assert virtual.drives[0].motor.output_hz == pytest.approx(10, abs=0.1)
