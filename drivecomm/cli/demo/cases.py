@@ -11,8 +11,8 @@ class Case:
     """What is read from a drive and how it is moved.
 
     model: whose names and units are used, None for bare values. parameters: what is read. frequency: the parameter that
-    shows output frequency or speed, signed. reference, backwards: what is set for running, in percent or hertz; backwards is for
-    drives that reverse by a negative reference. fault: the code that a virtual drive trips with.
+    shows output frequency or speed, signed. reference, backwards: what is set for running, in percent or hertz;
+    backwards is for drives that reverse by a negative reference. fault: the code that a virtual drive trips with.
     """
 
     model: str | None = None

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from drivecomm.telegram import Message
 
 
-def drawn(protocol: str, title: str, data: bytes, message: Message) -> Table:
+def drawn(protocol: str, data: bytes, message: Message) -> Table:
     """Return a table of a telegram's bytes, field by field."""
-    table = Table(title=title, title_justify="left", title_style="bold", show_edge=False, pad_edge=False)
+    table = Table(show_edge=False, pad_edge=False)
     for heading in ("bytes", "field", "value", "meaning"):
         table.add_column(heading)
     values = fields_of(message)

@@ -170,8 +170,8 @@ def one_exchange(tour: Tour, site: Site, drive: Drive, protocol: str, parameter:
         for event in telegrams:
             if event.message is not None:
                 arrow = "master to drive" if event.what == "sent" else "drive to master"
-                title = f"{event.time:.4f} s  {arrow}: {event.message.kind}"
-                tour.console.print(drawn(protocol, title, event.data, event.message))
+                tour.console.print(f"[bold]{event.time:.4f} s  {arrow}: {event.message.kind}[/bold]", highlight=False)
+                tour.console.print(drawn(protocol, event.data, event.message))
                 tour.console.print()
         if len(telegrams) < 2:
             raise AssertionError("no request and reply in the trace")

@@ -1,0 +1,100 @@
+"""What a reader does in a terminal, done by a test: commands, their output, and simulators that run on."""
+
+import contextlib
+import doctest
+import io
+import os
+import re
+import shlex
+import signal
+import socket
+import subprocess
+import sys
+
+from drivecomm.cli import main
+
+FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+EXIT_CODE = re.compile(r"# exit code (\d+)")
+# Pages write one port number; the test takes a free one in its place.
+SHOWN = "127.0.0.1:4001"
+
+
+def must_match(wanted, found, where):
+    """Compare what a page shows with what came; `...` stands for anything, spacing does not count."""
+    checker = doctest.OutputChecker()
+    example = doctest.Example("", wanted)
+    same = checker.check_output(wanted, found, FLAGS)
+    assert same, f"{where}\n{checker.output_difference(example, found, FLAGS)}"
+
+
+def in_process(arguments):
+    """Run a drivecomm command here; return its exit code and all that it prints."""
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
+        code = main(arguments)
+    return code, output.getvalue()
+
+
+class Console:
+    """A terminal, and further ones with simulators in them. run: carries out a drivecomm command."""
+
+    def __init__(self, run, environment=None):
+        self._run = run
+        self._environment = environment
+        self._simulators = []
+        with socket.create_server(("127.0.0.1", 0)) as door:
+            self._own = f"127.0.0.1:{door.getsockname()[1]}"
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for simulator in self._simulators:
+            simulator.send_signal(signal.SIGTERM)
+        for simulator in self._simulators:
+            output, _ = simulator.communicate(timeout=10)
+            assert simulator.returncode == 0, output
+
+    def play(self, block):
+        """Carry out a block, command by command; exit codes and output must be those of the page."""
+        for command, shown in _commands_of(block):
+            code, output = self._carry_out(command)
+            expected = EXIT_CODE.search(command)
+            assert code == (int(expected[1]) if expected else 0), f"{block}: {command}\n{output}"
+            if shown:
+                must_match("\n".join(shown) + "\n", output, f"{block}: {command}")
+
+    def _carry_out(self, command):
+        words = [word.replace(SHOWN, self._own) for word in shlex.split(command, comments=True)]
+        if words[0] == "export":
+            name, _, value = words[1].partition("=")
+            os.environ[name] = value
+            return 0, ""
+        assert words[0] == "drivecomm", f"not a command that this test can run: {command}"
+        code, output = self.simulate(words[1:]) if words[1] == "simulate" else self._run(words[1:])
+        return code, output.replace(self._own, SHOWN)
+
+    def simulate(self, arguments):
+        """Start a simulator; it runs until the terminal is closed."""
+        simulator = subprocess.Popen(
+            [sys.executable, "-m", "drivecomm", *arguments],
+            env=self._environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self._simulators.append(simulator)
+        return 0, simulator.stdout.readline()
+
+
+def _commands_of(block):
+    command, shown = "", []
+    for line in block.code.splitlines():
+        if line.startswith("$ "):
+            if command:
+                yield command, shown
+            command, shown = line[2:], []
+        else:
+            shown.append(line)
+    if command:
+        yield command, shown

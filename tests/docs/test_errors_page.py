@@ -1,0 +1,44 @@
+"""The page about errors names every class of the tree with its exit code, in the tree's own order."""
+
+import re
+
+import pytest
+from pages import ROOT
+
+import drivecomm
+from drivecomm import errors
+from drivecomm.cli.entry import INTERRUPTED
+
+PAGE = (ROOT / "docs" / "errors.md").read_text(encoding="utf-8")
+
+
+def tree(kind):
+    yield kind
+    for below in kind.__subclasses__():
+        if below.__module__ == errors.__name__:
+            yield from tree(below)
+
+
+KINDS = list(tree(errors.DriveCommError))
+
+
+@pytest.mark.parametrize("kind", KINDS[1:], ids=lambda kind: kind.__name__)
+def test_row(kind):
+    row = re.search(rf"^\| `{kind.__name__}` \| (\d+) \|", PAGE, re.MULTILINE)
+    assert row, f"{kind.__name__} is missing"
+    assert int(row[1]) == kind.exit_code
+    assert getattr(drivecomm, kind.__name__) is kind
+    for part in kind.remedy.split(","):
+        assert part.strip() in PAGE
+
+
+def test_drawing_and_docstring_show_the_whole_tree():
+    drawn = re.findall(r"(?:^|── )(\w+Error|NotSupported)", PAGE, re.MULTILINE)
+    told = re.findall(r"(?:^|── )(\w+Error|NotSupported)", errors.__doc__, re.MULTILINE)
+    assert drawn == told
+    assert sorted(drawn) == sorted(kind.__name__ for kind in KINDS)
+
+
+def test_exit_codes():
+    shown = {int(code) for code in re.findall(r"^\| (\d+) \|", PAGE, re.MULTILINE)}
+    assert shown == {0, INTERRUPTED} | {kind.exit_code for kind in KINDS}
