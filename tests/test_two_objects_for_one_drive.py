@@ -29,10 +29,8 @@ def set_off(bus, protocol):
     return drive
 
 
-def read_something(bus, drive, protocol):
-    for parameter in {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09"}[protocol], None:
-        if parameter:
-            drive.read(parameter)
+def read_something(drive, protocol):
+    drive.read({"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09"}[protocol])
     drive.status()
 
 
@@ -47,7 +45,7 @@ def test_a_stop_by_another_object_is_not_undone_by_reading(line, how):
         second.stop(how)
         virtual.advance(20)
         assert not running(virtual)
-        read_something(bus, first, protocol)
+        read_something(first, protocol)
         virtual.advance(5)
         assert not running(virtual)
 
@@ -59,7 +57,7 @@ def test_a_broadcast_stop_is_not_undone_by_reading(line):
         bus.broadcast(protocol).stop()
         virtual.advance(20)
         assert not running(virtual)
-        read_something(bus, first, protocol)
+        read_something(first, protocol)
         virtual.advance(5)
         assert not running(virtual)
 

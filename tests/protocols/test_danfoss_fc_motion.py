@@ -74,27 +74,28 @@ def shown(pnu, value, status=READY):
     return request, reply
 
 
+FRESH = {"control_word_parameter": "16-85", "reference_parameter": "16-86"}
+
+
 class TestTakingOver:
     """A program that comes anew, such as each call of the command line."""
 
-    fresh = {"control_word_parameter": "16-85", "reference_parameter": "16-86"}
-
     def test_the_reference_that_is_set_is_started_with(self):
-        drive = operations(**self.fresh)
+        drive = operations(**FRESH)
         play(drive.start(), [sent(0), shown(1686, 0xE000), sent(0x047C, -8192)])
 
     def test_a_drive_that_does_not_show_it_starts_at_zero(self):
-        play(operations(**self.fresh).start(), [sent(0), shown(1686, None), sent(0x047C)])
+        play(operations(**FRESH).start(), [sent(0), shown(1686, None), sent(0x047C)])
 
     def test_the_reference_of_a_running_drive_changes_and_nothing_else(self):
-        drive = operations(**self.fresh)
+        drive = operations(**FRESH)
         script = [sent(0, status=RUNNING), shown(1685, 0x867C, RUNNING), sent(0x867C, 8192, RUNNING)]
         play(drive.set_reference_percent(50), script)
         play(drive.read("16-14"), [read(0x867C, 8192)])
 
     @pytest.mark.parametrize("word", [None, 0, 0x043C, 0x007C])
     def test_a_motor_that_runs_for_another_reason_is_left_alone(self, word):
-        drive = operations(**self.fresh)
+        drive = operations(**FRESH)
         with pytest.raises(StateError, match="does not show a control word"):
             play(drive.set_reference_percent(50), [sent(0, status=RUNNING), shown(1685, word, RUNNING)])
         play(drive.read("16-14"), [read(0)])
