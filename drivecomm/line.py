@@ -25,8 +25,8 @@ class LineSettings:
     stopbits: float = 1
 
     def __post_init__(self) -> None:
-        if not 50 <= self.baudrate <= 4_000_000:
-            raise UsageError(f"a baud rate of {self.baudrate} is not between 50 and 4000000")
+        if type(self.baudrate) is not int or not 50 <= self.baudrate <= 4_000_000:
+            raise UsageError(f"a baud rate of {self.baudrate!r} is not between 50 and 4000000")
         if self.bytesize not in (7, 8):
             raise UsageError(f"{self.bytesize} data bits are not possible, drives use 7 or 8")
         if self.parity not in _PARITIES:

@@ -35,7 +35,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from drivecomm.errors import FileFormatError, UsageError
 
@@ -120,6 +120,10 @@ def model_names(package: str) -> list[str]:
 
 def read_model(path: Path, protocol: str) -> Model:
     """Read a model file. Raises FileFormatError with the file's name and what is wrong in it."""
+    return _read(path, protocol, ())
+
+
+def _read(path: Path, protocol: str, extended_by: tuple[str, ...]) -> Model:
     import tomllib  # noqa: PLC0415 - as above
 
     try:
@@ -130,10 +134,11 @@ def read_model(path: Path, protocol: str) -> Model:
         raise FileFormatError(f"{path}: a model begins with format = {_MODEL_FORMAT}")
     if content.get("protocol") != protocol:
         raise FileFormatError(f"{path}: is a model for {content.get('protocol')!r}, not for {protocol!r}")
-    if content.get("extends") == path.stem:
-        raise FileFormatError(f"{path}: extends itself")
+    lineage = (*extended_by, path.stem)
+    if content.get("extends") in lineage:
+        raise FileFormatError(f"{path}: extends itself, by way of {', '.join(lineage)}")
     try:
-        base = read_model(path.with_name(f"{content['extends']}.toml"), protocol) if "extends" in content else None
+        base = _read(path.with_name(f"{content['extends']}.toml"), protocol, lineage) if "extends" in content else None
         parameters = [_parameter(entry) for entry in content.get("parameter", [])]
         faults = {int(code): str(text) for code, text in content.get("faults", {}).items()}
         return Model(
@@ -151,6 +156,7 @@ def read_model(path: Path, protocol: str) -> Model:
         raise FileFormatError(f"{path}: {error}") from error
 
 
+_WORDS = {"access": get_args(Access), "sure": get_args(Sureness)}
 _TEXT_TYPES = ("string", "text")
 _KNOWN_KEYS = frozenset(ParameterInfo.__dataclass_fields__) - {"extra"}
 
@@ -158,6 +164,10 @@ _KNOWN_KEYS = frozenset(ParameterInfo.__dataclass_fields__) - {"extra"}
 def _parameter(entry: Mapping[str, Any]) -> ParameterInfo:
     exact: dict[str, Any] = {key: Decimal(str(entry[key])) for key in ("factor", "minimum", "maximum") if key in entry}
     plain: dict[str, Any] = {key: entry[key] for key in ("type", "unit", "access", "source", "sure") if key in entry}
+    for key, value in plain.items():
+        allowed = _WORDS.get(key)
+        if not isinstance(value, str) or (allowed is not None and value not in allowed):
+            raise ValueError(f"parameter {entry['address']}: {key} cannot be {value!r}")
     start = entry.get("start")
     return ParameterInfo(
         address=str(entry["address"]),

@@ -99,7 +99,7 @@ def _load(name: str) -> Protocol:
     entry = next(iter(entries.values()))
     try:
         protocol = entry.load()
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ProtocolLoadError(
             f"the protocol {name!r} of {_owner(entry)} cannot be loaded ({type(error).__name__}: {error}); "
             "reinstall or uninstall it"

@@ -39,7 +39,7 @@ def checks_of(plugin: Protocol, vectors: VectorFile) -> Iterator[Check]:
         raise FileFormatError(f"{vectors.name}: holds vectors of {vectors.protocol!r}, not of {plugin.name!r}")
     prefix = f"{plugin.name}/{vectors.name}"
     listed = _listed(vectors) | _listed(_packaged(plugin))
-    forms = tuple(forms_of(plugin))
+    forms = forms_of(plugin)
     for vector in vectors.vectors:
         case = Case(plugin=plugin, vector=vector, listed=listed, forms=forms)
         for name, check in _checks_for(vector):

@@ -65,9 +65,7 @@ class Leaf(_Construct):
 
     def take(self, stream: Any, context: Any) -> Any:
         """Read this leaf from the stream; used by interpreted and compiled schemas alike."""
-        size = self.size(context) if callable(self.size) else self.size
-        if size is None:
-            raise Fault("length", "the length field before it is wrong")
+        size = self._size_in(context)
         data = stream.read(size)
         if len(data) < size:
             raise Fault("length", f"{size} characters expected, {len(data)} left")
@@ -89,14 +87,26 @@ class Leaf(_Construct):
             data = self._write(obj)
         except (ValueError, TypeError) as error:
             raise Fault("field", str(error), _name_in(path)) from None
-        size = self.size(context) if callable(self.size) else self.size
+        size = self._size_in(context)
         if len(data) != size:
             raise Fault("field", f"{len(data)} characters where {size} belong", _name_in(path))
         stream.write(data)
         return obj
 
     def _sizeof(self, context: Any, path: str) -> int:
-        return int(self.size(context) if callable(self.size) else self.size)
+        return self._size_in(context)
+
+    def _size_in(self, context: Any) -> int:
+        if not callable(self.size):
+            return int(self.size)
+        try:
+            size = int(self.size(context))
+        except TypeError:
+            # While faults are collected, a field that could not be read is None.
+            raise Fault("length", "the length field before it is wrong") from None
+        if size < 0:
+            raise Fault("length", f"the length field before it leaves {size} characters")
+        return size
 
     def _emitparse(self, code: Any) -> str:
         code.linkedinstances[id(self)] = self

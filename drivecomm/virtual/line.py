@@ -78,8 +78,11 @@ class VirtualLine:
         self._busy_until = began + self._master.wire_s(len(data))
         if self.echo:
             self._schedule(began, data, self._master, None, to_drives=False)
+        free_at = began
         for delay, arriving in self.faults.request(data):
-            self._schedule(began + delay, arriving, self._master, None, to_master=False)
+            start = max(began + delay, free_at)
+            free_at = start + self._master.wire_s(len(arriving))
+            self._schedule(start, arriving, self._master, None, to_master=False)
 
     def receive(self, until: float, at_least: int) -> bytes:
         """Return what the master has heard, as soon as it is this much, at the latest at `until`."""

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from drivecomm.models import Model, ParameterInfo
 
 
+_LIMITS = {"uint": (0, 2**16 - 1), "int": (-(2**15), 2**15 - 1), "long": (-(2**31), 2**31 - 1)}
+
+
 class Refusal(Exception):  # noqa: N818 - an answer of the drive, not an error of the program
     """The drive refuses, with this code in its error register."""
 
@@ -90,6 +93,12 @@ class Store:
         """Set a value in RAM without asking."""
         for each in (dataset,) if dataset else _datasets(self.info(number)):
             self._ram[number, each] = data
+
+    def show(self, number: int, raw: int) -> None:
+        """Put a measured value into a parameter, as far as the parameter's type reaches."""
+        kind = self._infos[number].type
+        lowest, highest = _LIMITS[kind]
+        self.poke(number, 0, data_of(max(lowest, min(highest, raw)), kind))  # type: ignore[arg-type]
 
     def number(self, number: int) -> int:
         """Return a numeric parameter's raw value in the first data set that it has, 0 if it does not exist."""

@@ -191,7 +191,7 @@ class VirtualVabusDrive:
             (states.STATE_WORD, self._state_word()),
         ):
             if number in self.store:
-                self.store.poke(number, 0, data_of(round(value), self.store.info(number).type))  # type: ignore[arg-type]
+                self.store.show(number, round(value))
 
     def _state_word(self) -> int:
         word = states.STATE_BITS[self._state][1] | 1 << states.VOLTAGE_BIT
