@@ -49,7 +49,7 @@ def checks_of(plugin: Protocol, vectors: VectorFile) -> Iterator[Check]:
     for refuse in vectors.refusals:
         yield Check(f"{prefix}/{refuse.id}/refuse", partial(telegram_checks.refuses_to_encode, plugin, refuse))
     for named in forms:
-        yield Check(f"{plugin.name}/schemas/{named.name}/linked", partial(schema_checks.compiles_whole, named.form))
+        yield Check(f"{prefix}/{named.name}/linked", partial(schema_checks.compiles_whole, named.form))
 
 
 def _checks_for(vector: Vector) -> Iterator[tuple[str, Callable[[Case], None]]]:

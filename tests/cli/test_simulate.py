@@ -1,0 +1,124 @@
+"""simulate: virtual drives for other programs, as processes that talk to each other."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")
+
+EVERYBODY = ["vabus:1", "danfoss-fc:3", "vlt3500:5", "fuji:7"]
+READS = {"vabus:1": "481", "danfoss-fc:3": "16-30", "vlt3500:5": "215", "fuji:7": "M21"}
+
+
+def drivecomm(*arguments, port):
+    return subprocess.run(
+        [sys.executable, "-m", "drivecomm", *arguments, "--port", port],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+@pytest.fixture
+def simulated():
+    """Start a simulator that listens at a place; returns its process and the port for a master."""
+    running = []
+
+    def start(listen, *more):
+        drives = [part for name in EVERYBODY for part in ("--drive", name)]
+        process = subprocess.Popen(
+            [sys.executable, "-m", "drivecomm", "simulate", *drives, "--listen", listen, "--json", *more],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        running.append(process)
+        told = json.loads(process.stdout.readline())
+        assert told["drives"] == EVERYBODY
+        return process, told["listening"]
+
+    yield start
+    for process in running:
+        process.kill()
+        process.communicate()
+
+
+@posix
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_stops_cleanly(simulated, tmp_path, number):
+    path = tmp_path / "line"
+    process, _ = simulated(f"pty:{path}")
+    process.send_signal(number)
+    assert process.wait(10) == 0
+    assert not path.is_symlink()
+
+
+@posix
+def test_in_words(shell, tmp_path):
+    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGTERM)).start()
+    assert shell("simulate", "-d", "vabus:1", "-l", f"pty:{tmp_path / 'line'}", port=None) == 0
+    assert shell.out.endswith("stopped\n")
+    assert "stop with Ctrl-C" in shell.out
+
+
+@posix
+def test_every_verb_over_a_pseudo_terminal(simulated, tmp_path):
+    path = tmp_path / "line"
+    simulated(f"pty:{path}")
+    for drive in EVERYBODY:
+        assert drivecomm("read", drive, READS[drive], port=str(path)).returncode == 0
+        for verb in (["status"], ["start"], ["stop"], ["reset"]):
+            done = drivecomm(verb[0], drive, *verb[1:], port=str(path))
+            assert (done.returncode, done.stderr) == (0, ""), (drive, verb)
+
+
+@pytest.mark.parametrize("kind", ["tcp", "rfc2217"])
+def test_over_the_network(simulated, kind):
+    _, address = simulated(f"{kind}:127.0.0.1:0")
+    url = f"{'socket' if kind == 'tcp' else 'rfc2217'}://{address.rpartition('//')[2].removeprefix(f'{kind}:')}"
+    for drive in EVERYBODY:
+        done = drivecomm("read", drive, READS[drive], "--json", port=url)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert json.loads(done.stdout)["drive"] == drive
+
+
+@posix
+def test_a_reference_from_one_program_and_a_start_from_the_next(simulated, tmp_path):
+    path = tmp_path / "line"
+    simulated(f"pty:{path}")
+    for drive, value in zip(EVERYBODY, ("20Hz", "50%", "50%", "20Hz"), strict=True):
+        assert drivecomm("reference", drive, value, port=str(path)).returncode == 0
+        assert drivecomm("start", drive, port=str(path)).returncode == 0
+        assert drivecomm("reference", drive, value, port=str(path)).returncode == 0
+        assert json.loads(drivecomm("status", drive, "--json", port=str(path)).stdout)["running"] is True
+
+
+@posix
+def test_an_echoing_line(simulated, tmp_path):
+    path = tmp_path / "line"
+    simulated(f"pty:{path}", "--echo")
+    for drive in EVERYBODY:
+        assert drivecomm("read", drive, READS[drive], "--echo", port=str(path)).returncode == 0
+    silent = drivecomm("read", "danfoss-fc:3", "16-30", "--attempts", "1", port=str(path))
+    assert silent.returncode in (0, 4), "an echo is skipped, or called what it is"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--drive", "vabus:1", "--listen", "nowhere"], "pty:PATH"),
+        (["--drive", "vabus:99", "--listen", "tcp:127.0.0.1:0"], "no drive at address 99"),
+        (["--drive", "vabus", "--listen", "tcp:127.0.0.1:0"], "PROTOCOL:ADDRESS"),
+        (["--drive", "vabus:1,speed=3", "--listen", "tcp:127.0.0.1:0"], "no option 'speed'"),
+        (["--listen", "tcp:127.0.0.1:0"], "--drive"),
+    ],
+)
+def test_what_cannot_be_simulated(shell, arguments, sentence):
+    assert shell("simulate", *arguments, port=None) == 2
+    assert sentence in shell.err
+    assert shell.err.count("\n") == 1

@@ -1,0 +1,157 @@
+"""Model files: what is read from them, and what is said about bad ones."""
+
+from decimal import Decimal
+from pathlib import Path
+
+import pytest
+
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.models import Model, load_model, model_names, read_model
+from drivecomm.registry import installed
+
+HEAD = 'format = 1\nprotocol = "vabus"\nname = "some"\n'
+PARAMETER = '[[parameter]]\naddress = "481"\nname = "fixed_frequency"\n'
+
+
+@pytest.fixture
+def read(tmp_path):
+    def from_text(text, name="some.toml"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return read_model(path, "vabus")
+
+    return from_text
+
+
+def test_a_model_with_everything(read):
+    model = read(
+        HEAD
+        + 'title = "Some"\nsource = "a page"\n[options]\nram_datasets = false\n[faults]\n5 = "overload"\n'
+        + PARAMETER
+        + 'title = "fixed frequency"\ntype = "long"\nunit = "Hz"\nfactor = "0.01"\naccess = "rw*"\n'
+        'values = { 1 = "one" }\nminimum = "0.5"\nmaximum = 10\nstart = "2.5"\nsource = "p. 1"\nsure = "inferred"\n'
+        "datasets = 4\n"
+    )
+    assert (model.name, model.title, model.source) == ("some", "Some", "a page")
+    assert model.options == {"ram_datasets": False}
+    assert model.faults == {5: "overload"}
+    info = model.parameters["481"]
+    assert (info.type, info.unit, info.factor, info.access, info.sure) == (
+        "long",
+        "Hz",
+        Decimal("0.01"),
+        "rw*",
+        "inferred",
+    )
+    assert (info.minimum, info.maximum, info.start) == (Decimal("0.5"), Decimal(10), Decimal("2.5"))
+    assert info.values == {1: "one"}
+    assert info.extra == {"datasets": 4}
+
+
+def test_a_model_with_nothing_much(read):
+    info = read(HEAD + PARAMETER).parameters["481"]
+    assert (info.title, info.type, info.factor, info.access, info.start) == ("fixed_frequency", "", 1, "rw", None)
+
+
+def test_text_starts_with_text(read):
+    assert read(HEAD + PARAMETER + 'type = "string"\nstart = "007"').parameters["481"].start == "007"
+
+
+def test_parameters_are_found_by_name_and_address(read):
+    model = read(HEAD + PARAMETER)
+    assert model.find("481") is model.find("fixed_frequency") is model.parameters["481"]
+    assert model.find("fixed") is None
+
+
+def test_a_model_extends_another(read, tmp_path):
+    (tmp_path / "base.toml").write_text(
+        HEAD.replace("some", "base")
+        + "[options]\nsys = 1\n[faults]\n1 = 'a'\n2 = 'b'\n"
+        + PARAMETER
+        + PARAMETER.replace("481", "482"),
+        encoding="utf-8",
+    )
+    model = read(
+        HEAD + 'extends = "base"\n[options]\nram_datasets = true\n[faults]\n2 = "c"\n' + PARAMETER + 'unit = "Hz"'
+    )
+    assert set(model.parameters) == {"481", "482"}
+    assert model.parameters["481"].unit == "Hz"
+    assert model.faults == {1: "a", 2: "c"}
+    assert model.options == {"sys": 1, "ram_datasets": True}
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("no toml", "cannot be read as a model"),
+        ('format = 2\nprotocol = "vabus"', "begins with format = 1"),
+        ('format = 1\nprotocol = "fuji"\nname = "x"', "is a model for 'fuji', not for 'vabus'"),
+        ("format = 1", "is a model for None"),
+        ('format = 1\nprotocol = "vabus"', "the key 'name' is missing"),
+        (HEAD + "[[parameter]]\nname = 'x'", "the key 'address' is missing"),
+        (HEAD + "[[parameter]]\naddress = 'x'", "the key 'name' is missing"),
+        (HEAD + PARAMETER + 'factor = "much"', "some.toml"),
+        (HEAD + PARAMETER + 'start = "much"', "some.toml"),
+        (HEAD + PARAMETER + "values = 3", "some.toml"),
+        (HEAD + PARAMETER + "values = { x = 'y' }", "some.toml"),
+        (HEAD + "[faults]\nx = 'y'", "some.toml"),
+        (HEAD + "faults = 3", "some.toml"),
+        (HEAD + "parameter = 3", "some.toml"),
+        (HEAD + "options = 3", "some.toml"),
+        (HEAD + 'extends = "some"', "extends itself"),
+        (HEAD + 'extends = "none"', "none.toml: cannot be read as a model"),
+    ],
+)
+def test_what_is_wrong_is_named(read, text, what):
+    with pytest.raises(FileFormatError) as caught:
+        read(text)
+    assert what in str(caught.value)
+
+
+def test_models_that_extend_each_other(read, tmp_path):
+    (tmp_path / "other.toml").write_text(HEAD.replace("some", "other") + 'extends = "some"', encoding="utf-8")
+    with pytest.raises(FileFormatError):
+        read(HEAD + 'extends = "other"')
+
+
+@pytest.mark.parametrize("line", ['access = "x"', 'sure = "perhaps"', "unit = 3", "type = 7"])
+def test_words_that_a_model_cannot_hold(read, line):
+    with pytest.raises(FileFormatError):
+        read(HEAD + PARAMETER + line)
+
+
+def test_a_model_by_name_by_path_and_as_it_is(tmp_path):
+    model = load_model("drivecomm_vabus", "vabus", "act")
+    assert isinstance(model, Model)
+    assert load_model("drivecomm_vabus", "vabus", model) is model
+    path = tmp_path / "own.toml"
+    path.write_text(HEAD, encoding="utf-8")
+    assert load_model("drivecomm_vabus", "vabus", path).name == "some"
+    assert load_model("drivecomm_vabus", "vabus", str(path)).name == "some"
+
+
+def test_a_model_that_is_not_there():
+    with pytest.raises(UsageError, match=r"vabus has no model 'none'; it has .*act.*, or name a \.toml file"):
+        load_model("drivecomm_vabus", "vabus", "none")
+    with pytest.raises(FileFormatError, match="cannot be read"):
+        load_model("drivecomm_vabus", "vabus", Path("/nowhere/none.toml"))
+    with pytest.raises(UsageError, match="it has none"):
+        load_model("drivecomm.schema", "vabus", "none")
+
+
+def test_packages_without_models():
+    assert model_names("drivecomm.schema") == []
+
+
+@pytest.mark.parametrize("plugin", list(installed.working()), ids=lambda plugin: plugin.name)
+def test_every_packaged_model_is_read(plugin):
+    names = model_names(plugin.package)
+    assert plugin.default_model in names
+    for name in names:
+        model = load_model(plugin.package, plugin.name, name)
+        assert model.protocol == plugin.name
+        by_name = [info.name for info in model.parameters.values()]
+        assert len(by_name) == len(set(by_name)), "a name means one parameter"
+        assert all(info.sure in ("manual", "inferred", "unconfirmed") for info in model.parameters.values())
+        assert all(info.access in ("r", "w", "rw", "rw*") for info in model.parameters.values())
+        assert all(info.source for info in model.parameters.values() if info.sure == "manual")
