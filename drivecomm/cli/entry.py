@@ -10,8 +10,6 @@ import sys
 
 from drivecomm.version import __version__
 
-INTERRUPTED = 130
-
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code."""

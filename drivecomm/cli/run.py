@@ -5,9 +5,10 @@ from __future__ import annotations
 import typer
 
 from drivecomm.cli.app import app
-from drivecomm.cli.entry import INTERRUPTED
 from drivecomm.cli.output import complain
 from drivecomm.errors import DriveCommError
+
+INTERRUPTED = 130
 
 
 def run(arguments: list[str]) -> int:

@@ -20,6 +20,7 @@ def simulate(
     ],
     listen: Annotated[str, typer.Option("--listen", "-l", help="pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT.")],
     echo: Annotated[bool, typer.Option("--echo", help="Hand back what the master sends, as some adapters do.")] = False,
+    paced: Annotated[bool, typer.Option("--paced", help="Characters take their time on the line.")] = False,
     json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
 ) -> int:
     """Serve virtual drives until Ctrl-C or SIGTERM. A master connects to them as to a real line."""
@@ -32,7 +33,7 @@ def simulate(
     stop = Event()
     previous = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        with Server(drives, parse_listen(listen), echo=echo) as server:
+        with Server(drives, parse_listen(listen), echo=echo, paced=paced) as server:
             if json:
                 emit(listening=server.address, drives=[str(name) for name in names])
             else:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.line import LineSettings
-from drivecomm.virtual.listeners import TcpListener
+from drivecomm.virtual.tcp_listener import TcpListener
 
 if TYPE_CHECKING:
     from drivecomm.line import Parity
