@@ -69,6 +69,7 @@ class Bus:
         self._closed = False
         self._drives: WeakSet[Drive] = WeakSet()
         self._port: Port | None = open_port()
+        self._link.paced = self._port.paced
         self._wall_time = self._port.wall_time()
 
     def drive(self, protocol: str, address: int, *, model: str | Path | Model | None = None, **options: Any) -> Drive:
@@ -192,6 +193,7 @@ class Bus:
             raise UsageError("this bus is closed; open it again with open_bus")
         if self._port is None:
             self._port = self._open_port()
+            self._link.paced = self._port.paced
             self._link.reopened()
         return self._port
 

@@ -105,7 +105,8 @@ class Link:
     """One line. `run` turns an exchange with a drive into effects for a runner.
 
     echo: the adapter hands back what it sends; those bytes are dropped before a reply is looked for.
-    guard_s: quiet time after the line settings change, for receivers to settle.
+    guard_s: quiet time after the line settings change, for receivers to settle. paced: whether characters take their
+    time on this port, as on a real line; then nothing that comes before a request is out can answer it.
     """
 
     def __init__(
@@ -114,9 +115,11 @@ class Link:
         self._trace = trace
         self._echo = echo
         self._guard_s = guard_s
+        self.paced = False
         self._settings: LineSettings | None = None
         self._now = 0.0
         self._free_at = 0.0
+        self._sent_at = 0.0
         self._heard_at = float("-inf")
         self._unclean = False
         self._late: dict[str, tuple[float, bytes]] = {}
@@ -168,7 +171,7 @@ class Link:
         if isinstance(command, Tell):
             yield from self._send(party, data, command.message)
             pause = party.facts.broadcast_pause_s if command.pause_s is None else command.pause_s
-            self._free_at = self._now + party.facts.settings.wire_s(len(data)) + pause
+            self._free_at = self._sent_at + pause
             return None
         return (yield from self._ask(party, command, data))
 
@@ -176,17 +179,20 @@ class Link:
         attempts = ask.attempts or party.facts.timing.attempts
         yield from self._outwait_late_reply(party, ask, data)
         for attempt in range(1, attempts + 1):
-            yield from self._send(party, data, ask.message)
             self._count(party, "requests" if attempt == 1 else "retries")
             try:
+                yield from self._send(party, data, ask.message)
+                yield from self._pass_over_early_bytes(party)
                 message = yield from self._await_reply(party, ask, data)
             except ReplyError as error:
                 self._count(party, "timeouts" if isinstance(error, NoReplyError) else "damaged")
                 yield from self._drain(party)
-                if ask.nameless:
-                    self._late[party.name] = (self._now + party.facts.timing.late_s, data)
+                self._expect_late_reply(party, ask, data)
                 if attempt == attempts:
                     raise type(error)(f"{error}{_times(attempt)}{_OPEN if ask.acts else ''}") from None
+            except GeneratorExit:
+                self._expect_late_reply(party, ask, data)
+                raise
             else:
                 self._count(party, "replies")
                 return message
@@ -195,7 +201,7 @@ class Link:
     def _await_reply(self, party: Party, ask: Ask, data: bytes) -> Steps[Message]:
         facts, settings, timing = party.facts, party.facts.settings, party.facts.timing
         timeout = timing.reply_timeout_s if ask.reply_timeout_s is None else ask.reply_timeout_s
-        limit = self._now + settings.wire_s(len(data) + 1) + timeout
+        limit = self._sent_at + settings.character_s + timeout
         latest = limit + settings.wire_s(_LONGEST_TELEGRAM) + facts.gap_s
         framer = Framer(party.codec, "reply")
         echo = data if self._echo else b""
@@ -238,18 +244,32 @@ class Link:
     def _send(self, party: Party, data: bytes, message: Message) -> Steps[None]:
         yield from self._settle(party)
         yield from self._wait(self._free_at)
-        if (yield from self._receive(self._now)):
+        came = yield from self._receive(self._now)
+        if came:
             # Something speaks out of turn (a repeated or late reply): let it finish before we add to it.
-            self._count(party, "unasked bytes")
+            self._count(party, "unasked bytes", len(came))
             yield from self._drain(party)
+        self._sent_at = self._now + party.facts.settings.wire_s(len(data))
+        # Whatever comes of it, nobody may speak, or change the line settings, before it is on the wire.
+        self._free_at = self._sent_at
         arrival = yield Send(data)
         self._now = arrival.time
         self._note(party, "sent", data, message)
+
+    def _pass_over_early_bytes(self, party: Party) -> Steps[None]:
+        """Drop what comes while the request is still on its way: a repeated or late reply to an earlier one."""
+        if not self.paced or self._echo:
+            return
+        came = yield from self._receive(self._sent_at, _EVERYTHING)
+        if came:
+            self._count(party, "unasked bytes", len(came))
+            self._note(party, "noise", came, detail="came before the request was out")
 
     def _settle(self, party: Party) -> Steps[None]:
         """Bring the port to the drive's line settings."""
         if self._settings == party.facts.settings:
             return
+        yield from self._wait(self._free_at)
         # Whoever is interrupted in the middle of this no longer knows how the port stands.
         before, self._settings = self._settings, None
         arrival = yield Configure(party.facts.settings)
@@ -269,6 +289,11 @@ class Link:
             if came:
                 self._count(party, "drained bytes", len(came))
                 self._note(party, "noise", came, detail="drained")
+
+    def _expect_late_reply(self, party: Party, ask: Ask, data: bytes) -> None:
+        """Keep in mind that a reply which does not name its request may still come."""
+        if ask.nameless:
+            self._late[party.name] = (self._now + party.facts.timing.late_s, data)
 
     def _outwait_late_reply(self, party: Party, ask: Ask, data: bytes) -> Steps[None]:
         """Do not ask for something else while a reply that does not name its request may still come."""
@@ -322,6 +347,9 @@ class Link:
 
 # The longest one that exists has 257 bytes (Danfoss FC with LGE 255); a line that never falls silent is not waited for.
 _LONGEST_TELEGRAM = 257
+
+# More than can come in one wait: wait to its end and take what there is.
+_EVERYTHING = 1 << 20
 
 _OPEN = "; whether the drive acted on it is not known"
 _ECHO = "the adapter hands back what it sends, and no other reply came; open the port with echo on"

@@ -119,7 +119,11 @@ def stop(
     if colon and address == "*":
         with line.bus() as bus:
             bus.broadcast(protocol, **({"model": model} if model else {})).stop(chosen)
-        say(f"{drive}  stop ({chosen.value}) sent to all; nobody confirms a broadcast")
+        done = f"stop ({chosen.value}) sent to all; nobody confirms a broadcast"
+        if line.json:
+            emit(drive=drive, done=done)
+        else:
+            say(f"{drive}  {done}")
         return 0
     with _drive(line, drive, model) as one:
         one.stop(chosen)

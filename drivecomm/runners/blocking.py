@@ -19,6 +19,11 @@ T = TypeVar("T")
 class Port(Protocol):
     """The seam between the link and whatever carries bytes. Everything may raise LinkDownError."""
 
+    @property
+    def paced(self) -> bool:
+        """Whether characters take their time on it, as on a real line; False for a network or a pseudo-terminal."""
+        ...
+
     def now(self) -> float:
         """Return the time on the clock that `until` arguments refer to, in seconds."""
         ...

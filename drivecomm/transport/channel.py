@@ -22,6 +22,11 @@ class SettingsRefusedError(Exception):
 class Channel(Protocol):
     """An open port. Everything but `close` may raise ChannelGoneError; foreign exceptions stay inside."""
 
+    @property
+    def paced(self) -> bool:
+        """Whether the characters are sent at the line's speed, and `send` returns before they are out."""
+        ...
+
     def apply(self, settings: LineSettings) -> str:
         """Set the line settings without closing; return a note on what is not carried. Raises SettingsRefusedError."""
         ...

@@ -19,6 +19,9 @@ POLL_S = 0.005
 class PyserialChannel:
     """An open port of pyserial, of any kind."""
 
+    # A write of Windows may return when the characters are out, so that their time cannot be told.
+    paced = False
+
     def __init__(self, port: SerialBase) -> None:
         self._port: Any = port
 

@@ -41,6 +41,11 @@ class SerialPort:
         self._settings = LineSettings()
         self._channel = _open(url)
 
+    @property
+    def paced(self) -> bool:
+        """Whether characters take their time: on a port of this machine that is no pseudo-terminal."""
+        return self._channel.paced
+
     def now(self) -> float:
         """Return the monotonic clock's time."""
         return time.monotonic()

@@ -20,6 +20,8 @@ _CHUNK = 4096
 class SocketChannel:
     """A connection to a serial server. pyserial's own waits 0.3 s at each close and delays short telegrams."""
 
+    paced = False
+
     def __init__(self, url: str) -> None:
         try:
             parts = urlsplit(url)

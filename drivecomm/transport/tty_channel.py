@@ -50,6 +50,11 @@ class TtyChannel:
             with contextlib.suppress(OSError, ValueError, AttributeError, NotImplementedError):
                 self._port.set_low_latency_mode(True)
 
+    @property
+    def paced(self) -> bool:
+        """A pseudo-terminal has no speed."""
+        return not self._pseudo
+
     def apply(self, settings: LineSettings) -> str:
         """Set the line settings without closing. Raises SettingsRefusedError."""
         try:

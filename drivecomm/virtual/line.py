@@ -145,6 +145,8 @@ class VirtualLine:
 class VirtualPort:
     """The master's end of a virtual line."""
 
+    paced = True
+
     def __init__(self, line: VirtualLine) -> None:
         self._line = line
         self._check()

@@ -136,6 +136,8 @@ def test_stop_everybody(shell):
     shell("start", "vabus:2")
     assert shell("stop", "vabus:*", "--how", "quick") == 0
     assert "nobody confirms" in shell.out
+    assert shell("stop", "vabus:*", "--how", "quick", "--json") == 0
+    assert shell.objects[0]["drive"] == "vabus:*"
     line.advance(5)
     for drive in line.drives:
         drive.motor.advance(line.time)
