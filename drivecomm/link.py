@@ -182,8 +182,8 @@ class Link:
             self._count(party, "requests" if attempt == 1 else "retries")
             try:
                 yield from self._send(party, data, ask.message)
-                yield from self._pass_over_early_bytes(party)
-                message = yield from self._await_reply(party, ask, data)
+                hint = yield from self._pass_over_early_bytes(party, data)
+                message = yield from self._await_reply(party, ask, data, hint)
             except ReplyError as error:
                 self._count(party, "timeouts" if isinstance(error, NoReplyError) else "damaged")
                 yield from self._drain(party)
@@ -198,14 +198,15 @@ class Link:
                 return message
         raise AssertionError("attempts is at least 1")  # pragma: no cover
 
-    def _await_reply(self, party: Party, ask: Ask, data: bytes) -> Steps[Message]:
+    def _await_reply(self, party: Party, ask: Ask, data: bytes, hint: str) -> Steps[Message]:
+        """Return the reply that answers; hint says what may have kept it away."""
         facts, settings, timing = party.facts, party.facts.settings, party.facts.timing
         timeout = timing.reply_timeout_s if ask.reply_timeout_s is None else ask.reply_timeout_s
         limit = self._sent_at + settings.character_s + timeout
         latest = limit + settings.wire_s(_LONGEST_TELEGRAM) + facts.gap_s
         framer = Framer(party.codec, "reply")
         echo = data if self._echo else b""
-        damage = stray = ""
+        damage, stray = "", hint
         deadline = limit
         while True:
             came = yield from self._receive(deadline, framer.missing + len(echo))
@@ -256,14 +257,23 @@ class Link:
         self._now = arrival.time
         self._note(party, "sent", data, message)
 
-    def _pass_over_early_bytes(self, party: Party) -> Steps[None]:
-        """Drop what comes while the request is still on its way: a repeated or late reply to an earlier one."""
+    def _pass_over_early_bytes(self, party: Party, data: bytes) -> Steps[str]:
+        """Drop what comes while the request is still on its way: a repeated or late reply to an earlier one.
+
+        Returns a hint when it is the request itself.
+        """
         if not self.paced or self._echo:
-            return
+            return ""
         came = yield from self._receive(self._sent_at, _EVERYTHING)
-        if came:
-            self._count(party, "unasked bytes", len(came))
-            self._note(party, "noise", came, detail="came before the request was out")
+        if not came:
+            return ""
+        if came[: len(data)] == data:
+            self._count(party, "echo bytes", len(data))
+            self._note(party, "echo", came)
+            return _ECHO
+        self._count(party, "unasked bytes", len(came))
+        self._note(party, "noise", came, detail="came before the request was out")
+        return ""
 
     def _settle(self, party: Party) -> Steps[None]:
         """Bring the port to the drive's line settings."""
