@@ -7,7 +7,7 @@ from pages import ROOT
 
 import drivecomm
 from drivecomm import errors
-from drivecomm.cli.entry import INTERRUPTED
+from drivecomm.cli.run import INTERRUPTED
 
 PAGE = (ROOT / "docs" / "errors.md").read_text(encoding="utf-8")
 
