@@ -377,11 +377,12 @@ def mismatch(request: Message, reply: Message) -> str:
 
 
 def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:
-    """Return the positions where one wrong bit can go unnoticed: whatever the BCC does not cover."""
-    has_block = data[2:3] == STX if direction == "request" else data[1:2] == STX
-    if not has_block:
-        return frozenset(range(len(data)))
-    return frozenset([0, 1, 2] if direction == "request" else [0, 1])
+    """Return the positions where one wrong bit can go unnoticed: ADR, and all of an enquiry between EOT and ENQ."""
+    if direction == "reply":
+        return frozenset([0])
+    if len(data) == 1:
+        return frozenset()
+    return frozenset([1]) if data[2:3] == STX else frozenset(range(1, len(data) - 1))
 
 
 def titled_forms() -> dict[str, Form[Any]]:
