@@ -237,16 +237,21 @@ def open_bus(
     echo: bool = False,
     guard_s: float = 0.005,
     trace: Callable[[TraceEvent], None] | None = None,
+    **facts: float | None,
 ) -> Bus:
     """Open a line and return its bus, a context manager.
 
     port: what pyserial opens ("/dev/ttyUSB0", "COM3", "socket://host:4001", "rfc2217://host:4001", "loop://"), or a
     function that returns a port, such as `VirtualLine.port`. baudrate, bytesize, parity, stopbits, reply_timeout_s,
     attempts: for all drives, instead of their protocols' defaults. echo: the adapter hands back what it sends.
-    guard_s: quiet time after a change of line settings. trace: called for everything that happens on the line.
+    guard_s: quiet time after a change of line settings. trace: called for everything that happens on the line. facts:
+    further timing for all drives, by the names of `Timing`, such as gap_s or turnaround_s.
 
-    Raises PortError when the port does not exist or is in use.
+    Raises PortError when the port does not exist or is in use, UsageError for a name that is no line fact.
     """
+    unknown = sorted(set(facts) - LINE_FACT_NAMES)
+    if unknown:
+        raise UsageError(f"a line has no fact {unknown[0]!r}; it has {', '.join(sorted(LINE_FACT_NAMES))}")
     overrides = {
         "baudrate": baudrate,
         "bytesize": bytesize,
@@ -254,6 +259,7 @@ def open_bus(
         "stopbits": stopbits,
         "reply_timeout_s": reply_timeout_s,
         "attempts": attempts,
+        **facts,
     }
     return Bus(
         _opener(port) if isinstance(port, str) else port,

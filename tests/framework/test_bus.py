@@ -500,3 +500,11 @@ def test_a_protocol_without_broadcast(bus):
         assert bus.drive("lonely", 1).name == "lonely:1"
     finally:
         take_away()
+
+
+def test_line_facts_for_all_drives(line):
+    with drivecomm.open_bus(line.port, turnaround_s=0.2, gap_s=None) as bus:
+        assert bus.drive("vabus", 1).facts.turnaround_s == 0.2
+        assert bus.drive("vabus", 1).facts.gap_s == 0.05
+    with pytest.raises(UsageError, match="turnaround_s"):
+        drivecomm.open_bus(line.port, turnround_s=0.2)
