@@ -44,7 +44,7 @@ protocol = Protocol(
             gap_characters=3,
             turnaround_s=0.002,
             broadcast_pause_s=0.050,
-            late_s=1.0,
+            late_s=2.0,
             attempts=3,
         ),
     ),
