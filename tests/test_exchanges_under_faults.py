@@ -112,11 +112,16 @@ def explore(bench, name, others):
 def candidates(random, original):
     """Values that this parameter might hold as well."""
     if isinstance(original, int):
-        return [original, *{max(0, original + random.randint(-original // 2, original + 60)) for _ in range(6)}]
+        return distinct(original, (max(0, original + random.randint(-original // 2, original + 60)) for _ in range(6)))
     if original and all(character in "0123456789ABCDEF" for character in original):
-        return [original, *{f"{random.randrange(16 ** len(original)):0{len(original)}X}" for _ in range(6)}]
+        return distinct(original, (f"{random.randrange(16 ** len(original)):0{len(original)}X}" for _ in range(6)))
     letters = "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
-    return [original, *{"".join(random.choices(letters, k=len(original))) for _ in range(6)}]
+    return distinct(original, ("".join(random.choices(letters, k=len(original))) for _ in range(6)))
+
+
+def distinct(original, others):
+    """Each value once, in the order in which they came: the order of a set is not the same in every run."""
+    return list(dict.fromkeys([original, *others]))
 
 
 class Watched:
