@@ -1,10 +1,10 @@
 """One interface to variable-frequency drives of different makers over serial lines."""
 
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+from typing import Any as _Any
+
 from drivecomm.bus import (
     Bus as Bus,
-)
-from drivecomm.bus import (
-    Found as Found,
 )
 from drivecomm.bus import (
     open_bus as open_bus,
@@ -18,6 +18,9 @@ from drivecomm.errors import (
 )
 from drivecomm.errors import (
     DamagedReplyError as DamagedReplyError,
+)
+from drivecomm.errors import (
+    DeadlineError as DeadlineError,
 )
 from drivecomm.errors import (
     DriveCommError as DriveCommError,
@@ -36,6 +39,9 @@ from drivecomm.errors import (
 )
 from drivecomm.errors import (
     NoReplyError as NoReplyError,
+)
+from drivecomm.errors import (
+    NotAnsweringError as NotAnsweringError,
 )
 from drivecomm.errors import (
     NotSupported as NotSupported,
@@ -79,8 +85,31 @@ from drivecomm.link import TraceEvent as TraceEvent
 from drivecomm.protocol import Capabilities as Capabilities
 from drivecomm.reading import Reading as Reading
 from drivecomm.registry import protocols as protocols
+from drivecomm.scanning import Found as Found
 from drivecomm.status import DriveState as DriveState
 from drivecomm.status import DriveStatus as DriveStatus
 from drivecomm.status import Stop as Stop
 from drivecomm.telegram import Telegram as Telegram
 from drivecomm.version import __version__ as __version__
+
+if _TYPE_CHECKING:
+    from drivecomm.async_bus import AsyncBus as AsyncBus
+    from drivecomm.async_bus import open_bus_async as open_bus_async
+    from drivecomm.async_drive import AsyncBroadcast as AsyncBroadcast
+    from drivecomm.async_drive import AsyncDrive as AsyncDrive
+
+_ASYNCHRONOUS = {
+    "AsyncBroadcast": "drivecomm.async_drive",
+    "AsyncBus": "drivecomm.async_bus",
+    "AsyncDrive": "drivecomm.async_drive",
+    "open_bus_async": "drivecomm.async_bus",
+}
+
+
+def __getattr__(name: str) -> _Any:
+    # asyncio is loaded by those who use it, not by those who import drivecomm.
+    if name not in _ASYNCHRONOUS:
+        raise AttributeError(f"module 'drivecomm' has no attribute {name!r}")
+    from importlib import import_module  # noqa: PLC0415
+
+    return getattr(import_module(_ASYNCHRONOUS[name]), name)

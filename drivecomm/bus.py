@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from threading import RLock
+import time
+from threading import get_ident
 from typing import TYPE_CHECKING, Any, Self, TypeVar
-from weakref import WeakSet
 
 from drivecomm.drive import Broadcast, Drive
-from drivecomm.errors import AddressError, LinkDownError, NoReplyError, NotSupported, ReplyError, UsageError
-from drivecomm.line import LINE_FACT_NAMES
-from drivecomm.link import Link, Party
-from drivecomm.models import load_model
-from drivecomm.registry import installed
+from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError
+from drivecomm.growing_pause import GrowingPause
+from drivecomm.roster import Roster, echo_mode, line_overrides
 from drivecomm.runners.blocking import run
+from drivecomm.scanning import Found, look, scan_plan
+from drivecomm.turns import Rank, Turns
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -21,82 +20,64 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
+    from drivecomm.echo import Echo
     from drivecomm.exchange import Exchange
-    from drivecomm.line import LineFacts, Parity
-    from drivecomm.link import TraceEvent
+    from drivecomm.health import Health
+    from drivecomm.line import Parity
+    from drivecomm.link import Party, Steps, TraceEvent
     from drivecomm.models import Model
-    from drivecomm.protocol import Protocol
-    from drivecomm.runners.blocking import Port
+    from drivecomm.runners.port import Port
+    from drivecomm.statistics import Statistics
 
 T = TypeVar("T")
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
-    """A drive that a scan met: where, and what it tells of itself. sound: False if it answered with damage only."""
-
-    protocol: str
-    address: int
-    identity: Mapping[str, str]
-    sound: bool
-    detail: str = ""
-
-    @property
-    def name(self) -> str:
-        """The drive as the command line names it."""
-        return f"{self.protocol}:{self.address}"
+REOPEN_FIRST_S = 0.5
+REOPEN_LONGEST_S = 5.0
 
 
 class Bus:
     """The master's side of one line. Runs one exchange at a time, whoever asks; may be used from many threads.
 
-    open_port: opens the port, at once and again after it was lost. overrides: line facts that hold for all drives.
+    open_port: opens the port, at once and again after it was lost. roster: the drives and what holds for all of them.
     """
 
-    def __init__(
-        self,
-        open_port: Callable[[], Port],
-        *,
-        overrides: Mapping[str, Any] | None = None,
-        trace: Callable[[TraceEvent], None] | None = None,
-        echo: bool = False,
-        guard_s: float = 0.005,
-    ) -> None:
+    def __init__(self, open_port: Callable[[], Port], roster: Roster) -> None:
         self._open_port = open_port
-        self._overrides = dict(overrides or {})
-        self._link = Link(trace=trace, echo=echo, guard_s=guard_s)
-        self._lock = RLock()
+        self._roster = roster
+        self._turns = Turns()
+        self._owner = 0
         self._closed = False
-        self._drives: WeakSet[Drive] = WeakSet()
+        self._reopening = GrowingPause(REOPEN_FIRST_S, REOPEN_LONGEST_S)
         self._port: Port | None = open_port()
-        self._link.paced = self._port.paced
+        self._clock: Port = self._port
+        roster.link.paced = self._port.paced
         self._wall_time = self._port.wall_time()
 
-    def drive(self, protocol: str, address: int, *, model: str | Path | Model | None = None, **options: Any) -> Drive:
+    def drive(
+        self,
+        protocol: str,
+        address: int,
+        *,
+        model: str | Path | Model | None = None,
+        set_up: Mapping[str, Any] | None = None,
+        **options: Any,
+    ) -> Drive:
         """Return the drive at an address; nothing is sent.
 
-        model: a model of the protocol's package by name, or a TOML file. options: line facts of this drive (baudrate,
-        parity, reply_timeout_s, attempts, ...) and the protocol's own drive options. Raises UsageError for anything
-        that cannot be.
+        model: a model of the protocol's package by name, or a TOML file. set_up: parameters and the values that are
+        written to it, without storing them, before anything else is sent, and again whenever it or the line was away;
+        such as its control watchdog. options: line facts of this drive (baudrate, parity, reply_timeout_s, attempts,
+        ...) and the protocol's own drive options. Raises UsageError for anything that cannot be.
         """
-        plugin = installed[protocol]
-        if type(address) is not int or address not in plugin.addresses:
-            allowed = f"{plugin.addresses.start} to {plugin.addresses.stop - 1}"
-            raise AddressError(f"{protocol} has no drive at address {address}; addresses are {allowed}")
-        known = None if model is None else load_model(plugin.package, protocol, model)
-        party, chosen = self._party(plugin, address, known, options)
-        drive = Drive(self, party, plugin.operations(address, chosen, known), known)
-        self._drives.add(drive)
+        member = self._roster.member(protocol, address, model, set_up, options)
+        drive = Drive(self, *member)
+        self._roster.add(drive)
         return drive
 
     def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> Broadcast:
         """Return all drives of a protocol at once; what is sent to them is never answered."""
-        plugin = installed[protocol]
-        if plugin.broadcast_address is None:
-            raise NotSupported(f"{protocol} has no broadcast; command its drives one by one")
-        known = None if model is None else load_model(plugin.package, protocol, model)
-        party, chosen = self._party(plugin, plugin.broadcast_address, known, options)
-        return Broadcast(self, party, plugin.operations(plugin.broadcast_address, chosen, known))
+        member = self._roster.all_drives(protocol, model, options)
+        return Broadcast(self, member.party, member.operations)
 
     def scan(
         self,
@@ -112,56 +93,49 @@ class Bus:
         absent; addresses that a protocol does not have are left out. progress: told the protocol, how many addresses
         are done, and how many there are. options: line facts for all drives asked.
         """
-        plugins = [installed[name] for name in only] if only is not None else list(installed.working())
-        wanted = None if addresses is None else list(addresses)
-        plan = [
-            (plugin, address)
-            for plugin in plugins
-            for address in (wanted if wanted is not None else plugin.scan_addresses)
-            if address in plugin.addresses
-        ]
+        plan = scan_plan(only, addresses)
         for done, (plugin, address) in enumerate(plan):
             if progress is not None:
                 progress(plugin.name, done, len(plan))
-            found = self._probe(self.drive(plugin.name, address, **options), plugin.name, address)
+            member = self._roster.member(plugin.name, address, None, None, options)
+            found = self.insist(member.party, look(plugin.name, address, member.operations))
             if found is not None:
                 yield found
         if progress is not None and plan:
             progress(plan[-1][0].name, len(plan), len(plan))
 
-    def _probe(self, drive: Drive, protocol: str, address: int) -> Found | None:
-        try:
-            drive.probe()
-        except NoReplyError:
-            return None
-        except ReplyError as error:
-            return Found(protocol=protocol, address=address, identity={}, sound=False, detail=str(error))
-        try:
-            identity = drive.identify()
-        except ReplyError as error:
-            return Found(protocol=protocol, address=address, identity={}, sound=True, detail=str(error))
-        return Found(protocol=protocol, address=address, identity=identity, sound=True)
+    def run(self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ) -> T:
+        """Carry out an exchange with a drive, unless the drive is known not to answer; waits for its turn.
 
-    def run(self, party: Party, exchange: Exchange[T]) -> T:
-        """Carry out an exchange with a drive; waits for its turn. A port that was lost is opened again first."""
-        with self._lock:
-            port = self._opened()
-            try:
-                return run(self._link.run(party, exchange), port)
-            except LinkDownError:
-                self._port = None
-                port.close()
-                raise
-            finally:
-                self._wall_time = port.wall_time()
+        A port that was lost is opened again first. Raises DeadlineError when the drive's deadline_s passes.
+        """
+        deadline = self._clock.now() + party.facts.timing.deadline_s
+        return self._in_turn(self._roster.link.run(party, exchange, deadline=deadline), party, rank)
+
+    def insist(self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ) -> T:
+        """Carry out an exchange whatever is known of the drive; waits for its turn."""
+        deadline = self._clock.now() + party.facts.timing.deadline_s
+        return self._in_turn(self._roster.link.insist(party, exchange, deadline=deadline), party, rank)
 
     def commanding(self, who: Drive | Broadcast) -> None:
         """Let all other objects for the same drive, or drives, forget what they commanded last."""
-        protocol, _, address = who.party.name.partition(":")
-        for drive in list(self._drives):
-            name, _, number = drive.party.name.partition(":")
-            if drive is not who and name == protocol and address in (number, "*"):
-                drive.commanded_elsewhere()
+        self._roster.commanding(who)
+
+    def now(self) -> float:
+        """Return the time on the line's clock, in seconds; its beginning means nothing."""
+        return self._clock.now()
+
+    def sleep_until(self, until: float) -> None:
+        """Let time pass on the line's clock; others may use the line meanwhile."""
+        if self._clock.real_time:
+            while (left := until - self._clock.now()) > 0:
+                time.sleep(left)
+            return
+        self._take_turn(Rank.POLL, float("inf"), "the bus")
+        try:
+            self._clock.wait(until)
+        finally:
+            self._give_back()
 
     def wall_time(self) -> float:
         """Return when the last exchange ended, in seconds since 1970 (on a virtual line: since its start)."""
@@ -170,15 +144,28 @@ class Bus:
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
         """What happened so far, by drive: requests, replies, retries, timeouts, and each kind of error."""
-        return self._link.counters
+        return self._roster.link.counters
+
+    @property
+    def statistics(self) -> Mapping[str, Statistics]:
+        """The counters and the reply times, by drive."""
+        return self._roster.link.statistics
+
+    @property
+    def health(self) -> Mapping[str, Health]:
+        """Whether the drives answer, by name."""
+        return self._roster.link.health
 
     def close(self) -> None:
         """Give the port back; the bus cannot be used any more."""
-        with self._lock:
+        self._take_turn(Rank.STOP, float("inf"), "the bus")
+        try:
             self._closed = True
             if self._port is not None:
                 self._port.close()
                 self._port = None
+        finally:
+            self._give_back()
 
     def __enter__(self) -> Self:
         return self
@@ -188,41 +175,49 @@ class Bus:
     ) -> None:
         self.close()
 
+    def _in_turn(self, steps: Steps[T], party: Party, rank: Rank) -> T:
+        self._take_turn(rank, party.facts.timing.deadline_s, party.name)
+        try:
+            port = self._opened()
+            try:
+                return run(steps, port)
+            except LinkDownError:
+                self._port = None
+                port.close()
+                raise
+            finally:
+                self._wall_time = port.wall_time()
+        finally:
+            self._give_back()
+
+    def _take_turn(self, rank: Rank, seconds: float, who: str) -> None:
+        if self._owner == get_ident():
+            raise UsageError("a trace function cannot use the bus that calls it")
+        if not self._turns.take(rank, seconds):
+            raise DeadlineError(f"{who}: the line was busy with others for {seconds:g} s")
+        self._owner = get_ident()
+
+    def _give_back(self) -> None:
+        self._owner = 0
+        self._turns.give_back()
+
     def _opened(self) -> Port:
+        if self._port is not None:
+            return self._port
         if self._closed:
             raise UsageError("this bus is closed; open it again with open_bus")
-        if self._port is None:
-            self._port = self._open_port()
-            self._link.paced = self._port.paced
-            self._link.reopened()
+        now = self._clock.now()
+        if now < self._reopening.over_at:
+            raise LinkDownError(f"the port was lost; it is opened again in {self._reopening.over_at - now:.1f} s")
+        try:
+            self._port = self._clock = self._open_port()
+        except (PortError, LinkDownError):
+            self._reopening.failed(now)
+            raise
+        self._reopening.succeeded()
+        self._roster.link.paced = self._port.paced
+        self._roster.link.reopened()
         return self._port
-
-    def _party(
-        self, plugin: Protocol, address: int, model: Model | None, options: Mapping[str, Any]
-    ) -> tuple[Party, Any]:
-        own = {field.name for field in fields(plugin.options)}
-        unknown = sorted(set(options) - own - LINE_FACT_NAMES)
-        if unknown:
-            known = ", ".join(sorted(own | LINE_FACT_NAMES))
-            raise UsageError(f"{plugin.name} drives have no option {unknown[0]!r}; they have {known}")
-        layers = [self._from_model(plugin, model, own), self._overrides, options]
-        facts: LineFacts = plugin.facts
-        for layer in layers:
-            facts = facts.override({name: value for name, value in layer.items() if name in LINE_FACT_NAMES})
-        chosen = plugin.options(**{name: value for layer in layers for name, value in layer.items() if name in own})
-        name = "*" if address == plugin.broadcast_address else str(address)
-        return Party(
-            name=f"{plugin.name}:{name}", codec=plugin.codec(chosen), facts=facts, mismatch=plugin.mismatch
-        ), chosen
-
-    def _from_model(self, plugin: Protocol, model: Model | None, own: set[str]) -> Mapping[str, Any]:
-        given = model.options if model else {}
-        unknown = sorted(set(given) - own - LINE_FACT_NAMES)
-        if unknown:
-            raise UsageError(
-                f"model {model.name if model else ''} sets {unknown[0]!r}, which {plugin.name} does not have"
-            )
-        return given
 
 
 def open_bus(
@@ -234,7 +229,7 @@ def open_bus(
     stopbits: float | None = None,
     reply_timeout_s: float | None = None,
     attempts: int | None = None,
-    echo: bool = False,
+    echo: bool | Echo = "off",
     guard_s: float = 0.005,
     trace: Callable[[TraceEvent], None] | None = None,
     **facts: float | None,
@@ -243,16 +238,14 @@ def open_bus(
 
     port: what pyserial opens ("/dev/ttyUSB0", "COM3", "socket://host:4001", "rfc2217://host:4001", "loop://"), or a
     function that returns a port, such as `VirtualLine.port`. baudrate, bytesize, parity, stopbits, reply_timeout_s,
-    attempts: for all drives, instead of their protocols' defaults. echo: the adapter hands back what it sends.
-    guard_s: quiet time after a change of line settings. trace: called for everything that happens on the line. facts:
-    further timing for all drives, by the names of `Timing`, such as gap_s or turnaround_s.
+    attempts: for all drives, instead of their protocols' defaults. echo: whether the adapter hands back what it sends:
+    "off", "expect" (also True), or "auto" to see by itself. guard_s: quiet time after a change of line settings. trace:
+    called for everything that happens on the line. facts: further timing for all drives, by the names of `Timing`, such
+    as gap_s or turnaround_s.
 
     Raises PortError when the port does not exist or is in use, UsageError for a name that is no line fact.
     """
-    unknown = sorted(set(facts) - LINE_FACT_NAMES)
-    if unknown:
-        raise UsageError(f"a line has no fact {unknown[0]!r}; it has {', '.join(sorted(LINE_FACT_NAMES))}")
-    overrides = {
+    given = {
         "baudrate": baudrate,
         "bytesize": bytesize,
         "parity": parity,
@@ -261,20 +254,19 @@ def open_bus(
         "attempts": attempts,
         **facts,
     }
-    return Bus(
-        _opener(port) if isinstance(port, str) else port,
-        overrides={name: value for name, value in overrides.items() if value is not None},
-        trace=trace,
-        echo=echo,
-        guard_s=guard_s,
-    )
+    roster = Roster(overrides=line_overrides(given), trace=trace, echo=echo_mode(echo), guard_s=guard_s)
+    return Bus(port_opener(port), roster)
 
 
-def _opener(url: str) -> Callable[[], Port]:
+def port_opener(port: str | Callable[[], Port]) -> Callable[[], Port]:
+    """Return what opens this port, and opens it again when it was lost."""
+    if not isinstance(port, str):
+        return port
+
     def open_port() -> Port:
         # pyserial is loaded by those who open a port, not by those who import drivecomm.
         from drivecomm.transport.serial_port import SerialPort  # noqa: PLC0415
 
-        return SerialPort(url)
+        return SerialPort(port)
 
     return open_port

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import fields as dataclass_fields
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.drive_options import option_names
 from drivecomm.errors import UsageError
 from drivecomm.registry import installed
 from drivecomm.telegram import Telegram
@@ -39,8 +39,7 @@ def _codec(protocol: str, direction: Direction, options: Mapping[str, Any]) -> C
     plugin = installed[protocol]
     if direction not in ("request", "reply"):
         raise UsageError(f"a direction is 'request' or 'reply', not {direction!r}")
-    known = sorted(field.name for field in dataclass_fields(plugin.options))
-    unknown = sorted(set(options) - set(known))
-    if unknown:
-        raise UsageError(f"{protocol} has no option {unknown[0]!r}; it has {', '.join(known)}")
+    known = option_names(plugin)
+    if unknown := sorted(set(options) - known):
+        raise UsageError(f"{protocol} has no option {unknown[0]!r}; it has {', '.join(sorted(known))}")
     return plugin.codec(plugin.options(**options))

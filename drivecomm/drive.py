@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from drivecomm.errors import NotSupported, UsageError
 from drivecomm.status import Stop
+from drivecomm.turns import Rank
+from drivecomm.verbs import Verbs, at
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from drivecomm.exchange import Exchange
     from drivecomm.line import LineFacts
@@ -26,8 +25,12 @@ T = TypeVar("T")
 class Runs(Protocol):
     """What a drive needs of its bus."""
 
-    def run(self, party: Party, exchange: Exchange[T]) -> T:
-        """Carry out an exchange."""
+    def run(self, party: Party, exchange: Exchange[T], rank: Rank = ...) -> T:
+        """Carry out an exchange, unless the drive is known not to answer."""
+        ...
+
+    def insist(self, party: Party, exchange: Exchange[T], rank: Rank = ...) -> T:
+        """Carry out an exchange whatever is known of the drive."""
         ...
 
     def wall_time(self) -> float:
@@ -43,13 +46,14 @@ class Drive:
     """One addressed drive, made by `Bus.drive`; every verb is one exchange on the bus.
 
     A verb may raise LinkError (port or line), ReplyError (no believable reply), DriveError (the drive said no), and
-    UsageError before anything is sent.
+    UsageError before anything is sent. A drive that does not answer is given up after some time: its verbs then raise
+    NotAnsweringError at once, and now and then ask again; only `stop` and `probe` always ask.
     """
 
     def __init__(self, bus: Runs, party: Party, operations: Operations, model: Model | None) -> None:
         self._bus = bus
         self._party = party
-        self._operations = operations
+        self._verbs = Verbs(party.name, operations)
         self.model = model
 
     @property
@@ -63,26 +67,36 @@ class Drive:
         return self._party.facts
 
     @property
+    def party(self) -> Party:
+        """The drive as the link sees it."""
+        return self._party
+
+    @property
+    def bus(self) -> Runs:
+        """The bus that it is on."""
+        return self._bus
+
+    @property
     def capabilities(self) -> Capabilities:
         """What this drive can be asked to do."""
-        return self._operations.capabilities
+        return self._verbs.operations.capabilities
+
+    def commanded_elsewhere(self) -> None:
+        """Forget the last command, because somebody else has commanded this drive since; the bus calls it."""
+        self._verbs.operations.commanded_elsewhere()
 
     def read(self, parameter: str, **options: Any) -> Reading:
         """Read a parameter, by its address in the protocol's form or by its name in the drive's model.
 
         options: the protocol's own, such as type= (vabus, danfoss-fc) or dataset= (vabus).
         """
-        reading = self._run(bound(self._operations.read, parameter, **options))
-        return replace(reading, time_s=self._bus.wall_time())
+        reading = self._bus.run(self._party, self._verbs.read(parameter, options))
+        return at(reading, self._bus.wall_time())
 
-    @property
-    def party(self) -> Party:
-        """The drive as the link sees it."""
-        return self._party
-
-    def commanded_elsewhere(self) -> None:
-        """Forget the last command, because somebody else has commanded this drive since; the bus calls it."""
-        self._operations.commanded_elsewhere()
+    def polled(self, parameter: str, **options: Any) -> Reading:
+        """Read a parameter when nobody else wants the line: everything else overtakes it."""
+        reading = self._bus.run(self._party, self._verbs.read(parameter, options), Rank.POLL)
+        return at(reading, self._bus.wall_time())
 
     def write(self, parameter: str, value: Value | float, *, store: bool = False, **options: Any) -> Reading | None:
         """Write a parameter; returns what the drive reports back, None where it only confirms.
@@ -90,64 +104,55 @@ class Drive:
         store: keep the value over power-off (EEPROM) where the protocol makes the difference. A value that does not fit
         raises ValueRefusedError before anything is sent.
         """
-        reading = self._command(bound(self._operations.write, parameter, value, store=store, **options))
-        return None if reading is None else replace(reading, time_s=self._bus.wall_time())
+        reading = self._command(self._verbs.write(parameter, value, {"store": store, **options}))
+        return None if reading is None else at(reading, self._bus.wall_time())
 
     def status(self) -> DriveStatus:
         """Read the status word; commands nothing."""
-        return self._run(self._operations.status())
+        return self._bus.run(self._party, self._verbs.operations.status())
 
     def start(self, *, reverse: bool = False) -> None:
         """Start the motor with the reference that is set.
 
         What stops it when this program falls silent is a setting of the drive: see `capabilities.link_loss`.
         """
-        self._command(self._operations.start(reverse=reverse))
+        self._command(self._verbs.operations.start(reverse=reverse))
 
     def stop(self, how: Stop = Stop.RAMP) -> None:
-        """Stop the motor."""
-        self._command(self._operations.stop(how))
+        """Stop the motor; overtakes all else on the line, and asks also a drive that has not answered."""
+        exchange = self._verbs.operations.stop(how)
+        self._bus.commanding(self)
+        self._bus.insist(self._party, exchange, Rank.STOP)
 
     def reset(self) -> None:
         """Acknowledge a fault. The motor does not start again by this."""
-        self._command(self._operations.reset())
+        self._command(self._verbs.operations.reset())
 
     def set_reference(self, *, percent: Value | float | None = None, hz: Value | float | None = None) -> None:
         """Set the reference, as a share of the reference range or as output frequency; never stored.
 
         Raises UsageError unless exactly one of the two is given.
         """
-        if percent is not None and hz is None:
-            self._command(self._operations.set_reference_percent(percent))
-        elif hz is not None and percent is None:
-            self._command(self._operations.set_reference_hz(hz))
-        else:
-            raise UsageError("a reference is set with percent or with hz, one of the two")
+        self._command(self._verbs.set_reference(percent, hz))
 
     def probe(self) -> None:
         """Ask once whether a drive is there, with something that cannot move a motor. Raises ReplyError if not."""
-        self._run(self._operations.probe())
+        self._bus.insist(self._party, self._verbs.operations.probe())
 
     def identify(self) -> Mapping[str, str]:
         """Read what the drive tells of itself: name plate, software, address; empty when it tells nothing."""
-        return self._run(self._operations.identify())
+        return self._bus.run(self._party, self._verbs.operations.identify())
 
     def call(self, verb: str, **arguments: Any) -> Any:
         """Carry out a verb that only this protocol has, such as jogging or choosing a set-up.
 
         The protocol's documentation lists them with their arguments. Raises NotSupported for a verb that it lacks.
         """
-        extra = self._operations.extra
-        if verb not in extra:
-            raise NotSupported(f"{self.name} has no verb {verb!r}; it has {', '.join(sorted(extra)) or 'none'}")
-        return self._command(bound(extra[verb], **arguments))
+        return self._command(self._verbs.call(verb, arguments))
 
     def _command(self, exchange: Exchange[T]) -> T:
         self._bus.commanding(self)
-        return self._run(exchange)
-
-    def _run(self, exchange: Exchange[T]) -> T:
-        return self._bus.run(self._party, exchange)
+        return self._bus.run(self._party, exchange, Rank.COMMAND)
 
     def __repr__(self) -> str:
         return f"<Drive {self.name}>"
@@ -159,7 +164,7 @@ class Broadcast:
     def __init__(self, bus: Runs, party: Party, operations: Operations) -> None:
         self._bus = bus
         self._party = party
-        self._operations = operations
+        self._verbs = Verbs(party.name, operations)
 
     @property
     def party(self) -> Party:
@@ -168,28 +173,12 @@ class Broadcast:
 
     def write(self, parameter: str, value: Value | float, **options: Any) -> None:
         """Write a parameter of all drives; returns when the telegram is sent."""
+        exchange = self._verbs.write(parameter, value, options)
         self._bus.commanding(self)
-        self._bus.run(self._party, bound(self._operations.write, parameter, value, **options))
+        self._bus.run(self._party, exchange, Rank.COMMAND)
 
     def stop(self, how: Stop = Stop.RAMP) -> None:
-        """Stop all motors; returns when the telegram is sent."""
+        """Stop all motors; overtakes all else on the line, and returns when the telegram is sent."""
+        exchange = self._verbs.operations.stop(how)
         self._bus.commanding(self)
-        self._bus.run(self._party, self._operations.stop(how))
-
-
-def bound(operation: Callable[..., Exchange[T]], *values: Any, **options: Any) -> Exchange[T]:
-    """Call an operation; options that it does not have are a UsageError that lists those it has."""
-    parameters = inspect.signature(operation).parameters
-    takes_any = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
-    unknown = [] if takes_any else sorted(set(options) - set(parameters))
-    if unknown:
-        known = [name for name, one in parameters.items() if one.kind is one.KEYWORD_ONLY or not values]
-        raise UsageError(f"{operation.__name__} has no option {unknown[0]!r} here; it has {', '.join(known) or 'none'}")
-    missing = [
-        name
-        for name, one in list(parameters.items())[len(values) :]
-        if one.default is one.empty and one.kind is not one.VAR_KEYWORD and name not in options
-    ]
-    if missing:
-        raise UsageError(f"{operation.__name__} needs {', '.join(missing)}")
-    return operation(*values, **options)
+        self._bus.insist(self._party, exchange, Rank.STOP)

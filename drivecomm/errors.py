@@ -14,6 +14,8 @@ DriveCommError                      exit code 1
 │   └── LinkDownError               the adapter was unplugged, the serial server hung up
 ├── ReplyError                  4   the reply is missing or damaged
 │   ├── NoReplyError                nothing came in time (also a TimeoutError)
+│   │   └── NotAnsweringError       it has not answered for some time, and is not asked now
+│   ├── DeadlineError               the call's time was over before it came to an end (also a TimeoutError)
 │   ├── DamagedReplyError           something came, no telegram could be made of it
 │   └── UnexpectedReplyError        a sound telegram that answers nothing the drive was asked
 ├── DriveError                  5   the drive said no
@@ -95,6 +97,16 @@ class NoReplyError(ReplyError, TimeoutError):
     """Nothing that answers the request came within the reply time."""
 
     remedy = "check its address, its line settings and the wiring, or scan the line"
+
+
+class NotAnsweringError(NoReplyError):
+    """The drive has not answered for some time, so the line was not held up with it; it is asked again soon."""
+
+
+class DeadlineError(ReplyError, TimeoutError):
+    """The call's time was over: while it waited for its turn, for the drive, or between its telegrams."""
+
+    remedy = "give the drive a longer deadline_s, or ask for less on this line"
 
 
 class DamagedReplyError(ReplyError):

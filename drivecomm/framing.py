@@ -72,6 +72,11 @@ class Framer:
         self.missing = 1
         """How many bytes must come at least before there can be a further find."""
 
+    @property
+    def empty(self) -> bool:
+        """Whether no bytes are kept that could be the beginning of a telegram."""
+        return not self._pending
+
     def feed(self, data: bytes) -> list[Find]:
         """Take bytes from the line and return what is now certain, in order."""
         self._pending += data

@@ -59,6 +59,8 @@ class Timing:
     turnaround holds after a broadcast too.
     late_s: how long after an unanswered request its reply may still arrive.
     attempts: how often a request is sent at most, when repeating it is safe.
+    request_interval_s: from the start of a request to this drive to the start of the next one to it.
+    deadline_s: how long one call may take in all, waiting for its turn and all attempts included.
     """
 
     reply_timeout_s: float
@@ -69,6 +71,8 @@ class Timing:
     turnaround_characters: float = 0.0
     late_s: float = 1.0
     attempts: int = 3
+    request_interval_s: float = 0.0
+    deadline_s: float = 30.0
 
     def __post_init__(self) -> None:
         for field in fields(self):

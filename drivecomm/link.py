@@ -10,17 +10,22 @@ One link serves one line. It never sleeps and never reads a clock: the runner te
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias, TypeVar
 
-from drivecomm.errors import DamagedReplyError, NoReplyError, ReplyError
-from drivecomm.exchange import Ask, Pause, Tell
+from drivecomm.echo import Echo, EchoFilter
+from drivecomm.errors import DamagedReplyError, DeadlineError, NoReplyError, NotAnsweringError, ReplyError
+from drivecomm.exchange import Ask, Pause
 from drivecomm.framing import Damaged, Framed, Framer, Noise
+from drivecomm.health import LONGEST_PAUSE_S, SHORTEST_EAR_S, Health, ProbingTime
+from drivecomm.statistics import Statistics
 
 if TYPE_CHECKING:
-    from drivecomm.exchange import Exchange
+    from collections import Counter
+    from collections.abc import Mapping
+
+    from drivecomm.exchange import Exchange, Tell
     from drivecomm.framing import Codec
     from drivecomm.line import LineFacts, LineSettings
     from drivecomm.telegram import Message
@@ -28,30 +33,26 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, slots=True)
-class Configure:
+class Configure(NamedTuple):
     """Set the port to these line settings."""
 
     settings: LineSettings
 
 
-@dataclass(frozen=True, slots=True)
-class Send:
+class Send(NamedTuple):
     """Write these bytes."""
 
     data: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class Receive:
+class Receive(NamedTuple):
     """Wait for bytes until this time; return early only with at least this many."""
 
     until: float
     at_least: int = 1
 
 
-@dataclass(frozen=True, slots=True)
-class Wait:
+class Wait(NamedTuple):
     """Let time pass until then."""
 
     until: float
@@ -60,8 +61,7 @@ class Wait:
 Effect: TypeAlias = Configure | Send | Receive | Wait
 
 
-@dataclass(frozen=True, slots=True)
-class Arrival:
+class Arrival(NamedTuple):
     """The time, and the bytes that came (for Receive)."""
 
     time: float
@@ -93,27 +93,63 @@ class TraceEvent:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Party:
-    """A drive as the link sees it: who it is, how its telegrams look, what holds on the line for it."""
+    """A drive as the link sees it: who it is, how its telegrams look, what holds on the line for it.
+
+    mismatch: names the first field in which a sound reply does not belong to the request. probe: asks whether it is
+    there, moving nothing; None for all drives at once. set_up: what must be done after it was away, before anything
+    else is.
+    """
 
     name: str
     codec: Codec
     facts: LineFacts
     mismatch: Callable[[Message, Message], str]
+    probe: Callable[[], Exchange[None]] | None = None
+    set_up: Callable[[], Exchange[None]] | None = None
+    gap_s: float = field(init=False)
+    turnaround_s: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        # Asked for in every exchange.
+        object.__setattr__(self, "gap_s", self.facts.gap_s)
+        object.__setattr__(self, "turnaround_s", self.facts.turnaround_s)
+
+
+class _Partner:
+    """What the link remembers of one drive."""
+
+    __slots__ = ("asked_at", "count", "health", "late_until", "settings", "statistics", "unanswered")
+
+    def __init__(self, settings: LineSettings | None = None) -> None:
+        self.settings = settings
+        self.statistics = Statistics()
+        self.count = self.statistics.counters
+        self.health = Health()
+        self.asked_at = float("-inf")
+        self.late_until = 0.0
+        self.unanswered = b""
 
 
 class Link:
     """One line. `run` turns an exchange with a drive into effects for a runner.
 
-    echo: the adapter hands back what it sends; those bytes are dropped before a reply is looked for.
-    guard_s: quiet time after the line settings change, for receivers to settle. paced: whether characters take their
-    time on this port, as on a real line; then nothing that comes before a request is out can answer it.
+    echo: whether the adapter hands back what it sends. guard_s: quiet time after the line settings change, for
+    receivers to settle. paced: whether characters take their time on this port, as on a real line; then nothing that
+    comes before a request is out can answer it. away: told the name of a drive that is given up, or that may have been
+    without its line: what it was commanded holds no longer.
     """
 
     def __init__(
-        self, *, trace: Callable[[TraceEvent], None] | None = None, echo: bool = False, guard_s: float = 0.005
+        self,
+        *,
+        trace: Callable[[TraceEvent], None] | None = None,
+        echo: Echo = "off",
+        guard_s: float = 0.005,
+        away: Callable[[str], None] | None = None,
     ) -> None:
         self._trace = trace
-        self._echo = echo
+        self._away = away
+        self._echo = EchoFilter(echo)
         self._guard_s = guard_s
         self.paced = False
         self._settings: LineSettings | None = None
@@ -121,32 +157,127 @@ class Link:
         self._free_at = 0.0
         self._sent_at = 0.0
         self._heard_at = float("-inf")
+        self._deadline = float("inf")
+        self._listen_until: float | None = None
+        self._probed: _Partner | None = None
+        self._patient_at = float("-inf")
         self._unclean = False
-        self._late: dict[str, tuple[float, bytes]] = {}
-        self.counters: dict[str, Counter[str]] = {}
+        self._partners: dict[str, _Partner] = {}
+
+    @property
+    def counters(self) -> Mapping[str, Counter[str]]:
+        """What has happened, by the name of the drive."""
+        return {name: partner.count for name, partner in self._partners.items()}
+
+    @property
+    def statistics(self) -> Mapping[str, Statistics]:
+        """What has happened and how fast the drives answer, by the name of the drive."""
+        return {name: partner.statistics for name, partner in self._partners.items()}
+
+    @property
+    def health(self) -> Mapping[str, Health]:
+        """Whether the drives answer, by name."""
+        return {name: partner.health for name, partner in self._partners.items()}
 
     def reopened(self) -> None:
-        """Forget what held for the port before it was opened anew."""
+        """Forget what held for the port before it was opened anew; all drives are set up again."""
         self._settings = None
         self._unclean = False
+        for name, partner in self._partners.items():
+            partner.health.away = True
+            self._tell_away(name)
 
-    def run(self, party: Party, exchange: Exchange[T]) -> Steps[T]:
+    def must_set_up(self, party: Party) -> None:
+        """Let this drive be set up before its next exchange."""
+        self._partner(party).health.away = True
+
+    def run(self, party: Party, exchange: Exchange[T], *, deadline: float = float("inf")) -> Steps[T]:
         """Carry out an exchange with a drive and return its result. Raises what the exchange raises.
+
+        A drive that has been given up is probed when it is time for that, and refused with NotAnsweringError until
+        then; one that was away is set up first. deadline: when the call's time is over.
 
         An exchange that is cut off in the middle (by closing this generator) leaves the link unclean: the next one
         begins with draining the line.
         """
-        self._now = (yield Wait(0.0)).time
-        yield from self._settle(party)
+        self._now = began = (yield _NOW).time
+        self._deadline = deadline
+        partner = self._partner(party)
+        health = partner.health
+        if party.probe is not None:
+            if health.given_up:
+                yield from self._probe(party, partner, party.probe)
+            if health.away and party.set_up is not None:
+                yield from self._carry_out(party, partner, party.set_up())
+                health.away = False
+        try:
+            return (yield from self._carry_out(party, partner, exchange))
+        except NoReplyError:
+            self._fell_silent(party, partner, began)
+            raise
+
+    def insist(self, party: Party, exchange: Exchange[T], *, deadline: float = float("inf")) -> Steps[T]:
+        """Carry out an exchange whatever is known of the drive: for stopping, and for asking whether it is there."""
+        self._now = began = (yield _NOW).time
+        self._deadline = deadline
+        partner = self._partner(party)
+        try:
+            return (yield from self._carry_out(party, partner, exchange))
+        except NoReplyError:
+            self._fell_silent(party, partner, began)
+            raise
+
+    def _fell_silent(self, party: Party, partner: _Partner, began: float) -> None:
+        if partner.health.fell_silent(began, self._now):
+            self._note(party, "note", detail="does not answer; it is asked again now and then")
+            self._tell_away(party.name)
+
+    def _tell_away(self, name: str) -> None:
+        if self._away is not None:
+            self._away(name)
+
+    def _probe(self, party: Party, partner: _Partner, probe: Callable[[], Exchange[None]]) -> Steps[None]:
+        """Ask a drive that has been given up, or refuse until it is time for that."""
+        health, began = partner.health, self._now
+        silent = f"{party.name} has not answered for {began - health.silent_since:.1f} s"
+        if began < health.probe_at:
+            raise NotAnsweringError(f"{silent}; it is asked again in {health.probe_at - began:.1f} s")
+        time = ProbingTime(each.health for each in self._partners.values())
+        if not health.patient:
+            self._listen_until = began + time.each_s
+            self._probed = partner
+        health.patient = False
+        partner.count["probes"] += 1
+        try:
+            yield from self._carry_out(party, partner, probe())
+        except NoReplyError as error:
+            something_came = health.patient
+            health.fell_silent(began, self._now, time.least_pause_s(self._now - began))
+            if something_came:
+                health.heard_late()
+            raise NotAnsweringError(f"{silent}; it was asked again just now") from error
+        finally:
+            self._listen_until = None
+
+    def _carry_out(self, party: Party, partner: _Partner, exchange: Exchange[T]) -> Steps[T]:
+        if self._settings != party.facts.settings:
+            yield from self._settle(party)
         if self._unclean:
             self._heard_at = self._now
-            yield from self._drain(party)
+            yield from self._drain(party, partner)
         self._unclean = True
         try:
             command = next(exchange)
             while True:
                 try:
-                    outcome = yield from self._perform(party, command)
+                    if isinstance(command, Ask):
+                        outcome = yield from self._ask(party, partner, command)
+                    elif isinstance(command, Pause):
+                        yield from self._pause(party, command.seconds)
+                        outcome = None
+                    else:
+                        yield from self._tell(party, partner, command)
+                        outcome = None
                 except ReplyError as error:
                     command = exchange.throw(error)
                 else:
@@ -163,122 +294,156 @@ class Link:
             self._unclean = False
             raise
 
-    def _perform(self, party: Party, command: Ask | Tell | Pause) -> Steps[Message | None]:
-        if isinstance(command, Pause):
-            yield from self._wait(self._now + command.seconds)
-            return None
-        data = party.codec.encode(command.message)
-        if isinstance(command, Tell):
-            yield from self._send(party, data, command.message)
-            pause = party.facts.broadcast_pause_s if command.pause_s is None else command.pause_s
-            self._free_at = self._sent_at + pause
-            return None
-        return (yield from self._ask(party, command, data))
+    def _tell(self, party: Party, partner: _Partner, tell: Tell) -> Steps[None]:
+        yield from self._send(party, partner, party.codec.encode(tell.message), tell.message)
+        pause = party.facts.broadcast_pause_s if tell.pause_s is None else tell.pause_s
+        self._free_at = self._sent_at + pause
 
-    def _ask(self, party: Party, ask: Ask, data: bytes) -> Steps[Message]:
+    def _pause(self, party: Party, seconds: float) -> Steps[None]:
+        yield from self._wait(min(self._now + seconds, self._deadline))
+        self._check_deadline(party)
+
+    def _ask(self, party: Party, partner: _Partner, ask: Ask) -> Steps[Message]:
+        data = party.codec.encode(ask.message)
+        # Who did not answer the last call is asked only once: the line is there for the others too.
         attempts = ask.attempts or party.facts.timing.attempts
-        yield from self._outwait_late_reply(party, ask, data)
-        for attempt in range(1, attempts + 1):
-            self._count(party, "requests" if attempt == 1 else "retries")
+        if partner.health.failed_calls and not ask.urgent:
+            attempts = 1
+        if partner.unanswered and partner.unanswered != data:
+            yield from self._outwait_late_reply(party, partner, ask, data)
+        attempt = 0
+        while True:
+            attempt += 1
+            self._check_deadline(party)
+            partner.count["requests" if attempt == 1 else "retries"] += 1
             try:
-                yield from self._send(party, data, ask.message)
-                hint = yield from self._pass_over_early_bytes(party, data)
-                message = yield from self._await_reply(party, ask, data, hint)
+                yield from self._send(party, partner, data, ask.message)
+                message = yield from self._await_reply(party, partner, ask, data)
             except ReplyError as error:
-                self._count(party, "timeouts" if isinstance(error, NoReplyError) else "damaged")
-                yield from self._drain(party)
-                self._expect_late_reply(party, ask, data)
-                if attempt == attempts:
+                partner.count["timeouts" if isinstance(error, NoReplyError) else "damaged"] += 1
+                if self._heard_at > partner.asked_at:
+                    # Where nothing came at all there is nothing to let finish.
+                    yield from self._drain(party, partner)
+                self._expect_late_reply(party, partner, ask, data)
+                if attempt == attempts or self._now >= self._deadline:
                     raise type(error)(f"{error}{_times(attempt)}{_OPEN if ask.acts else ''}") from None
             except GeneratorExit:
-                self._expect_late_reply(party, ask, data)
+                self._expect_late_reply(party, partner, ask, data)
                 raise
             else:
-                self._count(party, "replies")
+                partner.count["replies"] += 1
+                partner.health.answered()
                 return message
-        raise AssertionError("attempts is at least 1")  # pragma: no cover
 
-    def _await_reply(self, party: Party, ask: Ask, data: bytes, hint: str) -> Steps[Message]:
-        """Return the reply that answers; hint says what may have kept it away."""
-        facts, settings, timing = party.facts, party.facts.settings, party.facts.timing
+    def _await_reply(self, party: Party, partner: _Partner, ask: Ask, data: bytes) -> Steps[Message]:
+        settings, timing, gap_s, echo = party.facts.settings, party.facts.timing, party.gap_s, self._echo
         timeout = timing.reply_timeout_s if ask.reply_timeout_s is None else ask.reply_timeout_s
-        limit = self._sent_at + settings.character_s + timeout
-        latest = limit + settings.wire_s(_LONGEST_TELEGRAM) + facts.gap_s
+        sent_at = self._sent_at
+        if self._listen_until is not None:
+            timeout = min(timeout, max(SHORTEST_EAR_S, self._listen_until - sent_at))
+        limit = deadline = sent_at + settings.character_s + timeout
+        if limit > self._deadline:
+            limit = deadline = max(self._deadline, sent_at)
+        latest = limit + settings.wire_s(_LONGEST_TELEGRAM) + gap_s
+        # A reply's first character cannot be over before this.
+        earliest = sent_at + settings.character_s / 2 if self.paced and not echo.looking else 0.0
         framer = Framer(party.codec, "reply")
-        echo = data if self._echo else b""
-        damage, stray = "", hint
-        deadline = limit
+        damage, stray, taken, early = "", "", 0, b""
         while True:
-            came = yield from self._receive(deadline, framer.missing + len(echo))
+            self._now, came, _ = yield Receive(deadline, framer.missing + echo.missing)
+            if came:
+                self._heard_at = self._now
+                if self._now < earliest:
+                    # While the request is still on its way nothing can answer it: a repeated or late reply.
+                    early += came
+                    stray = self._early(party, partner, came, is_echo=data.startswith(early))
+                    continue
             quiet = not came
-            if came and echo:
-                came, echo = self._without_echo(party, came, echo)
+            if echo.looking:
+                came = self._without_echo(party, partner, came)
+                quiet = quiet and not came
+            taken += len(came)
             for find in framer.flush() if quiet else framer.feed(came):
                 if isinstance(find, Framed):
                     reason = "echo" if find.data == data else party.mismatch(ask.message, find.message)
                     if not reason:
-                        self._free_at = self._now + facts.turnaround_s
-                        self._note(party, "received", find.data, find.message)
+                        self._answered(party, partner, find)
                         return find.message
-                    self._stray(party, find, reason)
+                    self._stray(party, partner, find, reason)
                     stray = _ECHO if reason == "echo" else f"the reply that came differs in {reason}"
                 else:
-                    damage = self._garbage(party, find) or damage
+                    wrong = self._garbage(party, partner, find)
+                    if taken > echo.excused:
+                        damage = wrong or damage
             if (quiet and damage) or self._now >= min(max(limit, deadline), latest):
                 break
             # Once bytes have come only the gap limit counts; without any, the reply time keeps running.
-            waiting = framer.missing > 1 or bool(damage)
-            deadline = self._now + settings.wire_s(framer.missing) + facts.gap_s if waiting else limit
+            if (framer.missing > 1 and not framer.empty) or damage:
+                deadline = self._now + settings.wire_s(framer.missing) + gap_s
+            else:
+                deadline = limit
         if damage:
             raise DamagedReplyError(f"{party.name} answered with a damaged telegram ({damage})")
         why = f": {stray}" if stray else ""
         raise NoReplyError(f"{party.name} did not answer within {timeout * 1000:.0f} ms{why}")
 
-    def _without_echo(self, party: Party, came: bytes, echo: bytes) -> tuple[bytes, bytes]:
-        length = min(len(came), len(echo))
-        if came[:length] != echo[:length]:
-            return came, b""
-        self._count(party, "echo bytes", length)
-        self._note(party, "echo", came[:length])
-        return came[length:], echo[length:]
+    def _answered(self, party: Party, partner: _Partner, find: Framed) -> None:
+        self._free_at = self._now + party.turnaround_s
+        partner.statistics.reply_times.add(self._now - self._sent_at)
+        if self._echo.looking and self._echo.answered():
+            partner.count["echoes missing"] += 1
+        if self._trace is not None:
+            self._note(party, "received", find.data, find.message)
 
-    def _send(self, party: Party, data: bytes, message: Message) -> Steps[None]:
-        yield from self._settle(party)
-        yield from self._wait(self._free_at)
-        came = yield from self._receive(self._now)
+    def _without_echo(self, party: Party, partner: _Partner, came: bytes) -> bytes:
+        """Return what came beside the echo; without anything coming, what was held back for one."""
+        if not came:
+            return self._echo.give_up()
+        echo, rest = self._echo.take(came)
+        if echo:
+            partner.count["echo bytes"] += len(echo)
+            self._note(party, "echo", echo)
+        return rest
+
+    def _send(self, party: Party, partner: _Partner, data: bytes, message: Message) -> Steps[None]:
+        facts = party.facts
+        if self._settings != facts.settings:
+            yield from self._settle(party)
+        free_at = self._free_at
+        if facts.timing.request_interval_s:
+            free_at = max(free_at, partner.asked_at + facts.timing.request_interval_s)
+        if self._now < free_at:
+            self._now = (yield Wait(free_at)).time
+        self._now, came, _ = yield Receive(self._now)
         if came:
             # Something speaks out of turn (a repeated or late reply): let it finish before we add to it.
-            self._count(party, "unasked bytes", len(came))
-            yield from self._drain(party)
-        self._sent_at = self._now + party.facts.settings.wire_s(len(data))
+            self._heard_at = self._now
+            partner.count["unasked bytes"] += len(came)
+            self._note(party, "noise", came, detail="unasked")
+            self._heard_out_of_turn()
+            yield from self._drain(party, partner)
+        partner.asked_at = self._now
         # Whatever comes of it, nobody may speak, or change the line settings, before it is on the wire.
-        self._free_at = self._sent_at
-        arrival = yield Send(data)
-        self._now = arrival.time
-        self._note(party, "sent", data, message)
+        self._free_at = self._sent_at = self._now + facts.settings.wire_s(len(data))
+        self._now = (yield Send(data)).time
+        if self._echo.looking:
+            self._echo.sent(data)
+        if self._trace is not None:
+            self._note(party, "sent", data, message)
 
-    def _pass_over_early_bytes(self, party: Party, data: bytes) -> Steps[str]:
-        """Drop what comes while the request is still on its way: a repeated or late reply to an earlier one.
-
-        Returns a hint when it is the request itself.
-        """
-        if not self.paced or self._echo:
-            return ""
-        came = yield from self._receive(self._sent_at, _EVERYTHING)
-        if not came:
-            return ""
-        if came[: len(data)] == data:
-            self._count(party, "echo bytes", len(data))
+    def _early(self, party: Party, partner: _Partner, came: bytes, *, is_echo: bool) -> str:
+        """Drop what came while the request was on its way. Returns a hint when it is the request itself."""
+        if is_echo:
+            partner.count["echo bytes"] += len(came)
             self._note(party, "echo", came)
             return _ECHO
-        self._count(party, "unasked bytes", len(came))
+        partner.count["unasked bytes"] += len(came)
         self._note(party, "noise", came, detail="came before the request was out")
+        self._heard_out_of_turn()
         return ""
 
     def _settle(self, party: Party) -> Steps[None]:
         """Bring the port to the drive's line settings."""
-        if self._settings == party.facts.settings:
-            return
         yield from self._wait(self._free_at)
         # Whoever is interrupted in the middle of this no longer knows how the port stands.
         before, self._settings = self._settings, None
@@ -290,61 +455,71 @@ class Link:
             self._free_at = max(self._free_at, self._now + self._guard_s)
         self._settings = party.facts.settings
 
-    def _drain(self, party: Party) -> Steps[None]:
+    def _drain(self, party: Party, partner: _Partner) -> Steps[None]:
         """Read until the line has been quiet for the drive's gap, at most for one reply time."""
-        gap = party.facts.gap_s
+        gap = party.gap_s
         limit = self._now + max(party.facts.timing.reply_timeout_s, gap)
         while (quiet_at := min(limit, self._heard_at + gap)) > self._now:
-            came = yield from self._receive(quiet_at)
+            self._now, came, _ = yield Receive(quiet_at)
             if came:
-                self._count(party, "drained bytes", len(came))
+                self._heard_at = self._now
+                partner.count["drained bytes"] += len(came)
                 self._note(party, "noise", came, detail="drained")
+                self._heard_out_of_turn()
 
-    def _expect_late_reply(self, party: Party, ask: Ask, data: bytes) -> None:
+    def _expect_late_reply(self, party: Party, partner: _Partner, ask: Ask, data: bytes) -> None:
         """Keep in mind that a reply which does not name its request may still come."""
         if ask.nameless:
-            self._late[party.name] = (self._now + party.facts.timing.late_s, data)
+            partner.late_until, partner.unanswered = self._now + party.facts.timing.late_s, data
 
-    def _outwait_late_reply(self, party: Party, ask: Ask, data: bytes) -> Steps[None]:
+    def _outwait_late_reply(self, party: Party, partner: _Partner, ask: Ask, data: bytes) -> Steps[None]:
         """Do not ask for something else while a reply that does not name its request may still come."""
-        until, unanswered = self._late.get(party.name, (0.0, data))
-        if unanswered == data:
-            return
-        del self._late[party.name]
-        if ask.urgent and self._now < until:
-            yield from self._send(party, data, ask.message)
-        yield from self._wait(until)
-        yield from self._drain(party)
-
-    def _receive(self, until: float, at_least: int = 1) -> Steps[bytes]:
-        arrival = yield Receive(until, at_least)
-        self._now = arrival.time
-        if arrival.data:
-            self._heard_at = arrival.time
-        return arrival.data
+        partner.unanswered = b""
+        if ask.urgent and self._now < partner.late_until:
+            yield from self._send(party, partner, data, ask.message)
+        yield from self._wait(partner.late_until)
+        yield from self._drain(party, partner)
 
     def _wait(self, until: float) -> Steps[None]:
         if self._now < until:
-            arrival = yield Wait(until)
-            self._now = arrival.time
+            self._now = (yield Wait(until)).time
 
-    def _stray(self, party: Party, find: Framed, reason: str) -> None:
+    def _check_deadline(self, party: Party) -> None:
+        if self._now >= self._deadline:
+            raise DeadlineError(f"{party.name}: the call's time ({party.facts.timing.deadline_s:g} s) is over")
+
+    def _heard_out_of_turn(self) -> None:
+        """See whether it was the drive that was probed last, and that answers more slowly than was waited for."""
+        if self._probed is not None and self._now >= self._patient_at:
+            self._probed.health.heard_late()
+            # Noise must not make every probe a long one.
+            self._patient_at = self._now + LONGEST_PAUSE_S
+        self._probed = None
+
+    def _stray(self, party: Party, partner: _Partner, find: Framed, reason: str) -> None:
         what: What = "echo" if reason == "echo" else "stray"
-        self._count(party, "echoes" if reason == "echo" else "strays")
+        partner.count["echoes" if reason == "echo" else "strays"] += 1
         self._note(party, what, find.data, find.message, detail=reason)
+        self._heard_out_of_turn()
 
-    def _garbage(self, party: Party, find: Damaged | Noise) -> str:
+    def _garbage(self, party: Party, partner: _Partner, find: Damaged | Noise) -> str:
         """Count and trace; return what is wrong with a damaged telegram, nothing for noise that was never one."""
         if isinstance(find, Noise):
-            self._count(party, "noise bytes", len(find.data))
+            partner.count["noise bytes"] += len(find.data)
             self._note(party, "noise", find.data)
             return ""
-        self._count(party, f"{find.error.category} errors")
+        partner.count[f"{find.error.category} errors"] += 1
         self._note(party, "damaged", find.data, detail=str(find.error))
         return str(find.error)
 
-    def _count(self, party: Party, what: str, number: int = 1) -> None:
-        self.counters.setdefault(party.name, Counter())[what] += number
+    def _partner(self, party: Party) -> _Partner:
+        partner = self._partners.get(party.name)
+        if partner is None:
+            partner = self._partners[party.name] = _Partner(party.facts.settings)
+        elif partner.settings is not party.facts.settings and partner.settings != party.facts.settings:
+            # Silence at other line settings says nothing about these.
+            partner.settings, partner.health = party.facts.settings, Health()
+        return partner
 
     def _note(
         self, party: Party, what: What, data: bytes = b"", message: Message | None = None, detail: str = ""
@@ -355,12 +530,10 @@ class Link:
             )
 
 
+_NOW = Wait(0.0)
+
 # The longest one that exists has 257 bytes (Danfoss FC with LGE 255); a line that never falls silent is not waited for.
 _LONGEST_TELEGRAM = 257
-
-# More than can come in one wait: wait to its end and take what there is.
-_EVERYTHING = 1 << 20
-
 _OPEN = "; whether the drive acted on it is not known"
 _ECHO = "the adapter hands back what it sends, and no other reply came; open the port with echo on"
 

@@ -12,7 +12,7 @@ from drivecomm.cli.output import emit, say
 from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
-    from drivecomm.bus import Found
+    from drivecomm.scanning import Found
 
 
 def scan(

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import AddressError, UsageError
-from drivecomm.line import LINE_FACT_NAMES
+from drivecomm.drive_options import sort_out
+from drivecomm.errors import AddressError
 from drivecomm.models import load_model
 from drivecomm.registry import installed
 
@@ -29,13 +28,8 @@ def virtual_drive(
     if address not in plugin.addresses:
         raise AddressError(f"{protocol} has no drive at address {address}")
     known = load_model(plugin.package, protocol, model or plugin.default_model)
-    own = {field.name for field in fields(plugin.options)}
-    unknown = sorted(set(options) - own - LINE_FACT_NAMES)
-    if unknown:
-        raise UsageError(f"{protocol} drives have no option {unknown[0]!r}; they have {', '.join(sorted(own))}")
-    chosen = {**{name: value for name, value in known.options.items() if name in own}, **options}
-    drive = plugin.virtual(address, plugin.options(**{name: chosen[name] for name in chosen if name in own}), known)
-    facts = plugin.facts.override({name: options[name] for name in options if name in LINE_FACT_NAMES})
+    facts, chosen = sort_out(plugin, known, options)
+    drive = plugin.virtual(address, chosen, known)
     drive.settings = facts.settings
     drive.gap_s = facts.gap_s
     return drive

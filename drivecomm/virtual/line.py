@@ -146,6 +146,8 @@ class VirtualPort:
     """The master's end of a virtual line."""
 
     paced = True
+    real_time = False
+    descriptor = None
 
     def __init__(self, line: VirtualLine) -> None:
         self._line = line
@@ -174,6 +176,13 @@ class VirtualPort:
         """Let time pass until this many bytes have come, or until then."""
         self._check()
         return self._line.receive(until, at_least)
+
+    def take(self) -> bytes:
+        """Return what has come by now."""
+        return self.read(self._line.time, 1)
+
+    def hold_back(self, at_least: int) -> None:
+        """There is nobody to wake."""
 
     def wait(self, until: float) -> None:
         """Let time pass."""

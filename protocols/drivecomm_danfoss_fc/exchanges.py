@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from drivecomm.reading import Reading, Value
     from drivecomm_danfoss_fc.options import DanfossFcOptions
 
-_PROBED = "1"
 """0-01 (001), the language: every series has it."""
 
 _NAME_PLATE = {
@@ -211,7 +210,7 @@ class DanfossFcOperations:
         return self._motion.set_reference(reference_for((number - lowest) * 100 / (highest - lowest), f"{number} Hz"))
 
     def probe(self) -> Exchange[None]:
-        """Ask once for parameter 1, without a valid control word; a refusal proves a drive as well as a value does."""
+        """Ask once for the status word, without a valid control word, by the shortest telegram that there is."""
         self._must_be_one_drive("probe")
         return self._probe()
 
@@ -325,8 +324,7 @@ class DanfossFcOperations:
             return None
 
     def _probe(self) -> Exchange[None]:
-        wanted = target(_PROBED, None, self._options)
-        yield from self._talk.parameter(access.READ, wanted.pnu, wanted.ind, attempts=1)
+        yield from self._talk.process(words.IGNORED, attempts=1, nameless=True)
 
     def _identify(self) -> Exchange[Mapping[str, str]]:
         if self._model is not None:

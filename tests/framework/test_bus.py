@@ -7,7 +7,6 @@ from decimal import Decimal
 import pytest
 
 import drivecomm
-from drivecomm.bus import Bus
 from drivecomm.errors import (
     AddressError,
     DriveCommError,
@@ -314,6 +313,9 @@ def test_a_port_that_is_lost_is_opened_again(line):
             with pytest.raises(LinkDownError):
                 drive.read("481")
         line.broken = False
+        with pytest.raises(LinkDownError, match=r"opened again in 0\.5 s"):
+            drive.read("481")
+        line.advance(0.5)
         assert drive.read("481").raw
         assert len(opened) == 2
 
@@ -335,6 +337,7 @@ def test_a_port_that_cannot_be_opened_again_is_tried_each_time(line):
         line.broken = False
         with pytest.raises(PortError):
             drive.probe()
+        line.advance(0.5)
         drive.probe()
 
 
@@ -362,7 +365,7 @@ def test_an_interrupted_exchange_leaves_the_bus_usable(line):
             return self._port.read(until, at_least)
 
     port = Interrupting(line.port())
-    with Bus(lambda: port) as bus:
+    with drivecomm.open_bus(lambda: port) as bus:
         drive = bus.drive("vabus", 1, model="agile")
         drive.probe()
         port.armed = True

@@ -269,7 +269,7 @@ def test_an_exact_copy_is_an_echo_and_no_answer(link):
 
 
 def test_an_adapter_that_echoes(events):
-    link = Link(trace=events.append, echo=True)
+    link = Link(trace=events.append, echo="expect")
     walked = walk(ask(), [(0.008, ASKED[:3]), (0.010, ASKED[3:]), (0.030, ANSWERED)], link=link)
     assert walked.run() == ANSWER
     assert link.counters["vabus:1"]["echo bytes"] == len(ASKED)
@@ -277,17 +277,17 @@ def test_an_adapter_that_echoes(events):
 
 
 def test_echo_and_answer_in_one_piece():
-    walked = walk(ask(), [(0.030, ASKED + ANSWERED)], link=Link(echo=True))
+    walked = walk(ask(), [(0.030, ASKED + ANSWERED)], link=Link(echo="expect"))
     assert walked.run() == ANSWER
 
 
 def test_no_echo_where_one_was_promised():
-    walked = walk(ask(), [(0.030, ANSWERED)], link=Link(echo=True))
+    walked = walk(ask(), [(0.030, ANSWERED)], link=Link(echo="expect"))
     assert walked.run() == ANSWER
 
 
 def test_silence_behind_an_echo():
-    walked = walk(ask(attempts=1), [(0.008, ASKED)], link=Link(echo=True))
+    walked = walk(ask(attempts=1), [(0.008, ASKED)], link=Link(echo="expect"))
     with pytest.raises(NoReplyError):
         walked.run()
 

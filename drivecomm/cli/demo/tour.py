@@ -21,10 +21,10 @@ from drivecomm.status import Stop
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from drivecomm.bus import Found
     from drivecomm.cli.demo.sites import Site
     from drivecomm.conformance.vectors import Vector
     from drivecomm.drive import Drive
+    from drivecomm.scanning import Found
 
 _FAULT_LOCK_S = 16.0
 

@@ -1,0 +1,267 @@
+"""One line and its drives, for callers that await: the same verbs as `drivecomm.bus`."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any, Self, TypeVar
+
+from drivecomm.async_drive import AsyncBroadcast, AsyncDrive
+from drivecomm.async_turns import AsyncTurns
+from drivecomm.bus import REOPEN_LONGEST_S, REOPEN_FIRST_S, port_opener
+from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError
+from drivecomm.growing_pause import GrowingPause
+from drivecomm.roster import Roster, echo_mode, line_overrides
+from drivecomm.runners.asynchronous import runner_for
+from drivecomm.scanning import Found, look, scan_plan
+from drivecomm.turns import Rank
+
+if TYPE_CHECKING:
+    from collections import Counter
+    from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+    from pathlib import Path
+    from types import TracebackType
+
+    from drivecomm.echo import Echo
+    from drivecomm.exchange import Exchange
+    from drivecomm.health import Health
+    from drivecomm.line import Parity
+    from drivecomm.link import Party, Steps, TraceEvent
+    from drivecomm.models import Model
+    from drivecomm.runners.asynchronous import Runner
+    from drivecomm.runners.port import Port
+    from drivecomm.statistics import Statistics
+
+T = TypeVar("T")
+
+
+class AsyncBus:
+    """The master's side of one line, an asynchronous context manager; may be used by many tasks of one event loop.
+
+    open_port: opens the port, on entering and again after it was lost; it may block, and does so in a thread. roster:
+    the drives and what holds for all of them.
+    """
+
+    def __init__(self, open_port: Callable[[], Port], roster: Roster) -> None:
+        self._open_port = open_port
+        self._roster = roster
+        self._turns = AsyncTurns()
+        self._owner: asyncio.Task[Any] | None = None
+        self._closed = False
+        self._reopening = GrowingPause(REOPEN_FIRST_S, REOPEN_LONGEST_S)
+        self._port: Port | None = None
+        self._clock: Port | None = None
+        self._runner: Runner | None = None
+        self._wall_time = 0.0
+
+    def drive(
+        self,
+        protocol: str,
+        address: int,
+        *,
+        model: str | Path | Model | None = None,
+        set_up: Mapping[str, Any] | None = None,
+        **options: Any,
+    ) -> AsyncDrive:
+        """Return the drive at an address; nothing is sent. The arguments are those of `Bus.drive`."""
+        member = self._roster.member(protocol, address, model, set_up, options)
+        drive = AsyncDrive(self, *member)
+        self._roster.add(drive)
+        return drive
+
+    def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> AsyncBroadcast:
+        """Return all drives of a protocol at once; what is sent to them is never answered."""
+        member = self._roster.all_drives(protocol, model, options)
+        return AsyncBroadcast(self, member.party, member.operations)
+
+    async def scan(
+        self,
+        only: Iterable[str] | None = None,
+        addresses: Iterable[int] | None = None,
+        *,
+        progress: Callable[[str, int, int], None] | None = None,
+        **options: Any,
+    ) -> AsyncIterator[Found]:
+        """Yield the drives that answer, as `Bus.scan` does; sends only what cannot move a motor."""
+        plan = scan_plan(only, addresses)
+        for done, (plugin, address) in enumerate(plan):
+            if progress is not None:
+                progress(plugin.name, done, len(plan))
+            member = self._roster.member(plugin.name, address, None, None, options)
+            found = await self.insist(member.party, look(plugin.name, address, member.operations))
+            if found is not None:
+                yield found
+        if progress is not None and plan:
+            progress(plan[-1][0].name, len(plan), len(plan))
+
+    async def run(self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ) -> T:
+        """Carry out an exchange with a drive, unless the drive is known not to answer; waits for its turn.
+
+        A port that was lost is opened again first. Raises DeadlineError when the drive's deadline_s passes.
+        """
+        deadline = self.now() + party.facts.timing.deadline_s
+        return await self._in_turn(self._roster.link.run(party, exchange, deadline=deadline), party, rank)
+
+    async def insist(self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ) -> T:
+        """Carry out an exchange whatever is known of the drive; waits for its turn."""
+        deadline = self.now() + party.facts.timing.deadline_s
+        return await self._in_turn(self._roster.link.insist(party, exchange, deadline=deadline), party, rank)
+
+    def commanding(self, who: AsyncDrive | AsyncBroadcast) -> None:
+        """Let all other objects for the same drive, or drives, forget what they commanded last."""
+        self._roster.commanding(who)
+
+    def now(self) -> float:
+        """Return the time on the line's clock, in seconds; its beginning means nothing."""
+        if self._clock is None:
+            raise UsageError("this bus is not open; use it in `async with`")
+        return self._clock.now()
+
+    async def sleep_until(self, until: float) -> None:
+        """Let time pass on the line's clock; others may use the line meanwhile."""
+        left = until - self.now()
+        if self._clock is None or self._clock.real_time:
+            await asyncio.sleep(max(0.0, left))
+            return
+        await self._take_turn(Rank.POLL, float("inf"), "the bus")
+        try:
+            await asyncio.sleep(0)
+            self._clock.wait(until)
+        finally:
+            self._give_back()
+
+    def wall_time(self) -> float:
+        """Return when the last exchange ended, in seconds since 1970 (on a virtual line: since its start)."""
+        return self._wall_time
+
+    @property
+    def counters(self) -> Mapping[str, Counter[str]]:
+        """What happened so far, by drive: requests, replies, retries, timeouts, and each kind of error."""
+        return self._roster.link.counters
+
+    @property
+    def statistics(self) -> Mapping[str, Statistics]:
+        """The counters and the reply times, by drive."""
+        return self._roster.link.statistics
+
+    @property
+    def health(self) -> Mapping[str, Health]:
+        """Whether the drives answer, by name."""
+        return self._roster.link.health
+
+    async def close(self) -> None:
+        """Give the port back; the bus cannot be used any more."""
+        await self._take_turn(Rank.STOP, float("inf"), "the bus")
+        try:
+            self._closed = True
+            self._let_go()
+        finally:
+            self._give_back()
+
+    async def __aenter__(self) -> Self:
+        await self._opened()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    async def _in_turn(self, steps: Steps[T], party: Party, rank: Rank) -> T:
+        await self._take_turn(rank, party.facts.timing.deadline_s, party.name)
+        try:
+            runner = await self._opened()
+            try:
+                return await runner.run(steps)
+            except LinkDownError:
+                self._let_go()
+                raise
+            finally:
+                if self._clock is not None:
+                    self._wall_time = self._clock.wall_time()
+        finally:
+            self._give_back()
+
+    async def _take_turn(self, rank: Rank, seconds: float, who: str) -> None:
+        if self._owner is not None and self._owner is asyncio.current_task():
+            raise UsageError("a trace function cannot use the bus that calls it")
+        if not await self._turns.take(rank, seconds):
+            raise DeadlineError(f"{who}: the line was busy with others for {seconds:g} s")
+        self._owner = asyncio.current_task()
+
+    def _give_back(self) -> None:
+        self._owner = None
+        self._turns.give_back()
+
+    async def _opened(self) -> Runner:
+        if self._runner is not None:
+            return self._runner
+        if self._closed:
+            raise UsageError("this bus is closed; open it again with open_bus_async")
+        if self._clock is not None and (now := self._clock.now()) < self._reopening.over_at:
+            raise LinkDownError(f"the port was lost; it is opened again in {self._reopening.over_at - now:.1f} s")
+        try:
+            port = await self._new_port()
+        except (PortError, LinkDownError):
+            if self._clock is not None:
+                self._reopening.failed(self._clock.now())
+            raise
+        self._reopening.succeeded()
+        if self._clock is not None:
+            self._roster.link.reopened()
+        self._port = self._clock = port
+        self._roster.link.paced = port.paced
+        self._runner = runner_for(port)
+        return self._runner
+
+    async def _new_port(self) -> Port:
+        """Open the port in a thread; whoever is cancelled meanwhile leaves none open behind."""
+        opening = asyncio.ensure_future(asyncio.to_thread(self._open_port))
+        try:
+            return await asyncio.shield(opening)
+        except asyncio.CancelledError:
+            opening.add_done_callback(_close_port)
+            raise
+
+    def _let_go(self) -> None:
+        if self._runner is not None:
+            self._runner.close()
+            self._runner = None
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+
+def _close_port(opening: asyncio.Future[Port]) -> None:
+    if not opening.cancelled() and opening.exception() is None:
+        opening.result().close()
+
+
+def open_bus_async(
+    port: str | Callable[[], Port],
+    *,
+    baudrate: int | None = None,
+    bytesize: int | None = None,
+    parity: Parity | None = None,
+    stopbits: float | None = None,
+    reply_timeout_s: float | None = None,
+    attempts: int | None = None,
+    echo: bool | Echo = "off",
+    guard_s: float = 0.005,
+    trace: Callable[[TraceEvent], None] | None = None,
+    **facts: float | None,
+) -> AsyncBus:
+    """Return the bus of a line for `async with`, which opens it; the arguments are those of `open_bus`.
+
+    Entering raises PortError when the port does not exist or is in use.
+    """
+    given = {
+        "baudrate": baudrate,
+        "bytesize": bytesize,
+        "parity": parity,
+        "stopbits": stopbits,
+        "reply_timeout_s": reply_timeout_s,
+        "attempts": attempts,
+        **facts,
+    }
+    roster = Roster(overrides=line_overrides(given), trace=trace, echo=echo_mode(echo), guard_s=guard_s)
+    return AsyncBus(port_opener(port), roster)

@@ -1,0 +1,168 @@
+"""One drive on a bus, for callers that await: the same verbs as `drivecomm.drive`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+from drivecomm.status import Stop
+from drivecomm.turns import Rank
+from drivecomm.verbs import Verbs, at
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.exchange import Exchange
+    from drivecomm.line import LineFacts
+    from drivecomm.link import Party
+    from drivecomm.models import Model
+    from drivecomm.protocol import Capabilities, Operations
+    from drivecomm.reading import Reading, Value
+    from drivecomm.status import DriveStatus
+
+T = TypeVar("T")
+
+
+class AsyncRuns(Protocol):
+    """What a drive needs of its bus."""
+
+    async def run(self, party: Party, exchange: Exchange[T], rank: Rank = ...) -> T:
+        """Carry out an exchange, unless the drive is known not to answer."""
+        ...
+
+    async def insist(self, party: Party, exchange: Exchange[T], rank: Rank = ...) -> T:
+        """Carry out an exchange whatever is known of the drive."""
+        ...
+
+    def wall_time(self) -> float:
+        """Return the time for people."""
+        ...
+
+    def commanding(self, who: AsyncDrive | AsyncBroadcast) -> None:
+        """Let all others who speak to the same drive know that it is being commanded."""
+        ...
+
+
+class AsyncDrive:
+    """One addressed drive, made by `AsyncBus.drive`; every verb is one exchange on the bus, and raises as `Drive`'s do.
+
+    Cancelling a verb leaves the bus usable; whether the drive acted on a command that was cancelled is not known.
+    """
+
+    def __init__(self, bus: AsyncRuns, party: Party, operations: Operations, model: Model | None) -> None:
+        self._bus = bus
+        self._party = party
+        self._verbs = Verbs(party.name, operations)
+        self.model = model
+
+    @property
+    def name(self) -> str:
+        """The drive as the command line names it, such as "vabus:1"."""
+        return self._party.name
+
+    @property
+    def facts(self) -> LineFacts:
+        """Line settings and timing of this drive."""
+        return self._party.facts
+
+    @property
+    def party(self) -> Party:
+        """The drive as the link sees it."""
+        return self._party
+
+    @property
+    def bus(self) -> AsyncRuns:
+        """The bus that it is on."""
+        return self._bus
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What this drive can be asked to do."""
+        return self._verbs.operations.capabilities
+
+    def commanded_elsewhere(self) -> None:
+        """Forget the last command, because somebody else has commanded this drive since; the bus calls it."""
+        self._verbs.operations.commanded_elsewhere()
+
+    async def read(self, parameter: str, **options: Any) -> Reading:
+        """Read a parameter, by its address in the protocol's form or by its name in the drive's model."""
+        reading = await self._bus.run(self._party, self._verbs.read(parameter, options))
+        return at(reading, self._bus.wall_time())
+
+    async def polled(self, parameter: str, **options: Any) -> Reading:
+        """Read a parameter when nobody else wants the line: everything else overtakes it."""
+        reading = await self._bus.run(self._party, self._verbs.read(parameter, options), Rank.POLL)
+        return at(reading, self._bus.wall_time())
+
+    async def write(
+        self, parameter: str, value: Value | float, *, store: bool = False, **options: Any
+    ) -> Reading | None:
+        """Write a parameter; returns what the drive reports back, None where it only confirms."""
+        reading = await self._command(self._verbs.write(parameter, value, {"store": store, **options}))
+        return None if reading is None else at(reading, self._bus.wall_time())
+
+    async def status(self) -> DriveStatus:
+        """Read the status word; commands nothing."""
+        return await self._bus.run(self._party, self._verbs.operations.status())
+
+    async def start(self, *, reverse: bool = False) -> None:
+        """Start the motor with the reference that is set; see `capabilities.link_loss` for what stops it."""
+        await self._command(self._verbs.operations.start(reverse=reverse))
+
+    async def stop(self, how: Stop = Stop.RAMP) -> None:
+        """Stop the motor; overtakes all else on the line, and asks also a drive that has not answered."""
+        exchange = self._verbs.operations.stop(how)
+        self._bus.commanding(self)
+        await self._bus.insist(self._party, exchange, Rank.STOP)
+
+    async def reset(self) -> None:
+        """Acknowledge a fault. The motor does not start again by this."""
+        await self._command(self._verbs.operations.reset())
+
+    async def set_reference(self, *, percent: Value | float | None = None, hz: Value | float | None = None) -> None:
+        """Set the reference, as a share of the reference range or as output frequency; never stored."""
+        await self._command(self._verbs.set_reference(percent, hz))
+
+    async def probe(self) -> None:
+        """Ask once whether a drive is there, with something that cannot move a motor. Raises ReplyError if not."""
+        await self._bus.insist(self._party, self._verbs.operations.probe())
+
+    async def identify(self) -> Mapping[str, str]:
+        """Read what the drive tells of itself: name plate, software, address; empty when it tells nothing."""
+        return await self._bus.run(self._party, self._verbs.operations.identify())
+
+    async def call(self, verb: str, **arguments: Any) -> Any:
+        """Carry out a verb that only this protocol has, such as jogging or choosing a set-up."""
+        return await self._command(self._verbs.call(verb, arguments))
+
+    async def _command(self, exchange: Exchange[T]) -> T:
+        self._bus.commanding(self)
+        return await self._bus.run(self._party, exchange, Rank.COMMAND)
+
+    def __repr__(self) -> str:
+        return f"<AsyncDrive {self.name}>"
+
+
+class AsyncBroadcast:
+    """All drives of one protocol on a bus at once. Nobody answers, so nothing is known of what they did."""
+
+    def __init__(self, bus: AsyncRuns, party: Party, operations: Operations) -> None:
+        self._bus = bus
+        self._party = party
+        self._verbs = Verbs(party.name, operations)
+
+    @property
+    def party(self) -> Party:
+        """All drives as the link sees them."""
+        return self._party
+
+    async def write(self, parameter: str, value: Value | float, **options: Any) -> None:
+        """Write a parameter of all drives; returns when the telegram is sent."""
+        exchange = self._verbs.write(parameter, value, options)
+        self._bus.commanding(self)
+        await self._bus.run(self._party, exchange, Rank.COMMAND)
+
+    async def stop(self, how: Stop = Stop.RAMP) -> None:
+        """Stop all motors; overtakes all else on the line, and returns when the telegram is sent."""
+        exchange = self._verbs.operations.stop(how)
+        self._bus.commanding(self)
+        await self._bus.insist(self._party, exchange, Rank.STOP)

@@ -1,0 +1,68 @@
+"""Echo: some two-wire adapters hand back what they send. It is dropped before a reply is looked for."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+Echo: TypeAlias = Literal["off", "expect", "auto"]
+"""off: none comes, one that does is an error. expect: it comes, whole, in part, or disturbed. auto: see by itself."""
+
+
+class EchoFilter:
+    """Drops the echo of each request from what comes after it.
+
+    An echo is dropped where it is exactly what was sent. Anything else goes on to the framer, which passes over it: an
+    echo that lost or changed a character is no telegram. `excused` says how many bytes may be such remains.
+    """
+
+    def __init__(self, mode: Echo) -> None:
+        self.looking = mode != "off"
+        """Whether there is, or may be, an echo."""
+        self._expected = mode == "expect"
+        self._sent = b""
+        self._held = b""
+        self.excused = 0
+        self.missing = 0
+        """How many bytes of the echo must still come before there can be anything else."""
+
+    def sent(self, data: bytes) -> None:
+        """Take note of what was sent just now."""
+        self._sent = data
+        self._held = b""
+        self.missing = len(data) if self._expected else 0
+        self.excused = len(data) if self._expected else 0
+
+    def take(self, came: bytes) -> tuple[bytes, bytes]:
+        """Return the whole echo if it is there now, and what else came."""
+        if not self._sent:
+            return b"", came
+        self._held += came
+        length = len(self._sent)
+        if self._held[:length] == self._sent:
+            echo, rest = self._sent, self._held[length:]
+            self._expected = True
+            self._done()
+            self.excused = 0
+            return echo, rest
+        if self._sent.startswith(self._held):
+            self.missing = length - len(self._held) if self._expected else 0
+            return b"", b""
+        return b"", self.give_up()
+
+    def give_up(self) -> bytes:
+        """Return what was held back as the beginning of an echo that never became one."""
+        held = self._held
+        self._done()
+        return held
+
+    def answered(self) -> bool:
+        """Take note that the reply came; returns whether an echo was expected and never came whole."""
+        absent = self._expected and self.excused > 0
+        if not self._expected:
+            # There was a reply and no echo before it: this adapter has none.
+            self.looking = False
+        return absent
+
+    def _done(self) -> None:
+        self._sent = self._held = b""
+        self.missing = 0

@@ -1,0 +1,153 @@
+"""The drives of one line as its master knows them: who they are, how they are spoken to, who commands them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from weakref import WeakSet
+
+from drivecomm.drive_options import sort_out
+from drivecomm.errors import AddressError, NotSupported, UsageError
+from drivecomm.line import LINE_FACT_NAMES
+from drivecomm.link import Link, Party
+from drivecomm.models import load_model
+from drivecomm.registry import installed
+from drivecomm.verbs import setting_up
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from drivecomm.echo import Echo
+    from drivecomm.exchange import Exchange
+    from drivecomm.link import TraceEvent
+    from drivecomm.models import Model
+    from drivecomm.protocol import Operations
+
+
+class Member(NamedTuple):
+    """What a drive object is made of."""
+
+    party: Party
+    operations: Operations
+    model: Model | None
+
+
+class Commanded(Protocol):
+    """Anything that may remember what it commanded last."""
+
+    @property
+    def party(self) -> Party:
+        """The drive, or all drives of a protocol."""
+        ...
+
+    def commanded_elsewhere(self) -> None:
+        """Forget the last command."""
+        ...
+
+
+class Speaks(Protocol):
+    """Anything that commands."""
+
+    @property
+    def party(self) -> Party:
+        """The drive, or all drives of a protocol."""
+        ...
+
+
+class Roster:
+    """The drives of one line and its link. overrides: line facts that hold for all drives."""
+
+    def __init__(
+        self,
+        *,
+        overrides: Mapping[str, Any] | None = None,
+        trace: Callable[[TraceEvent], None] | None = None,
+        echo: Echo = "off",
+        guard_s: float = 0.005,
+    ) -> None:
+        self.link = Link(trace=trace, echo=echo, guard_s=guard_s, away=self._forget)
+        self._overrides = dict(overrides or {})
+        self._drives: WeakSet[Commanded] = WeakSet()
+        self._set_up: dict[str, dict[str, Any]] = {}
+
+    def member(
+        self,
+        protocol: str,
+        address: int,
+        model: str | Path | Model | None,
+        set_up: Mapping[str, Any] | None,
+        options: Mapping[str, Any],
+    ) -> Member:
+        """Return what the drive at an address is made of. Raises UsageError for anything that cannot be."""
+        plugin = installed[protocol]
+        if type(address) is not int or address not in plugin.addresses:
+            allowed = f"{plugin.addresses.start} to {plugin.addresses.stop - 1}"
+            raise AddressError(f"{protocol} has no drive at address {address}; addresses are {allowed}")
+        known = None if model is None else load_model(plugin.package, protocol, model)
+        facts, chosen = sort_out(plugin, known, options, for_all=self._overrides)
+        operations = plugin.operations(address, chosen, known)
+        name = f"{plugin.name}:{address}"
+        writes = self._set_up.setdefault(name, {})
+        writes.update(set_up or {})
+
+        def again() -> Exchange[None]:
+            return setting_up(operations, writes)
+
+        party = Party(
+            name=name,
+            codec=plugin.codec(chosen),
+            facts=facts,
+            mismatch=plugin.mismatch,
+            probe=operations.probe,
+            set_up=again,
+        )
+        if set_up:
+            self.link.must_set_up(party)
+        return Member(party, operations, known)
+
+    def all_drives(self, protocol: str, model: str | Path | Model | None, options: Mapping[str, Any]) -> Member:
+        """Return what stands for all drives of a protocol at once. Raises NotSupported where it has no broadcast."""
+        plugin = installed[protocol]
+        if plugin.broadcast_address is None:
+            raise NotSupported(f"{protocol} has no broadcast; command its drives one by one")
+        known = None if model is None else load_model(plugin.package, protocol, model)
+        facts, chosen = sort_out(plugin, known, options, for_all=self._overrides)
+        party = Party(name=f"{plugin.name}:*", codec=plugin.codec(chosen), facts=facts, mismatch=plugin.mismatch)
+        return Member(party, plugin.operations(plugin.broadcast_address, chosen, known), known)
+
+    def add(self, drive: Commanded) -> None:
+        """Let this drive object know when somebody else commands its drive."""
+        self._drives.add(drive)
+
+    def _forget(self, name: str) -> None:
+        """Let all objects for this drive forget what they commanded: it may have lost it, and must not get it back."""
+        for drive in list(self._drives):
+            if drive.party.name == name:
+                drive.commanded_elsewhere()
+
+    def commanding(self, who: Speaks) -> None:
+        """Let all other objects for the same drive, or drives, forget what they commanded last."""
+        if len(self._drives) < 2 and not who.party.name.endswith("*"):
+            return
+        protocol, _, address = who.party.name.partition(":")
+        for drive in list(self._drives):
+            name, _, number = drive.party.name.partition(":")
+            if drive is not who and name == protocol and address in (number, "*"):
+                drive.commanded_elsewhere()
+
+
+def line_overrides(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those line facts that are given. Raises UsageError for a name that is none."""
+    unknown = sorted(set(facts) - LINE_FACT_NAMES)
+    if unknown:
+        raise UsageError(f"a line has no fact {unknown[0]!r}; it has {', '.join(sorted(LINE_FACT_NAMES))}")
+    return {name: value for name, value in facts.items() if value is not None}
+
+
+def echo_mode(echo: bool | Echo) -> Echo:
+    """Return how to treat an echo: True is "expect", False is "off"."""
+    if echo in ("off", "expect", "auto"):
+        return echo
+    if isinstance(echo, bool):
+        return "expect" if echo else "off"
+    raise UsageError(f"echo {echo!r} is none of off, expect and auto")
