@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from drivecomm.async_drive import AsyncBroadcast, AsyncDrive
 from drivecomm.async_turns import AsyncTurns
-from drivecomm.bus import REOPEN_LONGEST_S, REOPEN_FIRST_S, port_opener
+from drivecomm.bus import REOPEN_FIRST_S, REOPEN_LONGEST_S, port_opener
 from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError
 from drivecomm.growing_pause import GrowingPause
 from drivecomm.roster import Roster, echo_mode, line_overrides
