@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.status import Stop
 from drivecomm.turns import Rank
-from drivecomm.verbs import Verbs, at
+from drivecomm.verbs import Verbs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -86,19 +86,19 @@ class AsyncDrive:
     async def read(self, parameter: str, **options: Any) -> Reading:
         """Read a parameter, by its address in the protocol's form or by its name in the drive's model."""
         reading = await self._bus.run(self._party, self._verbs.read(parameter, options))
-        return at(reading, self._bus.wall_time())
+        return reading.at(self._bus.wall_time())
 
     async def polled(self, parameter: str, **options: Any) -> Reading:
         """Read a parameter when nobody else wants the line: everything else overtakes it."""
         reading = await self._bus.run(self._party, self._verbs.read(parameter, options), Rank.POLL)
-        return at(reading, self._bus.wall_time())
+        return reading.at(self._bus.wall_time())
 
     async def write(
         self, parameter: str, value: Value | float, *, store: bool = False, **options: Any
     ) -> Reading | None:
         """Write a parameter; returns what the drive reports back, None where it only confirms."""
         reading = await self._command(self._verbs.write(parameter, value, {"store": store, **options}))
-        return None if reading is None else at(reading, self._bus.wall_time())
+        return None if reading is None else reading.at(self._bus.wall_time())
 
     async def status(self) -> DriveStatus:
         """Read the status word; commands nothing."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.status import Stop
 from drivecomm.turns import Rank
-from drivecomm.verbs import Verbs, at
+from drivecomm.verbs import Verbs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -91,12 +91,12 @@ class Drive:
         options: the protocol's own, such as type= (vabus, danfoss-fc) or dataset= (vabus).
         """
         reading = self._bus.run(self._party, self._verbs.read(parameter, options))
-        return at(reading, self._bus.wall_time())
+        return reading.at(self._bus.wall_time())
 
     def polled(self, parameter: str, **options: Any) -> Reading:
         """Read a parameter when nobody else wants the line: everything else overtakes it."""
         reading = self._bus.run(self._party, self._verbs.read(parameter, options), Rank.POLL)
-        return at(reading, self._bus.wall_time())
+        return reading.at(self._bus.wall_time())
 
     def write(self, parameter: str, value: Value | float, *, store: bool = False, **options: Any) -> Reading | None:
         """Write a parameter; returns what the drive reports back, None where it only confirms.
@@ -105,7 +105,7 @@ class Drive:
         raises ValueRefusedError before anything is sent.
         """
         reading = self._command(self._verbs.write(parameter, value, {"store": store, **options}))
-        return None if reading is None else at(reading, self._bus.wall_time())
+        return None if reading is None else reading.at(self._bus.wall_time())
 
     def status(self) -> DriveStatus:
         """Read the status word; commands nothing."""

@@ -32,6 +32,20 @@ class Reading:
     note: str = ""
     time_s: float = 0.0
 
+    def at(self, time_s: float) -> Reading:
+        """Return the same reading with the time of its reply."""
+        return Reading(
+            parameter=self.parameter,
+            value=self.value,
+            raw=self.raw,
+            unit=self.unit,
+            type=self.type,
+            name=self.name,
+            text=self.text,
+            note=self.note,
+            time_s=time_s,
+        )
+
     def __str__(self) -> str:
         shown = f"{self.value} {self.unit}".rstrip()
         return f"{shown} ({self.text})" if self.text else shown

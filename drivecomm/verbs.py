@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm.errors import NotSupported, UsageError
@@ -53,11 +52,6 @@ def setting_up(operations: Operations, writes: Mapping[str, Any]) -> Exchange[No
     """Write these parameters to a drive that was away."""
     for parameter, value in writes.items():
         yield from operations.write(parameter, value)
-
-
-def at(reading: Reading, time_s: float) -> Reading:
-    """Return the reading with the time of its reply."""
-    return replace(reading, time_s=time_s)
 
 
 def bound(operation: Callable[..., Exchange[T]], *values: Any, **options: Any) -> Exchange[T]:
