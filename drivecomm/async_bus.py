@@ -247,6 +247,8 @@ def open_bus_async(
     attempts: int | None = None,
     echo: bool | Echo = "off",
     guard_s: float = 0.005,
+    rs485: bool = False,
+    low_latency: bool | None = None,
     trace: Callable[[TraceEvent], None] | None = None,
     **facts: float | None,
 ) -> AsyncBus:
@@ -264,4 +266,4 @@ def open_bus_async(
         **facts,
     }
     roster = Roster(overrides=line_overrides(given), trace=trace, echo=echo_mode(echo), guard_s=guard_s)
-    return AsyncBus(port_opener(port), roster)
+    return AsyncBus(port_opener(port, rs485=rs485, low_latency=low_latency), roster)

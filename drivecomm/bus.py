@@ -231,6 +231,8 @@ def open_bus(
     attempts: int | None = None,
     echo: bool | Echo = "off",
     guard_s: float = 0.005,
+    rs485: bool = False,
+    low_latency: bool | None = None,
     trace: Callable[[TraceEvent], None] | None = None,
     **facts: float | None,
 ) -> Bus:
@@ -239,11 +241,13 @@ def open_bus(
     port: what pyserial opens ("/dev/ttyUSB0", "COM3", "socket://host:4001", "rfc2217://host:4001", "loop://"), or a
     function that returns a port, such as `VirtualLine.port`. baudrate, bytesize, parity, stopbits, reply_timeout_s,
     attempts: for all drives, instead of their protocols' defaults. echo: whether the adapter hands back what it sends:
-    "off", "expect" (also True), or "auto" to see by itself. guard_s: quiet time after a change of line settings. trace:
-    called for everything that happens on the line. facts: further timing for all drives, by the names of `Timing`, such
-    as gap_s or turnaround_s.
+    "off", "expect" (also True), or "auto" to see by itself. guard_s: quiet time after a change of line settings. rs485:
+    let the driver of the port switch the transmitter. low_latency: whether a USB adapter shall hand bytes over at once;
+    None does so where it can be set. trace: called for everything that happens on the line. facts: further timing for
+    all drives, by the names of `Timing`, such as gap_s or turnaround_s.
 
-    Raises PortError when the port does not exist or is in use, UsageError for a name that is no line fact.
+    Raises PortError when the port does not exist, is in use, or has not what was asked for, UsageError for a name that
+    is no line fact.
     """
     given = {
         "baudrate": baudrate,
@@ -255,18 +259,23 @@ def open_bus(
         **facts,
     }
     roster = Roster(overrides=line_overrides(given), trace=trace, echo=echo_mode(echo), guard_s=guard_s)
-    return Bus(port_opener(port), roster)
+    return Bus(port_opener(port, rs485=rs485, low_latency=low_latency), roster)
 
 
-def port_opener(port: str | Callable[[], Port]) -> Callable[[], Port]:
-    """Return what opens this port, and opens it again when it was lost."""
+def port_opener(
+    port: str | Callable[[], Port], *, rs485: bool = False, low_latency: bool | None = None
+) -> Callable[[], Port]:
+    """Return what opens this port, and opens it again when it was lost: then by the name that follows the adapter."""
     if not isinstance(port, str):
         return port
+    names = [port]
 
     def open_port() -> Port:
         # pyserial is loaded by those who open a port, not by those who import drivecomm.
         from drivecomm.transport.serial_port import SerialPort  # noqa: PLC0415
 
-        return SerialPort(port)
+        opened = SerialPort(names[0], rs485=rs485, low_latency=low_latency)
+        names[0] = opened.stable_name
+        return opened
 
     return open_port

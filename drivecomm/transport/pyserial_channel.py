@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from typing import TYPE_CHECKING, Any
 
 from serial import SerialBase, SerialException
@@ -21,6 +22,8 @@ class PyserialChannel:
 
     # A write of Windows may return when the characters are out, so that their time cannot be told.
     paced = False
+    # Over RFC 2217 a thread reads, Windows waits for handles, and loop:// is a queue.
+    descriptor = None
 
     def __init__(self, port: SerialBase) -> None:
         self._port: Any = port
@@ -47,14 +50,29 @@ class PyserialChannel:
         except OSError as error:
             raise ChannelGoneError(_text(error)) from error
 
-    def receive(self, wait_s: float, wanted: int) -> bytes:
-        """Return what is there; wait a moment for this many bytes if that is nothing and there is time."""
+    def receive(self, until: float, wanted: int) -> bytes:
+        """Return what is there as soon as it is so much; at `until`, or up to 5 ms later, what there is."""
+        data = b""
         try:
-            data: bytes = self._port.read(wanted) if wait_s > 0 else b""
-            waiting = self._port.in_waiting
-            return data + self._port.read(waiting) if waiting else data
+            while time.monotonic() < until:
+                data += self._port.read(wanted - len(data))
+                if len(data) >= wanted:
+                    break
+            return data + self.take()
         except OSError as error:
             raise ChannelGoneError(_text(error)) from error
+
+    def take(self) -> bytes:
+        """Return what is there."""
+        try:
+            waiting = self._port.in_waiting
+            data: bytes = self._port.read(waiting) if waiting else b""
+        except OSError as error:
+            raise ChannelGoneError(_text(error)) from error
+        return data
+
+    def hold_back(self, at_least: int) -> None:
+        """Do nothing: there is no descriptor."""
 
     def close(self) -> None:
         """Give the port back."""

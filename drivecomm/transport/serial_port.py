@@ -9,22 +9,27 @@ loop://                     what is sent comes back
 from __future__ import annotations
 
 import os
+import threading
 import time
 import warnings
 from typing import TYPE_CHECKING, Any
 
 import serial
 
-from drivecomm.errors import LinkDownError, PortError
+from drivecomm.errors import LinkDownError, PortError, UsageError
 from drivecomm.line import LineSettings
+from drivecomm.transport.alarm import open_alarm
 from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
 from drivecomm.transport.opening import cannot_open
 from drivecomm.transport.pyserial_channel import POLL_S, PyserialChannel, release
 from drivecomm.transport.rfc2217_client import Rfc2217Client
 from drivecomm.transport.socket_channel import SocketChannel
+from drivecomm.transport.stable_name import stable_name
 
 if TYPE_CHECKING:
+    from drivecomm.transport.alarm import Alarm
     from drivecomm.transport.channel import Channel
+    from drivecomm.transport.port_report import PortReport
 
 # Beyond the time that the characters need on the wire: who takes none for so long will not take them at all.
 _STUCK_S = 3.0
@@ -33,22 +38,38 @@ _STUCK_S = 3.0
 class SerialPort:
     """The port with this URL or name, opened for this program alone where the platform can.
 
-    Raises PortError, in one sentence with cause and remedy, when it cannot be opened.
+    rs485: let the driver switch the transmitter, for adapters that do not do it themselves. low_latency: whether a USB
+    adapter shall hand bytes over at once; None does so where it can be set, False leaves it as it is. Both are for
+    ports of this machine.
+
+    Raises PortError, in one sentence with cause and remedy, when it cannot be opened or has not what was asked for, and
+    UsageError when no port with such a URL has it.
     """
 
-    def __init__(self, url: str) -> None:
+    real_time = True
+
+    def __init__(self, url: str, *, rs485: bool = False, low_latency: bool | None = None) -> None:
+        if "://" in url and (rs485 or low_latency):
+            what = "rs485" if rs485 else "low_latency"
+            raise UsageError(f"{what} is for ports of this machine, and {url} is none; set it up at its server")
         self.url = url
-        self._settings = LineSettings()
-        self._channel = _open(url)
+        self.stable_name = stable_name(url)
+        """What to open the port by when it was lost: follows the adapter, where the system has such a name."""
+        self._port, self._channel = _open(url, rs485=rs485, low_latency=low_latency)
+        self.descriptor = self._channel.descriptor
+        """Readable when bytes are there or the port has gone; None when there is nothing to select on."""
+        self._two_characters_s = 2 * LineSettings().character_s
+        self._alarm: Alarm | None = None
+        self._alarm_opened = False
+        self._alarm_in_use = threading.Lock()
 
     @property
     def paced(self) -> bool:
         """Whether characters take their time: on a port of this machine that is no pseudo-terminal."""
         return self._channel.paced
 
-    def now(self) -> float:
-        """Return the monotonic clock's time."""
-        return time.monotonic()
+    # The monotonic clock, in seconds; not a method of its own, which would cost as much again.
+    now = staticmethod(time.monotonic)
 
     def wall_time(self) -> float:
         """Return the seconds since 1970."""
@@ -68,45 +89,78 @@ class SerialPort:
             ) from error
         except ChannelGoneError as error:
             raise self._lost(error) from error
-        self._settings = settings
+        self._two_characters_s = 2 * settings.character_s
         return note
 
     def write(self, data: bytes) -> None:
         """Hand over bytes for sending; does not wait for the wire. Raises LinkDownError when nobody takes them."""
         try:
-            self._channel.send(data, _STUCK_S + 2 * self._settings.wire_s(len(data)))
+            self._channel.send(data, _STUCK_S + self._two_characters_s * len(data))
         except ChannelGoneError as error:
             raise self._lost(error) from error
 
     def read(self, until: float, at_least: int) -> bytes:
         """Return all bytes that are there as soon as there are this many, at `until` with what there is."""
-        data = b""
         try:
-            while True:
-                left = until - time.monotonic()
-                data += self._channel.receive(max(0.0, left), max(1, at_least - len(data)))
-                if len(data) >= at_least or left <= 0:
-                    return data
+            return self._channel.receive(until, at_least if at_least > 0 else 1)
+        except ChannelGoneError as error:
+            raise self._lost(error) from error
+
+    def take(self) -> bytes:
+        """Return the bytes that are there; never waits. Raises LinkDownError when the other end has gone."""
+        try:
+            return self._channel.take()
+        except ChannelGoneError as error:
+            raise self._lost(error) from error
+
+    def hold_back(self, at_least: int) -> None:
+        """Make the descriptor readable only for so many bytes, where the system can; `take` still takes fewer."""
+        try:
+            self._channel.hold_back(at_least)
         except ChannelGoneError as error:
             raise self._lost(error) from error
 
     def wait(self, until: float) -> None:
-        """Sleep until then."""
+        """Let time pass until then, to some microseconds where the system can; never less."""
+        # Threads that wait outside their turn do so at the same time, and the alarm is for one of them.
+        if self._alarm_in_use.acquire(blocking=False):
+            try:
+                if not self._alarm_opened:
+                    self._alarm_opened, self._alarm = True, open_alarm()
+                if self._alarm is not None:
+                    self._alarm.wait(until)
+                    return
+            finally:
+                self._alarm_in_use.release()
         # Some platforms sleep a little less than asked.
         while (left := until - time.monotonic()) > 0:
             time.sleep(left)
 
+    def report(self) -> PortReport:
+        """Return what is known of the port, for people."""
+        # It looks through all ports of the machine, for which only those who ask load the means.
+        from drivecomm.transport.port_report import local_report, remote_report  # noqa: PLC0415
+
+        if "://" in self.url:
+            return remote_report(self.url)
+        pseudo = os.name == "posix" and not self._channel.paced
+        return local_report(self._port, self.url, pseudo=pseudo)
+
     def close(self) -> None:
         """Give the port back."""
         self._channel.close()
+        if self._alarm is not None:
+            self._alarm.close()
+        self._alarm, self._alarm_opened = None, True
 
     def _lost(self, error: ChannelGoneError) -> LinkDownError:
         return LinkDownError(f"port {self.url} was lost ({error}); the next exchange opens it again")
 
 
-def _open(url: str) -> Channel:
+def _open(url: str, *, rs485: bool, low_latency: bool | None) -> tuple[Any, Channel]:
+    """Return pyserial's port, None for a socket, and the channel to it."""
     if url.lower().startswith("socket://"):
-        return SocketChannel(url)
+        return None, SocketChannel(url)
     # A port of Windows has no other limit for a write than its own.
     write_timeout = _STUCK_S if os.name == "nt" and "://" not in url else None
     try:
@@ -124,14 +178,27 @@ def _open(url: str) -> Channel:
             # pyserial's RFC 2217 client starts its thread by a name that Python gives up.
             warnings.simplefilter("ignore", DeprecationWarning)
             port.open()
+        if type(port) is serial.Serial:
+            _set_up(port, url, rs485=rs485, low_latency=low_latency)
         if type(port) is serial.Serial and os.name == "posix":
             # Its module needs termios, which Windows does not have.
             from drivecomm.transport.tty_channel import TtyChannel  # noqa: PLC0415
 
-            return TtyChannel(port)
-        return PyserialChannel(port)
+            return port, TtyChannel(port)
+        return port, PyserialChannel(port)
     except BaseException as error:
         release(port)
         if isinstance(error, (OSError, ValueError)) or type(error).__module__ == "termios":
             raise cannot_open(url, error) from error
         raise
+
+
+def _set_up(port: Any, name: str, *, rs485: bool, low_latency: bool | None) -> None:
+    from drivecomm.transport import direction, latency  # noqa: PLC0415 - ports elsewhere have no use for them
+
+    if rs485:
+        direction.switch_on(port, name)
+    if low_latency:
+        latency.require_low(port, name)
+    elif low_latency is None:
+        latency.make_low(port, name)

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import socket
+import time
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from drivecomm.transport.channel import ChannelGoneError
 from drivecomm.transport.opening import cannot_open
+from drivecomm.transport.readiness import Readable, send_all
 
 if TYPE_CHECKING:
     from drivecomm.line import LineSettings
 
 _CONNECT_S = 5.0
 _CHUNK = 4096
+# Far below what any receive buffer holds, and above the length of a reply.
+_LONGEST_HOLD = 255
+
+_monotonic = time.monotonic
 
 
 class SocketChannel:
@@ -29,9 +35,13 @@ class SocketChannel:
             self._socket = socket.create_connection((parts.hostname or "", parts.port or 0), timeout=_CONNECT_S)
         except (OSError, ValueError) as error:
             raise cannot_open(url, error) from error
+        self._socket.setblocking(False)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         # Of a server that was switched off nothing would ever be heard otherwise.
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        self.descriptor: int = self._socket.fileno()
+        self._readable = Readable(self.descriptor)
+        self._held = 1
 
     def apply(self, settings: LineSettings) -> str:
         """Change nothing: the far end has its own settings."""
@@ -40,32 +50,55 @@ class SocketChannel:
     def send(self, data: bytes, limit_s: float) -> None:
         """Hand over all bytes within this time."""
         try:
-            self._socket.settimeout(limit_s)
-            self._socket.sendall(data)
-        except TimeoutError as error:
-            raise ChannelGoneError(f"it took no bytes for {limit_s:.0f} s") from error
+            if send_all(self._socket.send, self.descriptor, data, limit_s):
+                return
         except OSError as error:
-            raise ChannelGoneError(f"the connection broke: {error.strerror or error}") from error
+            raise _broke(error) from error
+        raise ChannelGoneError(f"it took no bytes for {limit_s:.0f} s")
 
-    def receive(self, wait_s: float, wanted: int) -> bytes:  # noqa: ARG002 - a socket wakes for any byte
-        """Return what is there, or comes first within this time."""
+    def receive(self, until: float, wanted: int) -> bytes:
+        """Return what is there as soon as it is so much; at `until` what there is."""
+        if until <= _monotonic():
+            return self.take()
+        data = b""
+        while True:
+            self.hold_back(wanted - len(data))
+            if not self._readable.wait(until):
+                return data + self.take()
+            data += self.take()
+            if len(data) >= wanted:
+                return data
+
+    def take(self) -> bytes:
+        """Return what is there."""
         try:
-            self._socket.settimeout(wait_s)
             data = self._socket.recv(_CHUNK)
-        except (TimeoutError, BlockingIOError):
+        except BlockingIOError:
             return b""
         except OSError as error:
-            raise ChannelGoneError(f"the connection broke: {error.strerror or error}") from error
+            raise _broke(error) from error
         if not data:
             raise ChannelGoneError("the server closed the connection")
         return data
+
+    def hold_back(self, at_least: int) -> None:
+        """Make the descriptor readable only for so many bytes; not every system can."""
+        at_least = max(1, min(at_least, _LONGEST_HOLD))
+        if at_least == self._held:
+            return
+        self._held = at_least
+        with contextlib.suppress(OSError):
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT, at_least)
 
     def close(self) -> None:
         """Close the connection; what was sent still arrives."""
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_WR)
             # Closing with unread bytes would reset the connection, and what was sent last would be lost with it.
-            self._socket.settimeout(0)
             while self._socket.recv(_CHUNK):
                 pass
         self._socket.close()
+
+
+def _broke(error: OSError) -> ChannelGoneError:
+    return ChannelGoneError(f"the connection broke: {error.strerror or error}")

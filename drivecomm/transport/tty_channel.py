@@ -1,17 +1,17 @@
 """Terminals of POSIX systems: pyserial opens and configures them, bytes pass by the descriptor.
 
-poll wakes as soon as bytes are there and costs a fifth of pyserial's read. Nothing waits until characters are on the
-wire: the kernel looks at that only every few milliseconds.
+poll wakes as soon as enough bytes are there and costs a fifth of pyserial's read. Nothing waits until characters are on
+the wire: the kernel looks at that only every few milliseconds.
 """
 
 from __future__ import annotations
 
+import array
 import contextlib
 import errno
-import math
+import fcntl
 import os
 import re
-import select
 import sys
 import termios
 import time
@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
 from drivecomm.transport.opening import error_number
 from drivecomm.transport.pyserial_channel import release, set_at_once
+from drivecomm.transport.readiness import Readable, send_all
 
 if TYPE_CHECKING:
     from serial import Serial
@@ -27,28 +28,37 @@ if TYPE_CHECKING:
     from drivecomm.line import LineSettings
 
 _CHUNK = 4096
-_LONGEST_POLL_S = 3600.0
 _GONE = frozenset({errno.EIO, errno.ENODEV, errno.ENXIO, errno.EBADF, errno.EPIPE})
+_GONE_TEXT = "it was unplugged, or its other end was closed"
+# VMIN is an unsigned character (termios(3)).
+_LONGEST_HOLD = 255
+# A change is a system call of some 3 us, but a message on the USB with ftdi_sio, which sets the flow control at each.
+_DEAR_S = 100e-6
 # Majors 136 to 143 are the slaves of pseudo-terminals (Linux, Documentation/admin-guide/devices.txt).
 _LINUX_PTY_MAJORS = range(136, 144)
 _PTY_NAMES = re.compile(r"/dev/(pts/\d+|ttys\d+|tty[p-zP-T][0-9a-f])")
 
+_monotonic = time.monotonic
+
 
 class TtyChannel:
-    """An open terminal: a real port, or a pseudo-terminal, which has no characters and so no parity."""
+    """An open terminal: a real port, or a pseudo-terminal, which has no characters and so no parity.
+
+    Where that is cheap, the kernel wakes nobody before a whole telegram is there (VMIN); otherwise for any byte.
+    """
 
     def __init__(self, port: Serial) -> None:
         self._port: Any = port
-        self._descriptor = port.fileno()
-        self._pseudo = _is_pseudo(self._descriptor)
-        self._readable = select.poll()
-        self._readable.register(self._descriptor, select.POLLIN)
-        self._writable = select.poll()
-        self._writable.register(self._descriptor, select.POLLOUT)
-        if not self._pseudo:
-            # USB adapters hold received bytes back for up to 16 ms otherwise; not every driver knows the request.
-            with contextlib.suppress(OSError, ValueError, AttributeError, NotImplementedError):
-                self._port.set_low_latency_mode(True)
+        self.descriptor: int = port.fileno()
+        self._pseudo = _is_pseudo(self.descriptor)
+        self._readable = Readable(self.descriptor)
+        self._waiting = array.array("i", [0])
+        # pyserial then sets VMIN to 1 whenever it configures the port, instead of 0, with which a read of nothing
+        # could not be told from the end.
+        self._port.inter_byte_timeout = 0.0
+        self._held = 1
+        self._attributes: list[Any] = termios.tcgetattr(self.descriptor)
+        self._holds_back = sys.platform == "linux" and self._changes_quickly()
 
     @property
     def paced(self) -> bool:
@@ -58,57 +68,104 @@ class TtyChannel:
     def apply(self, settings: LineSettings) -> str:
         """Set the line settings without closing. Raises SettingsRefusedError."""
         try:
-            if not self._pseudo:
+            if self._pseudo:
+                # Linux answers a request for anything but 8N on a pseudo-terminal with EINVAL.
+                set_at_once(self._port, settings, bytesize=8, parity="N")
+            else:
                 set_at_once(self._port, settings)
-                return ""
-            # Linux answers a request for anything but 8N on a pseudo-terminal with EINVAL.
-            set_at_once(self._port, settings, bytesize=8, parity="N")
         except (OSError, ValueError, termios.error) as error:
             if error_number(error) in _GONE:
-                raise ChannelGoneError("it was unplugged, or its other end was closed") from error
+                raise ChannelGoneError(_GONE_TEXT) from error
             raise SettingsRefusedError(str(error)) from error
-        if settings.bytesize == 8 and settings.parity == "N":
+        finally:
+            # Refused or not: VMIN may have been set before.
+            self._reread_attributes()
+        if not self._pseudo or (settings.bytesize == 8 and settings.parity == "N"):
             return ""
         form = f"{settings.bytesize}{settings.parity}{settings.stopbits:g}"
         return f"pseudo-terminal: {form} is not carried, characters pass as they are"
 
     def send(self, data: bytes, limit_s: float) -> None:
         """Hand over all bytes within this time."""
-        until = time.monotonic() + limit_s
         try:
-            while True:
-                with contextlib.suppress(BlockingIOError):
-                    data = data[os.write(self._descriptor, data) :]
-                if not data:
-                    return
-                left = until - time.monotonic()
-                if left <= 0:
-                    break
-                self._writable.poll(math.ceil(left * 1000))
+            if send_all(self._write, self.descriptor, data, limit_s):
+                return
         except OSError as error:
             raise _gone(error) from error
         # Otherwise closing would wait for these bytes once more, up to half a minute.
         with contextlib.suppress(termios.error):
-            termios.tcflush(self._descriptor, termios.TCOFLUSH)
+            termios.tcflush(self.descriptor, termios.TCOFLUSH)
         raise ChannelGoneError(f"it took no bytes for {limit_s:.0f} s")
 
-    def receive(self, wait_s: float, wanted: int) -> bytes:  # noqa: ARG002 - poll wakes for any byte
-        """Return what is there, or comes first within this time."""
+    def receive(self, until: float, wanted: int) -> bytes:
+        """Return what is there as soon as it is so much; at `until` what there is."""
+        if until <= _monotonic():
+            # Mostly there is nothing, and asking for the number costs a third of a read in vain.
+            return self.take() if self._number_waiting() else b""
+        data = b""
+        while True:
+            self.hold_back(wanted - len(data))
+            if not self._readable.wait(until):
+                return data + self.take()
+            data += self.take()
+            if len(data) >= wanted:
+                return data
+
+    def take(self) -> bytes:
+        """Return what is there."""
         try:
-            if not self._readable.poll(math.ceil(min(wait_s, _LONGEST_POLL_S) * 1000)):
-                return b""
-            data = os.read(self._descriptor, _CHUNK)
+            data = os.read(self.descriptor, _CHUNK)
         except BlockingIOError:
             return b""
         except OSError as error:
             raise _gone(error) from error
-        if not data:
-            raise ChannelGoneError("it was unplugged, or its other end was closed")
+        if not data and self._readable.now():
+            raise ChannelGoneError(_GONE_TEXT)
         return data
+
+    def hold_back(self, at_least: int) -> None:
+        """Make the descriptor readable only for so many bytes, where that costs next to nothing."""
+        at_least = max(1, min(at_least, _LONGEST_HOLD))
+        if at_least == self._held or not self._holds_back:
+            return
+        try:
+            self._hold(at_least)
+        except termios.error as error:
+            raise _gone(OSError(*error.args)) from error
 
     def close(self) -> None:
         """Give the port back; what was sent still goes out."""
         release(self._port)
+
+    def _write(self, data: bytes) -> int:
+        return os.write(self.descriptor, data)
+
+    def _number_waiting(self) -> int:
+        try:
+            fcntl.ioctl(self.descriptor, termios.FIONREAD, self._waiting)
+        except OSError as error:
+            raise _gone(error) from error
+        return self._waiting[0]
+
+    def _hold(self, number: int) -> None:
+        self._attributes[6][termios.VMIN] = number
+        termios.tcsetattr(self.descriptor, termios.TCSANOW, self._attributes)
+        self._held = number
+
+    def _reread_attributes(self) -> None:
+        try:
+            self._attributes = termios.tcgetattr(self.descriptor)
+        except termios.error as error:
+            raise _gone(OSError(*error.args)) from error
+        self._held = self._attributes[6][termios.VMIN]
+
+    def _changes_quickly(self) -> bool:
+        quickest = _DEAR_S
+        for number in (2, 3, 1):
+            began = _monotonic()
+            self._hold(number)
+            quickest = min(quickest, _monotonic() - began)
+        return quickest < _DEAR_S
 
 
 def _is_pseudo(descriptor: int) -> bool:
@@ -122,5 +179,5 @@ def _is_pseudo(descriptor: int) -> bool:
 
 def _gone(error: OSError) -> ChannelGoneError:
     if error.errno in _GONE:
-        return ChannelGoneError("it was unplugged, or its other end was closed")
+        return ChannelGoneError(_GONE_TEXT)
     return ChannelGoneError(error.strerror or str(error))

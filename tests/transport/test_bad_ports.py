@@ -119,6 +119,10 @@ class TestOpening:
         assert "RFC 2217" in text or "closed the connection" in text
 
 
+# A port that could not be opened again is left alone for half a second.
+BACK_OFF_S = 0.6
+
+
 class TestVanishing:
     def exchange(self, drive):
         return drive.read("481", type="long").raw
@@ -134,6 +138,7 @@ class TestVanishing:
             self.exchange(drive)
         with pytest.raises(drivecomm.PortError, match="does not exist"):
             self.exchange(drive)
+        time.sleep(BACK_OFF_S)
         if when == "during":
             with terminal() as (ours, name):
                 (tmp_path / "line").symlink_to(name)
@@ -161,6 +166,7 @@ class TestVanishing:
             self.exchange(drive)
         with pytest.raises(drivecomm.PortError, match="nothing listens there"):
             self.exchange(drive)
+        time.sleep(BACK_OFF_S)
         number = server.address.rpartition(":")[2]
         stop = threading.Event()
         with Server([virtual_drive("vabus", 1)], parse_listen(f"{kind}:127.0.0.1:{number}")) as again:
@@ -195,7 +201,7 @@ class TestVanishing:
 
     def test_a_server_that_takes_no_more_bytes(self, monkeypatch):
         monkeypatch.setattr("drivecomm.transport.serial_port._STUCK_S", 0.05)
-        monkeypatch.setattr("drivecomm.line.LineSettings.wire_s", lambda *_: 0.0)
+        monkeypatch.setattr("drivecomm.line.LineSettings.character_s", 0.0)
         with socket.create_server(("127.0.0.1", 0)) as server:
             port = SerialPort(f"socket://127.0.0.1:{server.getsockname()[1]}")
             with pytest.raises(drivecomm.LinkDownError, match="took no bytes"):

@@ -9,6 +9,7 @@ import struct
 import subprocess
 import sys
 import termios
+import time
 import types
 
 import pytest
@@ -115,7 +116,7 @@ def real_terminal():
 def test_an_adapter_that_refuses_a_format(real_terminal, monkeypatch):
     with pytest.raises(SettingsRefusedError):
         real_terminal.apply(LineSettings(bytesize=7, parity="E"))
-    monkeypatch.setattr("drivecomm.transport.serial_port._open", lambda _: real_terminal)
+    monkeypatch.setattr("drivecomm.transport.serial_port._open", lambda *_, **__: (None, real_terminal))
     with pytest.raises(PortError, match=r"port COM-7 refuses the line settings 9600 7E1"):
         SerialPort("COM-7").configure(LineSettings(bytesize=7, parity="E"))
     assert real_terminal.apply(LineSettings(baudrate=19200)) == ""
@@ -131,13 +132,21 @@ def test_an_adapter_that_vanishes_while_it_is_configured():
     port.close()
 
 
+class AlwaysReadable:
+    """A descriptor that has bytes, or whose other end has gone."""
+
+    now = staticmethod(lambda: True)
+    wait = staticmethod(lambda until: time.monotonic() < until)
+
+
 def test_a_spurious_wake_is_no_end(real_terminal, monkeypatch):
     def nothing(*_):
         raise BlockingIOError
 
-    monkeypatch.setattr(real_terminal, "_readable", types.SimpleNamespace(poll=lambda _: [(0, 1)]))
+    monkeypatch.setattr(real_terminal, "_readable", AlwaysReadable)
     monkeypatch.setattr(tty_channel.os, "read", nothing)
-    assert real_terminal.receive(0.0, 1) == b""
+    assert real_terminal.receive(time.monotonic() + 0.01, 1) == b""
+    assert real_terminal.take() == b""
 
 
 def test_an_unknown_failure_of_a_terminal_ends_in_our_own_error(real_terminal, monkeypatch):
@@ -149,17 +158,17 @@ def test_an_unknown_failure_of_a_terminal_ends_in_our_own_error(real_terminal, m
         real_terminal.send(b"x", 1.0)
     monkeypatch.undo()
     monkeypatch.setattr(tty_channel.os, "read", fail)
-    monkeypatch.setattr(real_terminal, "_readable", types.SimpleNamespace(poll=lambda _: [(0, 1)]))
+    monkeypatch.setattr(real_terminal, "_readable", AlwaysReadable)
     with pytest.raises(ChannelGoneError, match="Cannot allocate memory"):
-        real_terminal.receive(0.0, 1)
+        real_terminal.receive(time.monotonic() + 5, 1)
 
 
 def test_the_end_of_a_terminal_without_an_error(real_terminal, monkeypatch):
     """So some systems report an adapter that was pulled out: always readable, and nothing to read."""
-    monkeypatch.setattr(real_terminal, "_readable", types.SimpleNamespace(poll=lambda _: [(0, 1)]))
+    monkeypatch.setattr(real_terminal, "_readable", AlwaysReadable)
     monkeypatch.setattr(tty_channel.os, "read", lambda *_: b"")
     with pytest.raises(ChannelGoneError, match="unplugged"):
-        real_terminal.receive(0.0, 1)
+        real_terminal.receive(time.monotonic() + 5, 1)
 
 
 @pytest.mark.parametrize(
@@ -239,7 +248,9 @@ class TestPyserialChannel:
         with pytest.raises(ChannelGoneError):
             channel.send(b"x", 1.0)
         with pytest.raises(ChannelGoneError):
-            channel.receive(0.01, 1)
+            channel.receive(time.monotonic() + 5, 1)
+        with pytest.raises(ChannelGoneError):
+            channel.take()
         channel.close()
 
     def test_a_refusal_of_a_port_that_is_there(self):
@@ -306,3 +317,33 @@ def test_a_connection_that_breaks_leaves_no_traceback(monkeypatch):
 def test_importing_drivecomm_loads_no_pyserial():
     code = "import sys, drivecomm, drivecomm.virtual.serving; sys.exit('serial' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+LIKE_WINDOWS = """
+import os, select, serial, serial.rfc2217, serial.tools.list_ports, socket, sys
+sys.modules["fcntl"] = sys.modules["termios"] = sys.modules["grp"] = None
+sys.platform = "win32"
+for name in ("poll", "epoll"):
+    delattr(select, name)
+from drivecomm.transport.serial_port import SerialPort
+with socket.create_server(("127.0.0.1", 0)) as server:
+    ports = [SerialPort("loop://"), SerialPort(f"socket://127.0.0.1:{server.getsockname()[1]}")]
+    peer, _ = server.accept()
+    peer.sendall(b"abc")
+    ports[0].write(b"abc")
+    for port in ports:
+        assert port.read(port.now() + 5, 3) == b"abc"
+        assert port.read(port.now() + 0.01, 3) == b""
+        port.wait(port.now() + 0.001)
+        port.hold_back(3)
+        assert port.take() == b""
+        assert port.report().url == port.url
+        port.close()
+    peer.close()
+"""
+
+
+def test_what_needs_a_posix_system_is_left_alone_elsewhere():
+    ran = subprocess.run([sys.executable, "-c", LIKE_WINDOWS], check=False, capture_output=True, text=True)
+    assert ran.stderr == ""
+    assert ran.returncode == 0

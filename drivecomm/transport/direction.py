@@ -1,0 +1,54 @@
+"""RS-485 direction control by the kernel: the driver switches the transmitter on and off, to the character."""
+
+from __future__ import annotations
+
+import array
+import sys
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+from serial.rs485 import RS485Settings
+
+from drivecomm.errors import PortError
+
+if TYPE_CHECKING:
+    from serial import SerialBase
+
+Direction: TypeAlias = Literal["on", "off", "unsupported"]
+
+# Linux, include/uapi/asm-generic/ioctls.h and include/uapi/linux/serial.h
+_TIOCGRS485 = 0x542E
+_ENABLED = 1
+
+
+def switch_on(port: SerialBase, name: str) -> None:
+    """Let the driver of an open port control the direction. Raises PortError when it cannot."""
+    control: Any = port
+    try:
+        # pyserial repeats this whenever it configures the port.
+        control.rs485_mode = RS485Settings()
+    except (ValueError, OSError, NotImplementedError) as error:
+        raise _refused(name, str(error)) from error
+    # A driver may take the request and do nothing.
+    if direction(port) != "on":
+        raise _refused(name, "it ignores the request")
+
+
+def direction(port: Any) -> Direction:
+    """Tell whether the driver of an open port controls the direction; "off" need not mean that it could."""
+    if sys.platform != "linux":
+        return "unsupported"
+    import fcntl  # noqa: PLC0415 - Windows has none
+
+    asked = array.array("i", [0] * 8)
+    try:
+        fcntl.ioctl(port.fileno(), _TIOCGRS485, asked)
+    except (OSError, AttributeError, ValueError):
+        return "unsupported"
+    return "on" if asked[0] & _ENABLED else "off"
+
+
+def _refused(name: str, why: str) -> PortError:
+    return PortError(
+        f"the driver of port {name} has no RS-485 direction control ({why}); "
+        "open it without rs485, with an adapter that switches by itself"
+    )

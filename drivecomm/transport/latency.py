@@ -1,0 +1,84 @@
+"""How long a USB adapter holds received bytes back: up to 16 ms with FTDI's default, 1 ms in low-latency mode.
+
+At 19200 baud the default halves the number of exchanges. Linux has a flag for it in the settings of a serial port, and
+ftdi_sio a file in sysfs besides; other drivers have neither, and mostly no need of it.
+"""
+
+from __future__ import annotations
+
+import array
+import contextlib
+import sys
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+from drivecomm.errors import PortError
+
+Latency: TypeAlias = Literal["on", "off", "unknown"]
+
+_SYSFS = Path("/sys/class/tty")
+# Linux, include/uapi/linux/tty_flags.h; `flags` is the fifth word of struct serial_struct.
+_ASYNC_LOW_LATENCY = 0x2000
+_FLAGS = 4
+
+
+def make_low(port: Any, name: str, sysfs: Path = _SYSFS) -> bool:
+    """Switch low-latency mode on for an open port; return whether it is on now."""
+    with contextlib.suppress(OSError, ValueError, AttributeError, NotImplementedError):
+        port.set_low_latency_mode(True)
+    if low_latency(port, name, sysfs) == "on":
+        return True
+    timer = _timer_file(name, sysfs)
+    try:
+        # Only who administrates the machine may write to it, unless a udev rule says otherwise.
+        if timer.exists():
+            timer.write_text("1")
+    except OSError:
+        return False
+    return low_latency(port, name, sysfs) == "on"
+
+
+def require_low(port: Any, name: str, sysfs: Path = _SYSFS) -> None:
+    """Switch low-latency mode on. Raises PortError when it cannot be."""
+    if not make_low(port, name, sysfs):
+        raise PortError(
+            f"port {name} has no low-latency mode that this program may set; "
+            f"open it without low_latency, or let who administrates this machine write 1 to {_timer_file(name, sysfs)}"
+        )
+
+
+def low_latency(port: Any, name: str, sysfs: Path = _SYSFS) -> Latency:
+    """Tell whether low-latency mode is on, as far as the driver tells."""
+    timer = latency_timer_ms(name, sysfs)
+    if timer is not None:
+        return "on" if timer <= 1 else "off"
+    flags = _flags(port)
+    if flags is None:
+        return "unknown"
+    return "on" if flags & _ASYNC_LOW_LATENCY else "off"
+
+
+def latency_timer_ms(name: str, sysfs: Path = _SYSFS) -> int | None:
+    """Return the adapter's latency timer in milliseconds; None when it has none that shows."""
+    try:
+        return int(_timer_file(name, sysfs).read_text())
+    except (OSError, ValueError):
+        return None
+
+
+def _timer_file(name: str, sysfs: Path) -> Path:
+    return sysfs / Path(name).resolve().name / "device" / "latency_timer"
+
+
+def _flags(port: Any) -> int | None:
+    if sys.platform != "linux":
+        return None
+    import fcntl  # noqa: PLC0415 - Windows has neither
+    import termios  # noqa: PLC0415
+
+    settings = array.array("i", [0] * 32)
+    try:
+        fcntl.ioctl(port.fileno(), termios.TIOCGSERIAL, settings)
+    except (OSError, AttributeError, ValueError):
+        return None
+    return settings[_FLAGS]

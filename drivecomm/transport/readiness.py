@@ -1,0 +1,84 @@
+"""Waiting until a descriptor can be read or written, to a fraction of a millisecond.
+
+poll is the quickest way to wait, and counts whole milliseconds: rounded up, each silent drive of a scan would cost up
+to one of them. So poll waits for the whole ones, and select, which counts microseconds, for what remains.
+"""
+
+from __future__ import annotations
+
+import math
+import select
+import time
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_SHORTEST_POLL_S = 0.001
+_LONGEST_S = 3600.0
+# What a descriptor set holds on every system but Windows, where descriptors have no order (POSIX, <sys/select.h>).
+_SELECTABLE = 1024
+
+_monotonic = time.monotonic
+
+
+class Readable:
+    """Waits until this descriptor has bytes, or its other end has gone."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptors = (descriptor,)
+        self._poll: Callable[[float], object] | None = None
+        # Windows has no poll, and its select has no limit that matters here.
+        if hasattr(select, "poll"):
+            poller = select.poll()
+            poller.register(descriptor, select.POLLIN)
+            self._poll = poller.poll
+        self._selectable = self._poll is None or descriptor < _SELECTABLE
+
+    def now(self) -> bool:
+        """Tell whether it is readable."""
+        return bool(self._poll(0)) if self._poll is not None else self._select(0.0)
+
+    def wait(self, until: float) -> bool:
+        """Return True as soon as it is readable, False at `until`."""
+        while (left := until - _monotonic()) > 0:
+            if self._poll is not None and left > _SHORTEST_POLL_S:
+                whole = min(left, _LONGEST_S) * 1000
+                if self._poll(int(whole) if self._selectable else math.ceil(whole)):
+                    return True
+            elif self._selectable:
+                if self._select(min(left, _LONGEST_S)):
+                    return True
+            elif self._poll is not None and self._poll(1):
+                return True
+        return self.now()
+
+    def _select(self, wait_s: float) -> bool:
+        return bool(select.select(self._descriptors, (), (), wait_s)[0])
+
+
+def send_all(write: Callable[[bytes], int], descriptor: int, data: bytes, limit_s: float) -> bool:
+    """Write all bytes to a descriptor that does not block; return False when it has not taken them within this time."""
+    until = 0.0
+    while True:
+        try:  # noqa: SIM105
+            data = data[write(data) :]
+        except BlockingIOError:
+            # Mostly this does not happen, and `contextlib.suppress` would cost a microsecond each time.
+            pass
+        if not data:
+            return True
+        now = _monotonic()
+        until = until or now + limit_s
+        if now >= until:
+            return False
+        _wait_writable(descriptor, until - now)
+
+
+def _wait_writable(descriptor: int, wait_s: float) -> None:
+    if hasattr(select, "poll"):
+        poller = select.poll()
+        poller.register(descriptor, select.POLLOUT)
+        poller.poll(math.ceil(wait_s * 1000))
+    else:
+        select.select((), (descriptor,), (), wait_s)

@@ -1,0 +1,244 @@
+"""Bytes are held back until a whole telegram is there, and never lost, whatever was held back before."""
+
+from __future__ import annotations
+
+import array
+import contextlib
+import fcntl
+import os
+import select
+import socket
+import sys
+import termios
+import threading
+import time
+import tty
+
+import pytest
+
+from drivecomm.line import LineSettings
+from drivecomm.transport import tty_channel
+from drivecomm.transport.serial_port import SerialPort
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux holds bytes back")
+
+
+class Terminal:
+    def __init__(self):
+        self.ours, self.theirs = os.openpty()
+        tty.setraw(self.theirs)
+        self.url = os.ttyname(self.theirs)
+
+    def send(self, data):
+        os.write(self.ours, data)
+
+    def close(self):
+        for descriptor in (self.ours, self.theirs):
+            with contextlib.suppress(OSError):
+                os.close(descriptor)
+
+
+class Server:
+    def __init__(self):
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.url = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
+        self._peer = None
+
+    def send(self, data):
+        if self._peer is None:
+            self._peer, _ = self._server.accept()
+            self._peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._peer.sendall(data)
+
+    def close(self):
+        if self._peer is not None:
+            self._peer.close()
+        self._server.close()
+
+
+@pytest.fixture(params=[Terminal, Server], ids=["terminal", "socket"])
+def peer(request):
+    made = request.param()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def port(peer):
+    opened = SerialPort(peer.url)
+    if isinstance(peer, Terminal):
+        # However slowly this machine does it today.
+        opened._channel._holds_back = sys.platform == "linux"
+    opened.configure(LineSettings())
+    peer.send(b"")
+    yield opened
+    opened.close()
+
+
+def readable(port, wait_s=0.05):
+    return bool(select.select([port.descriptor], [], [], wait_s)[0])
+
+
+@linux
+class TestHoldingBack:
+    def test_the_descriptor_wakes_for_so_many(self, port, peer):
+        port.hold_back(5)
+        peer.send(b"abc")
+        assert not readable(port)
+        peer.send(b"de")
+        assert readable(port, 1)
+        assert port.take() == b"abcde"
+        assert not readable(port)
+
+    def test_bytes_that_are_there_already_count_when_more_are_asked_for(self, port, peer):
+        peer.send(b"abc")
+        assert readable(port, 1)
+        port.hold_back(5)
+        assert not readable(port)
+        peer.send(b"de")
+        assert readable(port, 1)
+        assert port.take() == b"abcde"
+
+    def test_bytes_that_are_there_already_count_when_fewer_are_asked_for(self, port, peer):
+        port.hold_back(5)
+        peer.send(b"abc")
+        assert not readable(port)
+        port.hold_back(3)
+        assert readable(port, 1)
+        assert port.take() == b"abc"
+
+    def test_a_loop_is_woken_when_fewer_are_asked_for(self, port, peer):
+        with select.epoll() as loop:
+            loop.register(port.descriptor, select.EPOLLIN)
+            port.hold_back(5)
+            peer.send(b"abc")
+            assert loop.poll(0.05) == []
+            port.hold_back(3)
+            assert [descriptor for descriptor, _ in loop.poll(1)] == [port.descriptor]
+
+    def test_what_is_held_back_can_be_taken(self, port, peer):
+        port.hold_back(200)
+        peer.send(b"abc")
+        assert not readable(port)
+        assert port.take() == b"abc"
+        assert port.take() == b""
+
+    def test_what_is_held_back_is_stale_at_the_next_exchange(self, port, peer):
+        port.hold_back(200)
+        peer.send(b"abc")
+        assert not readable(port)
+        assert port.read(0.0, 1) == b"abc"
+        assert port.read(0.0, 1) == b""
+
+    def test_more_than_can_be_held_back(self, port, peer):
+        whole = bytes(range(256)) * 4
+        thread = threading.Thread(target=lambda: [peer.send(whole[at : at + 100]) for at in range(0, 1024, 100)])
+        thread.start()
+        assert port.read(port.now() + 5, 1024) == whole
+        thread.join()
+
+    def test_every_length_after_every_other(self, port, peer):
+        for first in (1, 2, 14, 254, 255, 256, 300):
+            for second in (1, 13, 255, 256):
+                peer.send(b"x" * first)
+                assert len(port.read(port.now() + 5, first)) == first
+                peer.send(b"y" * second)
+                assert port.read(port.now() + 5, second) == b"y" * second
+
+    def test_a_short_telegram_comes_at_its_time(self, port, peer):
+        peer.send(b"abc")
+        until = port.now() + 0.03
+        assert port.read(until, 14) == b"abc"
+        assert port.now() >= until
+
+    def test_a_byte_at_a_time(self, port, peer):
+        def speak():
+            for byte in b"a telegram of 26 characters":
+                peer.send(bytes([byte]))
+                time.sleep(0.0005)
+
+        thread = threading.Thread(target=speak)
+        thread.start()
+        assert port.read(port.now() + 5, 27) == b"a telegram of 26 characters"
+        thread.join()
+
+
+@linux
+class TestTerminals:
+    @pytest.fixture
+    def peer(self):
+        made = Terminal()
+        yield made
+        made.close()
+
+    @pytest.mark.parametrize("baudrate", [9600, 12345])
+    def test_holding_back_keeps_the_line_settings_and_the_other_way_round(self, port, baudrate):
+        settings = LineSettings(baudrate=baudrate, stopbits=2)
+        before = termios.tcgetattr(port.descriptor)[6][termios.VMIN]
+        assert before == 1
+        port.configure(settings)
+        set_up = termios.tcgetattr(port.descriptor)
+        speed = kernel_speed(port.descriptor)
+        assert speed == baudrate
+        port.hold_back(14)
+        held = termios.tcgetattr(port.descriptor)
+        assert held[6][termios.VMIN] == 14
+        assert held[:6] == set_up[:6]
+        assert kernel_speed(port.descriptor) == baudrate
+        port.configure(LineSettings(baudrate=19200))
+        port.hold_back(14)
+        assert termios.tcgetattr(port.descriptor)[6][termios.VMIN] == 14
+
+    def test_bytes_in_waiting_survive_a_change_of_settings(self, port, peer):
+        port.hold_back(14)
+        peer.send(b"abc")
+        port.configure(LineSettings(baudrate=115200))
+        assert port.read(port.now() + 1, 3) == b"abc"
+
+    def test_a_reader_sleeps_through_a_telegram(self, port, peer, monkeypatch):
+        """One wake for a telegram that comes byte by byte: that is what all this is for."""
+        reads = []
+        read = os.read
+        monkeypatch.setattr(tty_channel.os, "read", lambda *given: reads.append(given) or read(*given))
+
+        def speak():
+            for _ in range(14):
+                peer.send(b"x")
+                time.sleep(0.001)
+
+        thread = threading.Thread(target=speak)
+        thread.start()
+        assert port.read(port.now() + 5, 14) == b"x" * 14
+        thread.join()
+        assert len(reads) == 1
+
+    def test_where_a_change_is_dear_any_byte_wakes(self, peer, monkeypatch):
+        """With ftdi_sio each change of a terminal's settings is a message on the USB."""
+        set_attributes = termios.tcsetattr
+        changes = []
+
+        def slowly(*given):
+            changes.append(given)
+            time.sleep(0.0005)
+            set_attributes(*given)
+
+        monkeypatch.setattr(termios, "tcsetattr", slowly)
+        port = SerialPort(peer.url)
+        port.configure(LineSettings())
+        changes.clear()
+        port.hold_back(5)
+        peer.send(b"abc")
+        assert readable(port, 1)
+        thread = threading.Timer(0.02, peer.send, [b"de"])
+        thread.start()
+        assert port.read(port.now() + 5, 5) == b"abcde"
+        thread.join()
+        assert changes == []
+        port.close()
+
+
+def kernel_speed(descriptor):
+    """The output speed in struct termios2, which knows more speeds than termios."""
+    words = array.array("i", [0] * 16)
+    fcntl.ioctl(descriptor, 0x802C542A, words)
+    return words[10]

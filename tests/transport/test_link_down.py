@@ -1,0 +1,137 @@
+"""A port that goes away is noticed at once, also in the middle of a wait, and whatever is held back."""
+
+from __future__ import annotations
+
+import os
+import select
+import socket
+import struct
+import threading
+import tty
+
+import pytest
+
+from drivecomm.errors import LinkDownError
+from drivecomm.line import LineSettings
+from drivecomm.transport.serial_port import SerialPort
+
+LONG_S = 20.0
+AT_ONCE_S = 2.0
+
+
+class Terminal:
+    def __init__(self):
+        self._ours, theirs = os.openpty()
+        tty.setraw(theirs)
+        self.port = SerialPort(os.ttyname(theirs))
+        os.close(theirs)
+
+    def send(self, data):
+        os.write(self._ours, data)
+
+    def end(self):
+        os.close(self._ours)
+
+
+class Server:
+    def __init__(self):
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            self.port = SerialPort(f"socket://127.0.0.1:{server.getsockname()[1]}")
+            self._peer, _ = server.accept()
+
+    def send(self, data):
+        self._peer.sendall(data)
+
+    def end(self):
+        self._peer.close()
+
+
+class CrashingServer(Server):
+    def end(self):
+        # Closing like this sends a reset instead of an orderly end.
+        self._peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        self._peer.close()
+
+
+@pytest.fixture(params=[Terminal, Server, CrashingServer], ids=["terminal", "socket", "reset"])
+def line(request):
+    made = request.param()
+    made.port.configure(LineSettings())
+    yield made
+    made.port.close()
+
+
+def noticed_at_once(line, use):
+    began = line.port.now()
+    with pytest.raises(LinkDownError, match=r"was lost .*(unplugged|closed|broke)"):
+        use()
+    assert line.port.now() - began < AT_ONCE_S
+
+
+@pytest.mark.parametrize("before", [b"", b"abc"], ids=["silence", "half a telegram"])
+def test_in_the_middle_of_a_wait(line, before):
+    line.send(before)
+    timer = threading.Timer(0.05, line.end)
+    timer.start()
+    noticed_at_once(line, lambda: line.port.read(line.port.now() + LONG_S, 14))
+    timer.join()
+
+
+def test_before_a_wait(line):
+    line.end()
+    noticed_at_once(line, lambda: line.port.read(line.port.now() + LONG_S, 14))
+
+
+def test_when_stale_bytes_are_looked_for(line):
+    line.end()
+    select.select([line.port.descriptor], [], [], AT_ONCE_S)
+    noticed_at_once(line, lambda: line.port.read(0.0, 1))
+
+
+def test_when_bytes_are_taken(line):
+    line.port.hold_back(14)
+    line.end()
+    assert select.select([line.port.descriptor], [], [], AT_ONCE_S)[0]
+    noticed_at_once(line, line.port.take)
+
+
+def test_when_bytes_are_held_back_from_a_port_that_has_gone(line):
+    """A socket need not notice here, but the next read does."""
+    line.end()
+    select.select([line.port.descriptor], [], [], AT_ONCE_S)
+
+    def hold_and_take():
+        line.port.hold_back(200)
+        line.port.take()
+
+    noticed_at_once(line, hold_and_take)
+
+
+def test_when_a_telegram_is_sent(line):
+    line.end()
+
+    def send_and_wait():
+        line.port.write(b"x" * 14)
+        line.port.read(line.port.now() + LONG_S, 14)
+
+    noticed_at_once(line, send_and_wait)
+
+
+def test_in_the_middle_of_traffic(line):
+    """Telegrams pass until the end, and then the next read says so."""
+
+    def speak():
+        for _ in range(30):
+            line.send(b"x" * 14)
+            threading.Event().wait(0.001)
+        line.end()
+
+    thread = threading.Thread(target=speak)
+    thread.start()
+
+    def listen():
+        while True:
+            assert set(line.port.read(line.port.now() + LONG_S, 14)) == set(b"x")
+
+    noticed_at_once(line, listen)
+    thread.join()
