@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 from drivecomm.errors import TelegramError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from drivecomm.telegram import Direction, Message
 
 
@@ -19,7 +17,8 @@ class Codec(Protocol):
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return the length of the telegram that begins with these bytes.
 
-        0: no telegram begins like this. More than len(head): that many bytes are needed, or needed to know more.
+        0: no telegram begins like this. More than len(head): that many bytes are needed, or needed to know more. For no
+        bytes at all: the length of the shortest telegram of this direction, so that a reader can wait for it.
         """
         ...
 
@@ -57,6 +56,9 @@ class Noise:
 
 Find: TypeAlias = Framed | Damaged | Noise
 
+# More than any telegram has: enough to be measured by, and all that is copied for each byte that is looked at.
+_HEAD = 512
+
 
 class Framer:
     """Finds telegrams of one direction in a stream of bytes.
@@ -69,49 +71,65 @@ class Framer:
         self._codec = codec
         self._direction: Direction = direction
         self._pending = b""
-        self.missing = 1
-        """How many bytes must come at least before there can be a further find."""
+        self._shortest = codec.measure(b"", direction) or 1
+        self.missing = self._shortest
+        """How many more bytes a telegram needs at least; those of the shortest when none has begun."""
 
     @property
-    def empty(self) -> bool:
-        """Whether no bytes are kept that could be the beginning of a telegram."""
-        return not self._pending
+    def begun(self) -> bool:
+        """Whether there are bytes that may be the beginning of a telegram."""
+        return bool(self._pending)
 
     def feed(self, data: bytes) -> list[Find]:
         """Take bytes from the line and return what is now certain, in order."""
+        if not self._pending and data and self._codec.measure(data, self._direction) == len(data):
+            found = self._read(data)
+            if isinstance(found, Framed):
+                # One whole telegram and nothing else, as nearly always.
+                self.missing = self._shortest
+                return [found]
         self._pending += data
-        return list(self._search(final=False))
+        return self._search(final=False)
 
     def flush(self) -> list[Find]:
         """Return what the pending bytes amount to, now that a gap says that nothing follows them."""
-        return list(self._search(final=True))
+        return self._search(final=True)
 
-    def _search(self, *, final: bool) -> Iterator[Find]:
-        noise = b""
-        while self._pending:
-            needed = self._codec.measure(self._pending, self._direction)
-            if needed > len(self._pending):
+    def _search(self, *, final: bool) -> list[Find]:
+        pending, finds = self._pending, list[Find]()
+        measure, direction = self._codec.measure, self._direction
+        start = noise_from = 0
+        self.missing = self._shortest
+        while start < len(pending):
+            left = len(pending) - start
+            head = pending[start : start + _HEAD]
+            while (needed := measure(head, direction)) > len(head) < left:
+                head = pending[start : start + needed]
+            found: Find | None = None
+            if needed > left:
                 if not final:
+                    self.missing = needed - left
                     break
                 # Whole all the same if it only could have been the beginning of a longer one; cut off otherwise.
-                found: Find | None = self._read(self._pending)
-                if isinstance(found, Damaged) and len(self._pending) == 1:
+                found = self._read(pending[start:])
+                if isinstance(found, Damaged) and left == 1:
                     found = None
-            else:
-                found = self._read(self._pending[:needed]) if needed else None
-            if noise and found is not None:
-                yield Noise(noise)
-                noise = b""
+            elif needed:
+                found = self._read(pending[start : start + needed])
             if found is not None:
-                yield found
+                if noise_from < start:
+                    finds.append(Noise(pending[noise_from:start]))
+                    noise_from = start
+                finds.append(found)
             if isinstance(found, Framed):
-                self._pending = self._pending[len(found.data) :]
+                start += len(found.data)
+                noise_from = start
             else:
-                noise += self._pending[:1]
-                self._pending = self._pending[1:]
-        self.missing = self._codec.measure(self._pending, self._direction) - len(self._pending) if self._pending else 1
-        if noise:
-            yield Noise(noise)
+                start += 1
+        if noise_from < start:
+            finds.append(Noise(pending[noise_from:start]))
+        self._pending = pending[start:]
+        return finds
 
     def _read(self, data: bytes) -> Framed | Damaged:
         try:

@@ -1,9 +1,9 @@
 """Whether a drive answers, and when one that does not is asked again. No I/O, no clock.
 
 A drive that answered before is given up after three calls without an answer and two seconds; one that was never heard
-after its first call. It is then asked again with a growing pause, and never for long: all drives of a line that do not
-answer share a small part of its time, so that they cannot spoil it for the others. Where that part is too small for all
-of them, the pause grows beyond its usual limit.
+after one call and one second. It is then asked again with a growing pause, and never for long: all drives of a line
+that do not answer share a small part of its time, so that they cannot spoil it for the others. Where that part is too
+small for all of them, the pause grows beyond its usual limit.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 FAILED_CALLS = 3
 SILENT_S = 2.0
+NEVER_HEARD_FAILED_CALLS = 1
+NEVER_HEARD_SILENT_S = 1.0
 FIRST_PAUSE_S = 0.5
 LONGEST_PAUSE_S = 9.0
 """A drive that comes back is in use again within ten seconds, its probe included."""
@@ -69,7 +71,8 @@ class Health:
         self.failed_calls += 1
         if self.failed_calls == 1:
             self._silent_since = began
-        enough = not self._heard or (self.failed_calls >= FAILED_CALLS and now - self._silent_since >= SILENT_S)
+        calls, seconds = (FAILED_CALLS, SILENT_S) if self._heard else (NEVER_HEARD_FAILED_CALLS, NEVER_HEARD_SILENT_S)
+        enough = self.failed_calls >= calls and now - self._silent_since >= seconds
         if not (self.given_up or enough):
             return False
         first = not self.given_up

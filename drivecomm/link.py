@@ -375,13 +375,11 @@ class Link:
                     wrong = self._garbage(party, partner, find)
                     if taken > echo.excused:
                         damage = wrong or damage
-            if (quiet and damage) or self._now >= min(max(limit, deadline), latest):
+            # Once a reply has begun only the gap limit counts; before that, the reply time keeps running.
+            begun = framer.begun or damage
+            deadline = self._now + settings.wire_s(framer.missing) + gap_s if begun else limit
+            if (quiet and damage) or self._now >= min(deadline, latest):
                 break
-            # Once bytes have come only the gap limit counts; without any, the reply time keeps running.
-            if (framer.missing > 1 and not framer.empty) or damage:
-                deadline = self._now + settings.wire_s(framer.missing) + gap_s
-            else:
-                deadline = limit
         if damage:
             raise DamagedReplyError(f"{party.name} answered with a damaged telegram ({damage})")
         why = f": {stray}" if stray else ""

@@ -64,6 +64,7 @@ def _checks_for(vector: Vector) -> Iterator[tuple[str, Callable[[Case], None]]]:
     yield "trailing", telegram_checks.refuses_what_follows
     yield "truncated", telegram_checks.refuses_truncations
     yield "flipped", telegram_checks.refuses_flips
+    yield "shortest", framing_checks.is_as_long_as_the_shortest
     yield "five-in-a-row", framing_checks.found_in_a_row
     yield "garbage-before", framing_checks.found_after_garbage
     yield "false-starts", framing_checks.found_after_false_starts

@@ -48,6 +48,16 @@ def found_byte_by_byte(case: Case) -> None:
     expect(isinstance(found[0], Framed) and found[0].data == vector.data, f"found {_listed(found)}")
 
 
+def is_as_long_as_the_shortest(case: Case) -> None:
+    """What measure says of no bytes at all, the length of the shortest telegram, is not more than this one has."""
+    vector = case.vector
+    shortest = case.codec.measure(b"", vector.direction)
+    expect(
+        1 <= shortest <= len(vector.data),
+        f"measure says that no {vector.direction} is shorter than {shortest}, and this one has {len(vector.data)}",
+    )
+
+
 def found_in_a_row(case: Case) -> None:
     """Five telegrams without a gap are found as five, whole and byte by byte."""
     vector = case.vector

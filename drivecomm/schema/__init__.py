@@ -46,3 +46,4 @@ from drivecomm.schema.leaves import (
 from drivecomm.schema.leaves import (
     xor_byte as xor_byte,
 )
+from drivecomm.schema.written import Written as Written

@@ -131,14 +131,14 @@ def chosen_reading(
     talk: Conversation, wanted: Target, *, option_text: int | None, element: int | None, index_given: bool
 ) -> Exchange[Reading]:
     """Return the exchange that reads what the options of `read` ask for. Raises UsageError for two things at once."""
+    if option_text is None and element is None:
+        return read_text(talk, wanted) if wanted.type == "text" else read_number(talk, wanted)
     asked = [name for name, given in (("option_text", option_text), ("element", element)) if given is not None]
     if len(asked) > 1 or (asked and index_given):
         raise UsageError(f"IND holds one thing: {' or '.join([*asked, 'an index'] if index_given else asked)}")
     if option_text is not None:
         return read_option_text(talk, wanted, option_text)
-    if element is not None:
-        return read_element(talk, wanted, element)
-    return read_text(talk, wanted) if wanted.type == "text" else read_number(talk, wanted)
+    return read_element(talk, wanted, element)  # type: ignore[arg-type]
 
 
 def _number(reply: ParameterReply | TextReply, wanted: Target) -> ParameterReply:

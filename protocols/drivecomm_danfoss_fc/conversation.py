@@ -7,6 +7,7 @@ word timeout run out (specification, section 12.2).
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
 from drivecomm.errors import AddressError, RefusedError, UnexpectedReplyError
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 
 BROADCAST = 0
 
+# Requests that are kept, to be sent again; more than a poll plan has.
+_KEPT = 512
+
 Answer: TypeAlias = ParameterReply | TextReply
 
 
@@ -50,6 +54,8 @@ class Conversation:
         self.reference_known = False
         self.functions = 0
         self._address = None if self.broadcast else address
+        self._kept = lru_cache(_KEPT, typed=True)(self._new_read)
+        self._kept_words = (words.IGNORED, 0)
         self._format = options.address_format
 
     @property
@@ -86,7 +92,13 @@ class Conversation:
         self, ak: int, pnu: int, ind: int, pwe: int = 0, *, attempts: int | None = None, acts: bool = False
     ) -> Exchange[Answer]:
         """Send a parameter block and return what answers it."""
-        return (yield from self._access(self._parameter_block(ak, pnu, ind, pwe), attempts=attempts, acts=acts))
+        if pwe or acts or attempts is not None:
+            ask = Ask(message=self._parameter_block(ak, pnu, ind, pwe), attempts=attempts, acts=acts)
+        else:
+            ask = self._kept_read(ak, pnu, ind)
+        reply: Answer = yield ask
+        self._notice(reply)
+        return reply
 
     def tell_parameter(self, ak: int, pnu: int, ind: int, pwe: int) -> Exchange[None]:
         """Send a parameter block to all drives at once."""
@@ -105,7 +117,9 @@ class Conversation:
             control_word=control_word,
             reference=reference,
         )
-        return (yield from self._access(request, acts=True))
+        reply: Answer = yield Ask(message=request, acts=True)
+        self._notice(reply)
+        return reply
 
     def shown_word(self, pnu: int) -> Exchange[int | None]:
         """Read a word that the drive shows in a parameter; None when it has no such parameter."""
@@ -115,6 +129,17 @@ class Conversation:
     def stop_word(self, word: int) -> int:
         """Return a stop word together with the functions that are switched on."""
         return word | self.functions
+
+    def _kept_read(self, ak: int, pnu: int, ind: int) -> Ask:
+        """Return a request that reads, the same object as before while the process words are the same."""
+        words_now = self._process_words()
+        if words_now != self._kept_words:
+            self._kept_words = words_now
+            self._kept.cache_clear()
+        return self._kept(ak, pnu, ind)
+
+    def _new_read(self, ak: int, pnu: int, ind: int) -> Ask:
+        return Ask(message=self._parameter_block(ak, pnu, ind, 0))
 
     def _parameter_block(self, ak: int, pnu: int, ind: int, pwe: int) -> ParameterRequest:
         control_word, reference = self._process_words()
@@ -129,13 +154,6 @@ class Conversation:
             control_word=control_word,
             reference=reference,
         )
-
-    def _access(
-        self, request: ParameterRequest | TextRequest, *, attempts: int | None = None, acts: bool
-    ) -> Exchange[Answer]:
-        reply: Answer = yield Ask(message=request, attempts=attempts, acts=acts)
-        self._notice(reply)
-        return reply
 
     def _process_words(self) -> tuple[int, int]:
         return (self.word, self.reference) if self.word else (words.IGNORED, 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, RefusedError, UnexpectedReplyError, UsageError, ValueRefusedError
@@ -33,7 +34,8 @@ if TYPE_CHECKING:
     from drivecomm.reading import Reading, Value
     from drivecomm_danfoss_fc.options import DanfossFcOptions
 
-"""0-01 (001), the language: every series has it."""
+# A poll plan asks for the same parameters again and again; more of them than this are not kept in mind.
+_KEPT = 512
 
 _NAME_PLATE = {
     "15-40": "FC type",
@@ -58,6 +60,8 @@ class DanfossFcOperations:
         self._options = options
         self._model = model
         self._talk = Conversation(address, options)
+        # Model and options of a drive do not change, so that an address always means the same.
+        self._known = lru_cache(_KEPT)(lambda name, kind: target(name, model, options, type=kind))
         self._motion = Motion(
             self._talk,
             state_timeout_s=options.state_timeout_s,
@@ -123,7 +127,10 @@ class DanfossFcOperations:
         limits, 20 default value, 21 additional characteristics).
         """
         self._must_be_one_drive("read")
-        wanted = target(parameter, self._model, self._options, type=type, index=index)
+        if index is None:
+            wanted = self._known(parameter, type)
+        else:
+            wanted = target(parameter, self._model, self._options, type=type, index=index)
         return access.chosen_reading(
             self._talk,
             wanted,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
 from drivecomm.numbers import exact, scaled, unscaled
@@ -128,42 +128,55 @@ def reading_of(wanted: Target, reply: ParameterReply) -> Reading:
     keep some parameters in 16 bits and the FC guides print a word for 3-41 (specification, sections 6.2 and 16).
     """
     bits = 16 if reply.ak == 1 else 32
-    raw = reply.pwe % 2**bits
-    common: dict[str, Any] = {"parameter": wanted.address, "name": wanted.info.name if wanted.info else "", "raw": raw}
+    raw = reply.pwe & 0xFFFF if bits == 16 else reply.pwe
     if wanted.type in ("", "text"):
-        return Reading(value=raw, note="type not known: this is the unsigned number as sent", **common)
+        note = "type not known: this is the unsigned number as sent"
+        return Reading(parameter=wanted.address, name=_name(wanted), raw=raw, value=raw, note=note)
     notes = []
     if (bits == 32) is not wanted.double:
         notes.append(f"the drive answered {wanted.type} with {'a word' if bits == 16 else 'a double word'}")
     value = signed(raw, bits) if wanted.type.startswith("int") else raw
-    return _physical(wanted, value, notes, common)
+    return _physical(wanted, raw, value, notes)
 
 
-def _physical(wanted: Target, value: int, notes: list[str], common: dict[str, Any]) -> Reading:
+def _name(wanted: Target) -> str:
+    return wanted.info.name if wanted.info else ""
+
+
+def _physical(wanted: Target, raw: int, value: int, notes: list[str]) -> Reading:
     info = wanted.info
     if info is None or info.type == "text":
         notes.append("scale not known: this is the number as sent")
-        return Reading(value=value, type=wanted.type, note="; ".join(notes), **common)
+        return Reading(
+            parameter=wanted.address,
+            name=_name(wanted),
+            raw=raw,
+            value=value,
+            type=wanted.type,
+            note="; ".join(notes),
+        )
     if info.sure != "manual":
         notes.append(f"type and unit are {info.sure}")
     return Reading(
+        parameter=wanted.address,
+        name=info.name,
+        raw=raw,
         value=scaled(value, info.factor),
         unit=info.unit,
         type=wanted.type,
         text=info.values.get(value, ""),
         note="; ".join(notes),
-        **common,
     )
 
 
 def limit_reading(wanted: Target, pwe: int, note: str) -> Reading:
     """Return the reading of a limit or default value, description elements 7, 8 and 20, scaled as the parameter is."""
-    common: dict[str, Any] = {"parameter": wanted.address, "name": wanted.info.name if wanted.info else "", "raw": pwe}
     if wanted.type in ("", "text"):
-        return Reading(value=pwe, note=f"{note}; type not known: this is the unsigned number as sent", **common)
+        unknown = f"{note}; type not known: this is the unsigned number as sent"
+        return Reading(parameter=wanted.address, name=_name(wanted), raw=pwe, value=pwe, note=unknown)
     bits = 32 if wanted.double else 16
     value = signed(pwe % 2**bits, bits) if wanted.type.startswith("int") else pwe % 2**bits
-    return _physical(wanted, value, [note], common)
+    return _physical(wanted, pwe, value, [note])
 
 
 def text_reading(wanted: Target, text: str, note: str = "") -> Reading:

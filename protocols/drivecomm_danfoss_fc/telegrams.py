@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 from construct import this
 
 from drivecomm.errors import TelegramError
-from drivecomm.schema import Check, Form, Leaf, characters, constant, signed, unsigned, xor_byte
+from drivecomm.schema import Check, Form, Leaf, Written, characters, constant, signed, unsigned, xor_byte
 from drivecomm_danfoss_fc.messages import (
     ADDRESS_FORMATS,
     FORMAT_31,
@@ -137,41 +137,57 @@ def _forms(pnu_bits: int) -> dict[type[Any], Form[Any]]:
     forms: dict[type[Any], Form[Any]] = {}
     for messages, (adr, pcd) in ((REQUESTS, _FROM_MASTER), (REPLIES, _FROM_DRIVE)):
         process, parameter, texts = messages
-        middle: dict[type[Any], tuple[Any, ...]] = {
-            process: (constant(bytes([_PROCESS_LGE]), "LGE: 6"), adr),
-            parameter: (constant(bytes([_PARAMETER_LGE]), "LGE: 14"), adr, pke, ind, pwe),
-            texts: ("characters" / _lge_of_text(), adr, pke, ind, text),
+        lge_process, lge = constant(bytes([_PROCESS_LGE]), "LGE: 6"), constant(bytes([_PARAMETER_LGE]), "LGE: 14")
+        middle: dict[type[Any], tuple[tuple[Any, ...], dict[str, Any], dict[str, Any]]] = {
+            process: ((lge_process, adr), _READS, _WRITES),
+            parameter: ((lge, adr, pke, ind, pwe), _READS_PKE, _WRITES_PKE),
+            texts: (("characters" / _lge_of_text(), adr, pke, ind, text), _READS_PKE, _WRITES_TEXT),
         }
-        for message, leaves in middle.items():
-            form = Form(message, _HEAD, *leaves, *pcd, _BCC, unpack=_unpack, pack=_packing(pnu_bits))
+        for message, (leaves, reads, writes) in middle.items():
+            form = Form(message, _HEAD, *leaves, *pcd, _BCC, reads=reads, writes=writes, check=_check_of(pnu_bits))
             forms[message] = form
     return forms
 
 
-def _unpack(container: Mapping[str, Any]) -> dict[str, Any]:
-    taken = {name: value for name, value in container.items() if name not in ("_io", "characters", "address", "pke")}
-    taken["address_format"], taken["broadcast"], taken["address"] = container["address"]
-    if "pke" in container:
-        taken["ak"], taken["spm"], taken["pnu"] = container["pke"]
-    return taken
+def _parts(address: tuple[str, bool, int | None]) -> tuple[str, bool, int | None]:
+    return address
 
 
-def _packing(pnu_bits: int) -> Any:
-    def pack(message: Request | Reply) -> dict[str, Any]:
+def _pke_parts(pke: tuple[int, bool | None, int]) -> tuple[int, bool | None, int]:
+    return pke
+
+
+_READS: dict[str, Any] = {"address_format broadcast address": _parts}
+_READS_PKE: dict[str, Any] = {**_READS, "ak spm pnu": _pke_parts}
+
+
+def _adr_of(message: Request | Reply) -> tuple[str, bool, int | None]:
+    return message.address_format, message.broadcast, message.address
+
+
+def _pke_of(message: ParameterRequest | ParameterReply | TextRequest | TextReply) -> tuple[int, bool | None, int]:
+    return message.ak, message.spm, message.pnu
+
+
+def _characters(message: TextRequest | TextReply) -> int:
+    return _length(message.text)
+
+
+_WRITES: dict[str, Any] = {"address": _adr_of}
+_WRITES_PKE: dict[str, Any] = {**_WRITES, "pke": _pke_of}
+_WRITES_TEXT: dict[str, Any] = {**_WRITES_PKE, "characters": _characters}
+
+
+def _check_of(pnu_bits: int) -> Any:
+    def check(message: Request | Reply) -> None:
         if message.address_format not in ADDRESS_FORMATS:
             raise _wrong("address_format", f"{message.address_format!r} is neither 1-31 nor 1-126")
         if type(message.broadcast) is not bool:
             raise _wrong("broadcast", f"{message.broadcast!r} is neither true nor false")
-        fields = {name: getattr(message, name) for name in type(message).__dataclass_fields__}
-        fields["address"] = (message.address_format, message.broadcast, message.address)
         if not isinstance(message, ProcessRequest | ProcessReply):
             _check_pke(message, pnu_bits)
-            fields["pke"] = (message.ak, message.spm, message.pnu)
-        if isinstance(message, TextRequest | TextReply):
-            fields["characters"] = _length(message.text)
-        return fields
 
-    return pack
+    return check
 
 
 def _check_pke(message: ParameterRequest | ParameterReply | TextRequest | TextReply, pnu_bits: int) -> None:
@@ -222,6 +238,7 @@ class DanfossFcCodec:
 
     def __init__(self, pnu_bits: int = 12) -> None:
         self._forms = _FORMS_11 if pnu_bits == 11 else _FORMS_12
+        self._written = Written(self._write)
 
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return how long the telegram is that begins with these bytes, see `Codec.measure`.
@@ -229,6 +246,8 @@ class DanfossFcCodec:
         A drive hears other makers' telegrams too, where 02H is common. It does not wait for a long one of its own
         unless what follows can be a text write.
         """
+        if not head:
+            return _PROCESS_LGE + 2
         if head[:1] != _STX:
             return 0
         if len(head) < 2:
@@ -271,6 +290,9 @@ class DanfossFcCodec:
 
     def encode(self, message: Message) -> bytes:
         """Return the bytes of one telegram."""
+        return self._written.telegram(message) if type(message) is ParameterRequest else self._write(message)
+
+    def _write(self, message: Message) -> bytes:
         return self._forms[type(message)].build(message)
 
     def _parse(self, message: type[Any], data: bytes) -> Message:
@@ -287,7 +309,11 @@ def _begins_again(data: bytes) -> bool:
     stands in it twice cancels out of an exclusive-or, whatever it is. Its words would be read out of the second head. A
     drive that means such a telegram has to match at least 24 bits by chance.
     """
-    for start in range(3, len(data) - 2):
+    # Any repetition that is looked for begins with the first three bytes.
+    first = data.find(data[:3], 3)
+    if first < 0:
+        return False
+    for start in range(first, len(data) - 2):
         repeated = min(start, len(data) - start)
         if data[start : start + repeated] == data[:repeated]:
             return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import RefusedError, ReplyError
@@ -13,6 +14,10 @@ from drivecomm_fuji.words import ERROR
 
 if TYPE_CHECKING:
     from drivecomm_fuji.options import FujiOptions
+
+
+# Requests that are kept, to be sent again; more than a poll plan has.
+_KEPT = 512
 
 
 def read_request(address: int, function: str) -> Standard:
@@ -34,15 +39,18 @@ class Asking:
         self._address = address
         self._options = options
         self._profile = options.generation
+        self._read_ask = lru_cache(_KEPT)(self._new_read_ask)
 
     def read(self, function: str) -> Exchange[Any]:
         """Ask for a value; the reply is a Standard, or a Poll where short frames are used. Raises RefusedError."""
+        return self._ask(self._read_ask(function), function)
+
+    def _new_read_ask(self, function: str) -> Ask:
         letter = _letter(self._profile.poll, function) if self._options.short_frames else ""
         request: Standard | Poll = read_request(self._address, function)
         if letter:
             request = Poll(kind="request", address=self._address, command=letter)
-        ask = Ask(message=request, reply_timeout_s=reply_timeout(self._options, None))
-        return (yield from self._ask(ask, function))
+        return Ask(message=request, reply_timeout_s=reply_timeout(self._options, None))
 
     def write(self, function: str, data: int, *, attempts: int | None = None, urgent: bool = False) -> Exchange[None]:
         """Write a function's data word; urgent for what stops a motor. Raises RefusedError."""

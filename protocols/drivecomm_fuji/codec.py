@@ -5,10 +5,10 @@ Order of checks and reading of streams: section 13, point 20, of the specificati
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
+from drivecomm.schema import Written
 from drivecomm_fuji.telegrams import (
     BROADCAST,
     COMMAND_REFUSED,
@@ -20,6 +20,7 @@ from drivecomm_fuji.telegrams import (
     REFUSED_ZEROS,
     RESET_REFUSED,
     RESET_REFUSED_ZEROS,
+    SHORTEST,
     SOH,
     Kind,
     Poll,
@@ -31,6 +32,15 @@ if TYPE_CHECKING:
     from drivecomm.schema import Form
     from drivecomm.telegram import Direction, Message
     from drivecomm_fuji.profiles import Profile
+
+
+_DIRECTIONS: tuple[Direction, Direction] = ("request", "reply")
+_LENGTHS: dict[Direction, dict[int, int]] = {
+    direction: {ord(command): LENGTHS[direction, message] for command, message in MESSAGES.items()}
+    for direction in _DIRECTIONS
+}
+_READS = frozenset("Rghijk")
+_FRAMES = (Standard, Select, Poll)
 
 
 class FujiCodec:
@@ -48,16 +58,19 @@ class FujiCodec:
         self._profile = profile
         self._number_check = number_check
         self._in_stream = b""
+        self._known = None if profile is None else profile.commands | set(profile.select) | set(profile.poll)
+        self._written = Written(self._write)
 
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        if not head:
+            return SHORTEST
         if head[:1] != SOH:
             return 0
         needed = 5
         if len(head) >= needed:
-            message = MESSAGES.get(chr(head[4]))
-            needed = LENGTHS[direction, message] if message else self._unlisted(head, direction)
-        return 0 if SOH in head[1:needed] else needed
+            needed = _LENGTHS[direction].get(head[4]) or self._unlisted(head, direction)
+        return needed if head.find(SOH, 1, needed) < 0 else 0
 
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram.
@@ -82,17 +95,19 @@ class FujiCodec:
 
     def encode(self, message: Message) -> bytes:
         """Return the bytes of one telegram. Raises TelegramError for what the profile's inverters do not understand."""
-        if not isinstance(message, Standard | Select | Poll):
+        if not isinstance(message, _FRAMES):
             raise TelegramError("field", f"{type(message).__name__} is no telegram of this protocol")
+        if message.kind == "request" and message.command in _READS:
+            return self._written.telegram(message)
+        return self._write(message)
+
+    def _write(self, message: Any) -> bytes:
         form = self._form(message)
         if form.message is not type(message):
             raise TelegramError("field", f"{message.command!r} is no command of a {message.frame} frame", field="frame")
-        held = {leaf.name for leaf in form.schema.subcons}
-        for field in fields(message):
-            if field.name not in held and field.name != "frame" and getattr(message, field.name) is not None:
-                raise TelegramError(
-                    "field", f"a {message.kind} of {message.command!r} has no {field.name}", field=field.name
-                )
+        for name in form.absent:
+            if name != "frame" and getattr(message, name) is not None:
+                raise TelegramError("field", f"a {message.kind} of {message.command!r} has no {name}", field=name)
         data = form.build(message)
         if message.kind == "request":
             self._check_request(message)
@@ -120,8 +135,7 @@ class FujiCodec:
             self._check_broadcast(message)
         if self._profile is None:
             return
-        known = self._profile.commands | set(self._profile.select) | set(self._profile.poll)
-        if message.command not in known:
+        if self._known is not None and message.command not in self._known:
             raise TelegramError("field", f"{self._profile.title} has no command {message.command!r}", field="command")
         if isinstance(message, Standard) and message.function is not None:
             reason = self._profile.refusal_of(message.function, number_check=self._number_check)

@@ -7,6 +7,7 @@ specification.
 from __future__ import annotations
 
 from contextlib import suppress
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, RefusedError, ReplyError, StateError, UsageError, ValueRefusedError
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
 _NAME_PLATE = {"type code": "M23", "capacity code": "M24", "ROM version": "M25"}
 _POLL_S = 0.05
 
+# A poll plan asks for the same functions again and again; more of them than this are not kept in mind.
+_KEPT = 512
+
 
 class FujiOperations:
     """The verbs of one Fuji inverter, or of all of them at station 99.
@@ -48,6 +52,8 @@ class FujiOperations:
         self._profile = options.generation
         self._model = model
         self._asking = Asking(address, options)
+        # Model and options of an inverter do not change, so that a function always means the same.
+        self._known = lru_cache(_KEPT)(lambda parameter: target(parameter, model, options))
         self._word = 0
         self._sent: dict[str, int | None] = {FREQUENCY_PU: None, FREQUENCY: None}
 
@@ -83,7 +89,7 @@ class FujiOperations:
 
     def read(self, parameter: str, *, format: str | int | None = None) -> Exchange[Reading]:
         """Read a function. format: its data format in the manual's numbering, such as "[5]", instead of the model's."""
-        wanted = target(parameter, self._model, self._options, format)
+        wanted = self._known(parameter) if format is None else target(parameter, self._model, self._options, format)
         self._must_be_one_drive("read")
         return self._read(wanted)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, ValueRefusedError
 from drivecomm.numbers import exact
@@ -70,15 +70,11 @@ def reading(
     """
     info, form = wanted.info, wanted.format
     raw = -data if negative else data
-    common: dict[str, Any] = {
-        "parameter": wanted.function,
-        "raw": raw,
-        "type": form.name,
-        "name": info.name if info else "",
-    }
+    name = info.name if info else ""
     if not form.name or not form.known:
         what = f"format {form.name} not known ({form.meaning})" if form.name else "format not known"
-        return Reading(value=raw, note="; ".join(filter(None, [f"{what}: this is the plain number", note])), **common)
+        plain = f"{what}: this is the plain number" + (f"; {note}" if note else "")
+        return Reading(parameter=wanted.function, name=name, raw=raw, type=form.name, value=raw, note=plain)
     try:
         value = form.value(data, negative=negative)
     except ValueError as error:
@@ -87,11 +83,14 @@ def reading(
     text = word_text(form.name, data, options.generation, faults)
     doubt = f"format and unit are {info.sure}" if info and info.sure != "manual" else ""
     return Reading(
+        parameter=wanted.function,
+        name=name,
+        raw=raw,
+        type=form.name,
         value=value,
         unit=info.unit if info else "",
         text=(info.values.get(raw, "") if info else "") or text,
-        note="; ".join(filter(None, [doubt, note])),
-        **common,
+        note="; ".join(filter(None, (doubt, note))),
     )
 
 

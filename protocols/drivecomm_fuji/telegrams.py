@@ -21,8 +21,7 @@ Faults to expect: a wrong sum; an echo of the request, which has ENQ where a rep
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import TelegramError
@@ -97,12 +96,13 @@ LENGTHS: dict[tuple[Direction, type[Any]], int] = {
     ("request", Poll): 8,
     ("reply", Poll): 12,
 }
-_FUNCTION = re.compile(f"[{FUNCTION_TYPES}][0-9][0-9]")
+SHORTEST = min(LENGTHS.values())
+_FUNCTIONS = frozenset(f"{letter}{number:02d}" for letter in FUNCTION_TYPES for number in range(100))
 
 
 def is_function(text: str) -> bool:
     """Whether this names a function of any generation: a type letter and two digits."""
-    return _FUNCTION.fullmatch(text) is not None
+    return text in _FUNCTIONS
 
 
 def _function(*, strict: bool = True) -> Any:
@@ -123,7 +123,8 @@ def _function(*, strict: bool = True) -> Any:
             raise ValueError(f"{text!r} is no function: a type letter and two digits, such as S05")
         return text.encode("ascii")
 
-    return "function" / Leaf(3, read, write, meaning="function type, tens and units digit of its number")
+    meaning = "function type, tens and units digit of its number"
+    return "function" / Leaf(3, read, write, meaning=meaning, values=_FUNCTIONS if strict else None)
 
 
 def _number_or_none(digits: int, meaning: str) -> Leaf:
@@ -177,19 +178,18 @@ _CODE = "error_code" / _number_or_none(2, "error code, hexadecimal")
 _TAIL = (constant(ETX, "ETX"), Check(2, 1, hex_sum, meaning="sum from the station to ETX, hexadecimal"))
 
 
-def _echoed(container: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of a standard NAK; some codes need not repeat the function, or repeat one that does not exist."""
-    if container["function"] is None and container["error_code"] not in _UNECHOED:
+def _echoed(function: str | None, error_code: int | None) -> str | None:
+    """The function of a standard NAK; some codes need not repeat it, or repeat one that does not exist."""
+    if function is None and error_code not in _UNECHOED:
         raise ValueError("the refused function is no function")
-    return {field.name: container[field.name] for field in fields(Standard) if field.name in container}
+    return function
 
 
-def _to_echo(message: Standard) -> dict[str, Any]:
+def _to_echo(message: Standard) -> None:
     if message.function is None and message.error_code not in _UNECHOED:
         raise TelegramError(
             "field", f"a NAK with code {message.error_code} repeats the refused function", field="function"
         )
-    return {field.name: getattr(message, field.name) for field in fields(message)}
 
 
 _UNECHOED = WITHOUT_ECHO | {FUNCTION_ERROR}
@@ -221,8 +221,8 @@ def _refused(space: bytes) -> Form[Standard]:
         blank,
         _CODE,
         *_TAIL,
-        unpack=_echoed,
-        pack=_to_echo,
+        reads={"function": _echoed},
+        check=_to_echo,
     )
 
 
@@ -282,14 +282,17 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     return made
 
 
+_MESSAGES = (Standard, Select, Poll)
+
+
 def mismatch(request: Message, reply: Message) -> str:
     """Name the first field in which a sound reply does not belong to a request; nothing when it belongs.
 
     A NAK with code 74 or 75 is matched by its station alone, and answers an optional frame as well.
     """
-    if not isinstance(request, Standard | Select | Poll) or request.kind != "request":
+    if not isinstance(request, _MESSAGES) or request.kind != "request":
         return "kind"
-    if not isinstance(reply, Standard | Select | Poll) or reply.kind == "request":
+    if not isinstance(reply, _MESSAGES) or reply.kind == "request":
         return "kind"
     if reply.address != request.address:
         return "address"

@@ -6,6 +6,7 @@ Short description sections 6.1, 6.2, 6.5; timing and error handling Agile VABus 
 from __future__ import annotations
 
 from decimal import Decimal
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import (
@@ -54,6 +55,11 @@ _MEANINGS = {
 
 _POLL_S = 0.05
 
+# A poll plan asks for the same parameters again and again; more of them than this are not kept in mind.
+_KEPT = 512
+
+_CLOSING = Tell(message=Eot(), pause_s=0.0)
+
 
 class VabusOperations:
     """The verbs of one VABus drive, or of all drives at address 32.
@@ -68,6 +74,9 @@ class VabusOperations:
         self._options = options
         self._model = model
         self._maybe_locked = False
+        # Model and options of a drive do not change, so that an address always means the same.
+        self._known = lru_cache(_KEPT)(lambda name, kind: target(name, model, kind, None))
+        self._enquiry = lru_cache(_KEPT, typed=True)(self._new_enquiry)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -93,7 +102,7 @@ class VabusOperations:
 
     def read(self, parameter: str, *, type: str = "", dataset: int | None = None) -> Exchange[Reading]:
         """Read a parameter. type: uint, int, long or string. dataset: 0 to 4."""
-        wanted = target(parameter, self._model, type, dataset)
+        wanted = self._known(parameter, type) if dataset is None else target(parameter, self._model, type, dataset)
         if wanted.dataset is not None and wanted.dataset > 4:
             raise ParameterAddressError(
                 f"data set {wanted.dataset} can only be written, it is the RAM side of {wanted.dataset - 5}"
@@ -166,16 +175,20 @@ class VabusOperations:
         return reading(wanted, reply.data, lower_case_hex=self._options.lower_case_hex)
 
     def _enquire(self, number: int, dataset: int, name: str) -> Exchange[Value]:
-        enquiry = Enquiry(address=self._address, sys=self._options.sys, dataset=dataset, parameter=number)
+        enquiry = self._enquiry(number, dataset)
         for last in (False, True):
-            reply = yield Ask(message=enquiry)
-            yield from self._close()
+            reply = yield enquiry
+            if self._options.trailing_eot:
+                yield _CLOSING
             if isinstance(reply, Value):
                 return reply
             code = yield from self._error_register()
             if last or code not in LINE_FAULTS:
                 raise _refused(name, code)
         raise AssertionError  # pragma: no cover
+
+    def _new_enquiry(self, number: int, dataset: int) -> Ask:
+        return Ask(message=Enquiry(address=self._address, sys=self._options.sys, dataset=dataset, parameter=number))
 
     def _select(
         self, number: int, dataset: int, data: str, *, attempts: int | None = None, urgent: bool = False
@@ -222,7 +235,7 @@ class VabusOperations:
 
     def _close(self) -> Exchange[None]:
         if self._options.trailing_eot:
-            yield Tell(message=Eot(), pause_s=0.0)
+            yield _CLOSING
 
     def _state_word(self) -> Exchange[int]:
         reply = yield from self._enquire(states.STATE_WORD, 0, "411, the state word")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
 from drivecomm.numbers import exact, scaled, unscaled
@@ -67,26 +67,29 @@ def reading(wanted: Target, data: str, *, lower_case_hex: bool) -> Reading:
     Without a type the characters are all that is certain: 0x000003E8 in eight characters may be a long or a text.
     Raises UnexpectedReplyError when the characters are no value of the type.
     """
-    info = wanted.info
-    common: dict[str, Any] = {"parameter": wanted.address, "name": info.name if info else ""}
+    info, address = wanted.info, wanted.address
+    name = info.name if info else ""
     if wanted.type == "":
-        return Reading(value=data, raw=data, note="type not known: these are the characters as sent", **common)
+        note = "type not known: these are the characters as sent"
+        return Reading(parameter=address, name=name, value=data, raw=data, note=note)
     if wanted.type == "string":
-        return Reading(value=data, raw=data, type="string", unit=info.unit if info else "", **common)
+        unit = info.unit if info else ""
+        return Reading(parameter=address, name=name, value=data, raw=data, type="string", unit=unit)
     try:
         raw = number_of(data, wanted.type, lower_case_hex=lower_case_hex)
     except ValueError as error:
-        raise UnexpectedReplyError(f"parameter {wanted.address} is no {wanted.type}: {error}") from error
+        raise UnexpectedReplyError(f"parameter {address} is no {wanted.type}: {error}") from error
     if info is None:
-        return Reading(value=raw, raw=data, type=wanted.type, **common)
+        return Reading(parameter=address, value=raw, raw=data, type=wanted.type)
     return Reading(
+        parameter=address,
+        name=name,
         value=scaled(raw, info.factor),
         raw=data,
         type=wanted.type,
         unit=info.unit,
         text=info.values.get(raw, ""),
         note="" if info.sure == "manual" else f"type and unit are {info.sure}",
-        **common,
     )
 
 

@@ -20,7 +20,7 @@ and NAK name no parameter).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
 from construct import this
@@ -114,6 +114,7 @@ class Eot:
 
 Request: TypeAlias = Enquiry | Select | Eot
 Reply: TypeAlias = Value | Ack | Nak
+_WITH_DATA = (Select, Value)
 
 
 def _sys() -> Leaf:
@@ -131,7 +132,7 @@ def _sys() -> Leaf:
             raise ValueError(f"system-bus node {node!r} is not 0 to 63")
         return bytes([0x40 + node]) if node else b"0"
 
-    return Leaf(1, read, write, meaning="system-bus node: `0`, or 40H + 1..63")
+    return Leaf(1, read, write, meaning="system-bus node: `0`, or 40H + 1..63", values=range(64))
 
 
 def _number() -> Leaf:
@@ -148,7 +149,7 @@ def _number() -> Leaf:
             raise ValueError(f"parameter {number!r} is not 0 to 1599")
         return b"%X%02d" % (number // 100, number % 100)
 
-    return Leaf(3, read, write, meaning="parameter 0..999, A00..F99 for 1000..1599")
+    return Leaf(3, read, write, meaning="parameter 0..999, A00..F99 for 1000..1599", values=PARAMETERS)
 
 
 def _node(allowed: Any) -> Any:
@@ -169,9 +170,8 @@ _BLOCK = (
 _ANYBODY = frozenset([*NODES, BROADCAST])
 
 
-def _with_length(message: Select | Value) -> dict[str, Any]:
-    length = len(message.data) if isinstance(message.data, str) else 1
-    return {field.name: getattr(message, field.name) for field in fields(message)} | {"length": length}
+def _length(message: Select | Value) -> int:
+    return len(message.data) if isinstance(message.data, str) else 1
 
 
 ENQUIRY = Form(Enquiry, constant(EOT, "EOT"), _node(_ANYBODY), *_HEAD, constant(ENQ, "ENQ"))
@@ -182,7 +182,7 @@ SELECT = Form(
     constant(STX, "STX"),
     *_BLOCK,
     Check(1, 3, xor_byte, meaning="BCC: exclusive-or from SYS to ETX"),
-    pack=_with_length,
+    writes={"length": _length},
 )
 VALUE = Form(
     Value,
@@ -190,7 +190,7 @@ VALUE = Form(
     constant(STX, "STX"),
     *_BLOCK,
     Check(1, 2, xor_byte, meaning="BCC: exclusive-or from SYS to ETX"),
-    pack=_with_length,
+    writes={"length": _length},
 )
 ACKNOWLEDGE = Form(Ack, _node(NODES), constant(ACK, "ACK"))
 REFUSE = Form(Nak, _node(NODES), constant(NAK, "NAK"))
@@ -210,6 +210,7 @@ class VabusCodec:
 
     def __init__(self, type: ValueType = "", *, lower_case_hex: bool = False) -> None:
         self._type = type
+        self._digits = type in ("uint", "int", "long")
         self._lower_case_hex = lower_case_hex
 
     def measure(self, head: bytes, direction: Direction) -> int:
@@ -220,7 +221,7 @@ class VabusCodec:
         """Return the content of one telegram."""
         form = _request_form(data) if direction == "request" else _reply_form(data)
         message = _exactly(form, data)
-        if isinstance(message, Select | Value):
+        if self._digits and isinstance(message, _WITH_DATA):
             self._check_data(message.data)
         return message
 
@@ -228,13 +229,11 @@ class VabusCodec:
         """Return the bytes of one telegram; an enquiry to all drives is refused, nobody could answer it."""
         if isinstance(message, Enquiry) and message.address == BROADCAST:
             raise TelegramError("field", "an enquiry cannot be a broadcast, nobody would answer", field="address")
-        if isinstance(message, Select | Value):
+        if self._digits and isinstance(message, _WITH_DATA):
             self._check_data(message.data)
         return _FORMS[type(message)].build(message)
 
     def _check_data(self, data: str) -> None:
-        if self._type not in ("uint", "int", "long"):
-            return
         try:
             number_of(data, self._type, lower_case_hex=self._lower_case_hex)
         except ValueError as error:
@@ -279,16 +278,18 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
 
 def _exactly(form: Form[Any], data: bytes) -> Message:
     """Parse; what comes after a telegram that is otherwise in form is a wrong length, elsewhere a missing ETX."""
-    needed = _needed(form, data)
+    try:
+        sound: Message = form.parse(data)
+    except TelegramError:
+        needed = _needed(form, data)
+    else:
+        return sound
     if len(data) < needed:
         raise TelegramError("length", f"{needed} characters announced, {len(data)} there")
-    if len(data) == needed:
-        message: Message = form.parse(data)
-        return message
     try:
         form.parse(data[:needed])
     except TelegramError as error:
-        if error.category == "framing":
+        if error.category == "framing" or len(data) == needed:
             raise
     raise TelegramError("length", f"{len(data) - needed} characters too many")
 
@@ -305,6 +306,9 @@ def _needed(form: Form[Any], data: bytes) -> int:
     return start + 4 + int(digits)
 
 
+_REPLY_FORMS: dict[bytes, Form[Any]] = {STX: VALUE, ACK: ACKNOWLEDGE, NAK: REFUSE}
+
+
 def _request_form(data: bytes) -> Form[Any]:
     if not data:
         raise TelegramError("length", "no telegram, nothing at all")
@@ -318,13 +322,19 @@ def _request_form(data: bytes) -> Form[Any]:
 def _reply_form(data: bytes) -> Form[Any]:
     if len(data) < 2:
         raise TelegramError("length", f"a reply has at least 2 characters, not {len(data)}")
-    forms: dict[bytes, Form[Any]] = {STX: VALUE, ACK: ACKNOWLEDGE, NAK: REFUSE}
-    if data[1:2] not in forms:
+    form = _REPLY_FORMS.get(data[1:2])
+    if form is None:
         raise TelegramError("framing", f"STX, ACK or NAK expected as second character, {data[1]:02X} found")
-    return forms[data[1:2]]
+    return form
+
+
+_SHORTEST_REQUEST, _SHORTEST_REPLY = 1, 2
+"""EOT; ACK or NAK behind its address."""
 
 
 def _measure_request(head: bytes) -> int:
+    if not head:
+        return _SHORTEST_REQUEST
     if head[:1] != EOT:
         return 0
     if len(head) < 2:
@@ -339,13 +349,13 @@ def _measure_request(head: bytes) -> int:
 
 
 def _measure_reply(head: bytes) -> int:
+    if len(head) < 2:
+        return _SHORTEST_REPLY if not head or head[0] - 0x40 in NODES else 0
     if head[0] - 0x40 not in NODES:
         return 0
-    if len(head) < 2:
-        return 2
-    if head[1:2] == STX:
+    if head[1] == 0x02:
         return _block_length(head, 7)
-    return 2 if head[1:2] in (ACK, NAK) else 0
+    return _SHORTEST_REPLY if head[1:2] in (ACK, NAK) else 0
 
 
 def _block_length(head: bytes, start: int) -> int:
@@ -356,23 +366,29 @@ def _block_length(head: bytes, start: int) -> int:
     return start + 4 + int(digits) if digits.isdigit() and digits != b"00" else 0
 
 
+_ANSWERED, _ANSWERS = (Enquiry, Select), (Value, Ack, Nak)
+
+
 def mismatch(request: Message, reply: Message) -> str:
     """Name the first field in which a sound reply does not belong to a request; nothing when it belongs.
 
     Sections 4, 6 and 17 of the specification: ADR is outside the BCC, and an ACK says only who sends it.
     """
-    if isinstance(request, Eot) or not isinstance(request, Enquiry | Select):
+    if not isinstance(request, _ANSWERED):
         return "kind"
-    if not isinstance(reply, Value | Ack | Nak) or reply.address != request.address:
+    if not isinstance(reply, _ANSWERS) or reply.address != request.address:
         return "address"
     if isinstance(reply, Nak):
         return ""
     if isinstance(reply, Value) is not isinstance(request, Enquiry):
         return "kind"
     if isinstance(reply, Value):
-        for name in ("sys", "dataset", "parameter"):
-            if getattr(reply, name) != getattr(request, name):
-                return name
+        if reply.sys != request.sys:
+            return "sys"
+        if reply.dataset != request.dataset:
+            return "dataset"
+        if reply.parameter != request.parameter:
+            return "parameter"
     return ""
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
+from drivecomm.schema import Written
 from drivecomm_vlt3500 import telegrams
-from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Request, Update
+from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, START, UNCHECKED
 from drivecomm_vlt3500.values import number
 
@@ -22,6 +23,14 @@ _REQUESTS: Mapping[bytes, Form[Any]] = {
     b"I": telegrams.READ_INDEX,
     b"C": telegrams.CONTROL,
 }
+_FORMS: Mapping[type[Any], Form[Any]] = {
+    Update: telegrams.UPDATE,
+    Read: telegrams.READ,
+    ReadIndex: telegrams.READ_INDEX,
+    Control: telegrams.CONTROL,
+}
+_READS = (Read, ReadIndex)
+_REQUEST_KINDS, _REPLY_KINDS = (Update, Read, ReadIndex, Control), (Reply, ControlReply)
 _CHECK = slice(19, 21)
 
 
@@ -32,10 +41,11 @@ class VltCodec:
         strict = (telegrams.VALUE, telegrams.REFUSAL, telegrams.STATUS)
         lenient = (telegrams.LENIENT_VALUE, telegrams.LENIENT_REFUSAL, telegrams.LENIENT_STATUS)
         self._value, self._refusal, self._status = lenient if lenient_status else strict
+        self._written = Written(self._write)
 
     def measure(self, head: bytes, direction: Direction) -> int:  # noqa: ARG002 - the same both ways
         """Return 22 for all that begins with `<`. Inside neither `<` nor `>` means anything, byte 13 may hold both."""
-        return LENGTH if head[:1] == START else 0
+        return LENGTH if not head or head[:1] == START else 0
 
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram.
@@ -52,8 +62,15 @@ class VltCodec:
 
     def encode(self, message: Message) -> bytes:
         """Return the bytes of one telegram; a read of all drives is refused, nobody would answer it."""
-        if isinstance(message, Read | ReadIndex) and message.address == BROADCAST:
-            raise TelegramError("field", "a read cannot be a broadcast, nobody would answer", field="address")
+        if isinstance(message, _READS):
+            if message.address == BROADCAST:
+                raise TelegramError("field", "a read cannot be a broadcast, nobody would answer", field="address")
+            # An index that is a list could become another one behind our back.
+            if isinstance(message, Read) or type(message.index) is tuple:
+                return self._written.telegram(message)
+        return self._write(message)
+
+    def _write(self, message: Message) -> bytes:
         return self._form_of(message).build(message)
 
     def _form(self, data: bytes, direction: Direction) -> Form[Any]:
@@ -68,14 +85,7 @@ class VltCodec:
     def _form_of(self, message: Message) -> Form[Any]:
         if isinstance(message, Reply):
             return self._value if message.fault_code is None else self._refusal
-        forms: dict[type[Any], Form[Any]] = {
-            Update: telegrams.UPDATE,
-            Read: telegrams.READ,
-            ReadIndex: telegrams.READ_INDEX,
-            Control: telegrams.CONTROL,
-            ControlReply: self._status,
-        }
-        return forms[type(message)]
+        return self._status if isinstance(message, ControlReply) else _FORMS[type(message)]
 
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
@@ -109,11 +119,12 @@ def mismatch(request: Message, reply: Message) -> str:
     meaning without the sum telling. "checksum": the reply switches the check off and the request did not. "echo": the
     reply is the request, handed back.
     """
-    if not isinstance(request, Request) or not isinstance(reply, Reply | ControlReply):
+    if not isinstance(request, _REQUEST_KINDS) or not isinstance(reply, _REPLY_KINDS):
         return "kind"
-    for name in ("address", "kind"):
-        if getattr(reply, name) != getattr(request, name):
-            return name
+    if reply.address != request.address:
+        return "address"
+    if reply.kind != request.kind:
+        return "kind"
     if isinstance(reply, Reply):
         if reply.parameter != request.parameter:
             return "parameter"

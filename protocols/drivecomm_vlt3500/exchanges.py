@@ -6,6 +6,7 @@ VLT Series 3500 manual, printed pages 85 to 92; VLT 3000 manual MG.30.A7.02, pag
 from __future__ import annotations
 
 from decimal import Decimal, localcontext
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import (
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
     from drivecomm.reading import Value as ParameterValue
     from drivecomm_vlt3500.options import VltOptions
 
+# A poll plan asks for the same parameters again and again; more of them than this are not kept in mind.
+_KEPT = 512
+
 BUS_REFERENCE = "516"
 SOFTWARE_VERSION = "502[19]"
 
@@ -49,6 +53,9 @@ class VltOperations:
         self._options = options
         self._model = model
         self._commander = Commander(address, options)
+        # Model and options of a drive do not change, so that an address always means the same.
+        self._known = lru_cache(_KEPT)(lambda parameter: target(parameter, model))
+        self._request = lru_cache(_KEPT, typed=True)(self._new_request)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -86,7 +93,7 @@ class VltOperations:
 
     def read(self, parameter: str, *, index: Any = None) -> Exchange[Reading]:
         """Read a parameter (R), or one element of an indexed one (I): `502[17]`, `602[13,5]`, or index=(13, 5)."""
-        wanted = target(parameter, self._model, index)
+        wanted = self._known(parameter) if index is None else target(parameter, self._model, index)
         self._must_be_one_drive("read")
         return self._read(wanted)
 
@@ -231,19 +238,19 @@ class VltOperations:
     # Conversations
 
     def _read(self, wanted: Target) -> Exchange[Reading]:
-        request: Read | ReadIndex
-        if wanted.index is None:
-            request = Read(address=self._address, control_word=self._options.idle_word, parameter=wanted.number)
-        else:
-            request = ReadIndex(
-                address=self._address,
-                control_word=self._options.idle_word,
-                parameter=wanted.number,
-                index=wanted.index,
-                decimals=0 if len(wanted.index) == 1 else 2,
-            )
-        reply = yield from self._commander.ask_idle(request)
+        reply = yield from self._commander.ask_idle(self._request(wanted.number, wanted.index))
         return reading(wanted, _value(wanted, reply))
+
+    def _new_request(self, number: int, index: tuple[int, ...] | None) -> Read | ReadIndex:
+        if index is None:
+            return Read(address=self._address, control_word=self._options.idle_word, parameter=number)
+        return ReadIndex(
+            address=self._address,
+            control_word=self._options.idle_word,
+            parameter=number,
+            index=index,
+            decimals=0 if len(index) == 1 else 2,
+        )
 
     def _write(self, wanted: Target, sent: Decimal, places: int, attempts: int) -> Exchange[Reading | None]:
         request = Update(

@@ -29,8 +29,9 @@ from drivecomm_vlt3500.values import DECIMALS, number, packed, unpacked
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from decimal import Decimal
 
-    from drivecomm_vlt3500.messages import ReplyKind
+    from drivecomm_vlt3500.messages import ReplyKind, Request
 
 LENGTH = 22
 START, STOP = b"<", b">"
@@ -40,16 +41,6 @@ ADDRESSES = range(1, 100)
 PARAMETERS = range(10_000)
 HOLD = 0x50
 REFUSED = 9
-
-
-class _Sum(Check):
-    """The decimal sum, or `??` for a telegram that was marked unchecked."""
-
-    def _build(self, obj: Any, stream: Any, context: Any, path: str) -> Any:
-        if obj == UNCHECKED:
-            stream.write(UNCHECKED)
-            return obj
-        return super()._build(obj, stream, context, path)
 
 
 def _seven_bits(found: bytes) -> str:
@@ -73,11 +64,28 @@ def _any_sign() -> Leaf:
     return Leaf(1, lambda found: found.decode("latin-1"), _write_text, meaning="`-`, every other character is plus")
 
 
+_WORDS = range(0x10000)
+_LETTERS = bytes(range(0x40, 0x50))
+_DIGIT_OF_ANY = bytes(b"0123456789ABCDEF"[code & 0xF] for code in range(256))
+_LETTER_OF_DIGIT = bytes.maketrans(b"0123456789ABCDEF", _LETTERS)
+
+
+def _word(letters: bytes) -> int:
+    """Return the word in the low four bits of four characters, the lowest group first."""
+    return int(letters.translate(_DIGIT_OF_ANY)[::-1], 16)
+
+
+def _letters(word: int) -> bytes:
+    return (b"%04X" % word)[::-1].translate(_LETTER_OF_DIGIT)
+
+
 def _control_word() -> Leaf:
     """Four characters, low four bits each; `P` leaves a group as it is, and may stand in any byte but 7."""
 
     def read(found: bytes) -> tuple[int, int | None]:
         _seven_bits(found)
+        if HOLD not in found:
+            return _word(found), None
         word = mask = 0
         for group, code in enumerate(found):
             if code != HOLD:
@@ -86,6 +94,8 @@ def _control_word() -> Leaf:
         return word, None if mask == 0xFFFF else mask
 
     def write(given: tuple[Any, Any]) -> bytes:
+        if given[1] is None and type(given[0]) is int and given[0] in _WORDS:
+            return _letters(given[0])
         word, mask = given[0], 0xFFFF if given[1] is None else given[1]
         for each in (word, mask):
             if type(each) is not int or each not in range(0x10000):
@@ -105,14 +115,14 @@ def _control_word() -> Leaf:
 def _status_word(*, lenient: bool) -> Leaf:
     def read(found: bytes) -> int:
         _seven_bits(found)
-        if not lenient and any(code & 0xF0 != 0x40 for code in found):
+        if not lenient and found.translate(None, _LETTERS):
             raise ValueError(f"{found!r} holds a character outside `@` to `O`")
-        return sum((code & 0xF) << 4 * group for group, code in enumerate(found))
+        return _word(found)
 
     def write(word: Any) -> bytes:
-        if type(word) is not int or word not in range(0x10000):
+        if type(word) is not int or word not in _WORDS:
             raise ValueError(f"{word!r} is no word of 16 bits")
-        return bytes(0x40 | word >> shift & 0xF for shift in range(0, 16, 4))
+        return _letters(word)
 
     return Leaf(4, read, write, meaning="status word, bits 0-3 first, `@` = 0 to `O` = 15")
 
@@ -124,7 +134,7 @@ def _frame(kinds: Mapping[bytes, str], word: Any, *rest: Any, addresses: range =
         "kind" / choice(dict(kinds), "control character " + ", ".join(kind.decode() for kind in kinds)),
         word,
         *rest,
-        "check" / _Sum(2, 1, decimal_sum, off=UNCHECKED, meaning="sum of bytes 2-19, last two digits; `??` for none"),
+        "check" / Check(2, 1, decimal_sum, off=UNCHECKED, meaning="sum of bytes 2-19, last two digits; `??` for none"),
         constant(STOP, "stop"),
     )
 
@@ -140,43 +150,40 @@ _IGNORED = ("filler_parameter" / _text(4, "not looked at"), "sign" / _any_sign()
 _ANSWERED: dict[bytes, ReplyKind] = {b"U": "update", b"R": "read", b"I": "read_index"}
 
 
-def _head(found: Mapping[str, Any]) -> dict[str, Any]:
-    head: dict[str, Any] = {"address": found["address"]}
-    if "control_word" in found:
-        head["control_word"], head["control_mask"] = found["control_word"]
-    else:
-        head["status_word"] = found["status_word"]
-    return {**head, "unchecked": True if found["check"] == UNCHECKED else None}
+def _switched_off(check: bytes) -> bool | None:
+    return True if check == UNCHECKED else None
 
 
-def _packed_head(message: Any) -> dict[str, Any]:
-    is_reply = isinstance(message, Reply | ControlReply)
-    return {
-        "address": message.address,
-        "kind": message.kind,
-        "control_word": None if is_reply else (message.control_word, message.control_mask),
-        "status_word": message.status_word if is_reply else None,
-        "parameter": message.parameter,
-        "check": UNCHECKED if message.unchecked else None,
-    }
+def _check_of(message: Any) -> bytes | None:
+    return UNCHECKED if message.unchecked else None
 
 
-def _unpack_value(found: Mapping[str, Any]) -> dict[str, Any]:
-    sign = found["sign"]
+def _word_and_mask(control_word: tuple[int, int | None]) -> tuple[int, int | None]:
+    return control_word
+
+
+def _masked_word(message: Request) -> tuple[int, int | None]:
+    return message.control_word, message.control_mask
+
+
+_READS: dict[str, Any] = {"unchecked": _switched_off}
+_WRITES: dict[str, Any] = {"check": _check_of}
+_READS_REQUEST: dict[str, Any] = {**_READS, "control_word control_mask": _word_and_mask}
+_WRITES_REQUEST: dict[str, Any] = {**_WRITES, "control_word": _masked_word}
+
+
+def _value(sign: str, digits: str, decimals: int) -> Decimal:
     try:
-        value = unpacked(negative=sign == "-", digits=found["digits"], decimals=found["decimals"])
+        return unpacked(negative=sign == "-", digits=digits, decimals=decimals)
     except ValueError as error:
         raise TelegramError("field", f"data value: {error}", field="value") from None
-    return {
-        **_head(found),
-        "parameter": found["parameter"],
-        "value": value,
-        "decimals": found["decimals"],
-        "sign": None if sign in "+-" else sign,
-    }
 
 
-def _pack_value(message: Update | Reply) -> dict[str, Any]:
+def _odd_sign(sign: str) -> str | None:
+    return None if sign in "+-" else sign
+
+
+def _packed_value(message: Update | Reply) -> tuple[str, str, int]:
     try:
         value = number(message.value)
         digits, decimals = packed(value, message.decimals)
@@ -187,54 +194,40 @@ def _pack_value(message: Update | Reply) -> dict[str, Any]:
             sign = message.sign
     except ValueError as error:
         raise TelegramError("field", f"{message.kind} telegram, value: {error}", field="value") from None
-    return {**_packed_head(message), "sign": sign, "digits": f"{digits:05d}", "decimals": decimals}
+    return sign, f"{digits:05d}", decimals
 
 
-def _unpack_reply(found: Mapping[str, Any]) -> dict[str, Any]:
-    return {"kind": found["kind"], **_unpack_value(found)}
+_READS_VALUE: dict[str, Any] = {"value": _value, "sign": _odd_sign}
+_WRITES_VALUE: dict[str, Any] = {"sign digits decimals": _packed_value}
 
 
-def _unpack_refusal(found: Mapping[str, Any]) -> dict[str, Any]:
-    sign = found["sign"]
-    return {
-        "kind": found["kind"],
-        **_head(found),
-        "parameter": found["parameter"],
-        "fault_code": found["fault_code"],
-        "sign": None if sign in "+-" else sign,
-    }
-
-
-def _pack_refusal(message: Reply) -> dict[str, Any]:
+def _has_no_value(message: Reply) -> None:
     if message.value is not None or message.decimals is not None:
         raise TelegramError("field", f"{message.kind} telegram: a refusal has no value", field="value")
-    return {
-        **_packed_head(message),
-        "sign": message.sign or "+",
-        "filler": "000",
-        "fault_code": message.fault_code,
-        "decimals": REFUSED,
-    }
 
 
-def _unpack_read(found: Mapping[str, Any]) -> dict[str, Any]:
-    return {**_head(found), "parameter": found["parameter"]}
+def _packed_refusal(message: Reply) -> tuple[str, str, int]:
+    return message.sign or "+", "000", REFUSED
 
 
-def _pack_read(message: Read) -> dict[str, Any]:
-    return {**_packed_head(message), "sign": "+", "filler": "000000"}
+def _no_decimals(decimals: int) -> None:
+    """Byte 19 says that it is a refusal, and not where a point is."""
+    del decimals
 
 
-def _unpack_index(found: Mapping[str, Any]) -> dict[str, Any]:
-    digits, decimals = found["digits"], found["decimals"]
+def _packed_read(message: Read) -> tuple[str, str]:
+    del message
+    return "+", "000000"
+
+
+def _index(digits: str, decimals: int) -> tuple[int, ...]:
     if not digits.isdigit():
         raise TelegramError("field", f"index: {digits!r} are not five decimal digits", field="index")
     x, y = digits[: 5 - decimals], digits[5 - decimals :]
-    index = (int(x),) if decimals == 0 else (int(x or 0), int(y))
-    return {**_head(found), "parameter": found["parameter"], "index": index, "decimals": decimals}
+    return (int(x),) if decimals == 0 else (int(x or 0), int(y))
 
 
-def _pack_index(message: ReadIndex) -> dict[str, Any]:
+def _packed_index(message: ReadIndex) -> tuple[str, str, int]:
     index = message.index
     limits = {1: (100_000,), 2: (1_000, 100)}.get(len(index), ()) if isinstance(index, tuple | list) else ()
     if not limits or any(type(n) is not int or n not in range(limit) for n, limit in zip(index, limits, strict=True)):
@@ -242,21 +235,17 @@ def _pack_index(message: ReadIndex) -> dict[str, Any]:
     decimals = 0 if len(index) == 1 else 2
     if message.decimals not in (None, decimals):
         raise TelegramError("field", f"an index of this form is sent with byte 19 = {decimals}", field="decimals")
-    digits = f"{index[0]:05d}" if decimals == 0 else f"{index[0]:03d}{index[1]:02d}"
-    return {**_packed_head(message), "sign": "+", "digits": digits, "decimals": decimals}
+    return "+", f"{index[0]:05d}" if decimals == 0 else f"{index[0]:03d}{index[1]:02d}", decimals
 
 
-def _unpack_control(found: Mapping[str, Any]) -> dict[str, Any]:
-    parameter, data = found["filler_parameter"], found["sign"] + found["filler"]
+def _unused(filler_parameter: str, sign: str, filler: str) -> tuple[int | None, str | None]:
+    """Parameter and filler of a telegram in which both mean nothing."""
+    parameter, data = filler_parameter, sign + filler
     is_number = parameter.isdigit()
-    return {
-        **_head(found),
-        "parameter": int(parameter) if is_number else None,
-        "filler": None if is_number and data == "+000000" else parameter + data,
-    }
+    return int(parameter) if is_number else None, None if is_number and data == "+000000" else parameter + data
 
 
-def _pack_control(message: Control | ControlReply) -> dict[str, Any]:
+def _packed_unused(message: Control | ControlReply) -> tuple[str, str, str]:
     parameter = 0 if message.parameter is None else message.parameter
     if type(parameter) is not int or parameter not in PARAMETERS:
         raise TelegramError("field", f"control telegram, parameter {parameter!r} is not 0 to 9999", field="parameter")
@@ -267,8 +256,11 @@ def _pack_control(message: Control | ControlReply) -> dict[str, Any]:
         raise TelegramError("field", f"filler {filler!r} is for another parameter than {parameter}", field="filler")
     if ord(filler[4]) > 0xFF:
         raise TelegramError("field", f"control telegram, {filler[4]!r} is no character of one byte", field="filler")
-    parts = {"filler_parameter": filler[:4], "sign": filler[4], "filler": filler[5:]}
-    return {**_packed_head(message), **parts}
+    return filler[:4], filler[4], filler[5:]
+
+
+_READS_UNUSED: dict[str, Any] = {"parameter filler": _unused}
+_WRITES_UNUSED: dict[str, Any] = {"filler_parameter sign filler": _packed_unused}
 
 
 _POINT = "decimals" / decimal_number(1, DECIMALS, "digits after the point, 0 to 5")
@@ -277,26 +269,26 @@ _INDEX_POINT = "decimals" / decimal_number(1, DECIMALS, "0: one index; 1 to 5: a
 UPDATE = Form(
     Update,
     *_request(b"U", "update", _PARAMETER, "sign" / _any_sign(), _DIGITS, _POINT),
-    unpack=_unpack_value,
-    pack=_pack_value,
+    reads={**_READS_REQUEST, **_READS_VALUE},
+    writes={**_WRITES_REQUEST, **_WRITES_VALUE},
 )
 READ = Form(
     Read,
     *_request(b"R", "read", _PARAMETER, *_IGNORED[1:]),
-    unpack=_unpack_read,
-    pack=_pack_read,
+    reads=_READS_REQUEST,
+    writes={**_WRITES_REQUEST, "sign filler": _packed_read},
 )
 READ_INDEX = Form(
     ReadIndex,
     *_request(b"I", "read_index", _PARAMETER, "sign" / _any_sign(), _DIGITS, _INDEX_POINT),
-    unpack=_unpack_index,
-    pack=_pack_index,
+    reads={**_READS_REQUEST, "index": _index},
+    writes={**_WRITES_REQUEST, "sign digits decimals": _packed_index},
 )
 CONTROL = Form(
     Control,
     *_request(b"C", "control", *_IGNORED),
-    unpack=_unpack_control,
-    pack=_pack_control,
+    reads={**_READS_REQUEST, **_READS_UNUSED},
+    writes={**_WRITES_REQUEST, **_WRITES_UNUSED},
 )
 
 
@@ -309,8 +301,8 @@ def _value_form(*, lenient: bool) -> Form[Reply]:
     return Form(
         Reply,
         *_reply(lenient=lenient, kinds=_ANSWERED, rest=rest),
-        unpack=_unpack_reply,
-        pack=_pack_value,
+        reads={**_READS, **_READS_VALUE},
+        writes={**_WRITES, **_WRITES_VALUE},
     )
 
 
@@ -325,8 +317,9 @@ def _refusal_form(*, lenient: bool) -> Form[Reply]:
     return Form(
         Reply,
         *_reply(lenient=lenient, kinds=_ANSWERED, rest=rest),
-        unpack=_unpack_refusal,
-        pack=_pack_refusal,
+        reads={**_READS, "sign": _odd_sign, "decimals": _no_decimals},
+        writes={**_WRITES, "sign filler decimals": _packed_refusal},
+        check=_has_no_value,
     )
 
 
@@ -334,8 +327,8 @@ def _status_form(*, lenient: bool) -> Form[ControlReply]:
     return Form(
         ControlReply,
         *_reply(lenient=lenient, kinds={b"C": "control"}, rest=_IGNORED),
-        unpack=_unpack_control,
-        pack=_pack_control,
+        reads={**_READS, **_READS_UNUSED},
+        writes={**_WRITES, **_WRITES_UNUSED},
     )
 
 

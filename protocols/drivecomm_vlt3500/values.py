@@ -57,5 +57,6 @@ def unpacked(*, negative: bool, digits: str, decimals: int) -> Decimal:
     """
     if not (digits.isascii() and digits.isdigit()):
         raise ValueError(f"{digits!r} are not {DIGITS} decimal digits")
-    found = int(digits)
-    return Decimal((int(negative and found != 0), tuple(map(int, str(found))), -decimals))
+    # Read from text a number is exact, whatever precision the program has set.
+    found = Decimal(f"{digits}E-{decimals}")
+    return found.copy_negate() if negative and found else found

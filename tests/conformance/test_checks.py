@@ -13,6 +13,7 @@ from drivecomm.errors import AddressError, DriveCommError, FileFormatError, Tele
 from drivecomm.protocol import VirtualReply
 from drivecomm.registry import installed
 from drivecomm.schema import Form, constant, hex_number
+from drivecomm.schema.emission import Emission
 from drivecomm.schema.leaves import Leaf
 from drivecomm_vabus.telegrams import Ack, Enquiry, Value
 
@@ -124,6 +125,15 @@ def test_a_cut_telegram_taken_for_a_whole_one():
 def test_a_length_that_is_off(wrong):
     failures = failed_checks(mutant(measure=lambda codec, *values: wrong(codec.measure(*values))))
     assert "five-in-a-row" in failures
+
+
+@pytest.mark.parametrize("shortest", [0, 3])
+def test_a_shortest_telegram_that_is_not_the_shortest(shortest):
+    failures = failed_checks(
+        mutant(measure=lambda codec, head, direction: codec.measure(head, direction) if head else shortest)
+    )
+    assert set(failures) == {"shortest"}
+    assert f"is shorter than {shortest}" in failures["shortest"]
 
 
 def test_noise_that_is_taken_for_a_start():
@@ -275,31 +285,40 @@ def test_a_package_without_vectors_is_judged_by_another_file():
     assert not failed_checks(replace(VABUS, package="drivecomm.schema"), file)
 
 
-class Loud(Leaf):
-    """A leaf that construct cannot compile."""
-
-    def _emitparse(self, code):
-        raise NotImplementedError
-
-
-def test_a_schema_that_is_not_compiled_whole():
-    # construct leaves to its interpreter what offers no emitter.
-    form = Form(Ack, "address" / Loud(1, lambda data: data[0], lambda value: bytes([value])))
-    with pytest.raises(CheckFailure, match="calls the interpreter"):
-        compiles_whole(form)
-
-
-class Undecided(Leaf):
-    """A leaf that reads one thing compiled and another interpreted."""
+class Own(Leaf):
+    """A leaf that reads in a way of its own, which its emission does not say."""
 
     def _parse(self, stream, context, path):
         return super()._parse(stream, context, path) + 1
 
 
+def test_a_schema_that_is_not_compiled_whole():
+    form = Form(Ack, "address" / Own(1, lambda data: data[0], lambda value: bytes([value])))
+    with pytest.raises(CheckFailure, match="all of the schema is interpreted"):
+        compiles_whole(form)
+    assert form.parse(b"A") == Ack(address=66)
+
+
+def undecided(code, text):
+    """Say a leaf of one character in a way that differs from what it does."""
+    return Emission(cut="B", read=lambda _, cut: code.format(cut), write=lambda _, value: text.format(value))
+
+
 def test_a_schema_that_reads_two_things():
-    form = Form(Ack, "address" / Undecided(1, lambda data: data[0], lambda value: bytes([value])))
-    with pytest.raises(CheckFailure, match=r"as \{'address': 65\} compiled and as \{'address': 66\} interpreted"):
+    said = undecided("{} + 1", "{}")
+    form = Form(Ack, "address" / Leaf(1, lambda data: data[0], lambda value: bytes([value]), emission=said))
+    with pytest.raises(CheckFailure, match=r"as Ack\(address=66\) compiled and as Ack\(address=65\) interpreted"):
         same_both_ways(NamedForm("form", form), b"A")
+
+
+def test_a_schema_that_writes_two_things():
+    said = undecided("{}", "{} + 1")
+    form = Form(Ack, "address" / Leaf(1, lambda data: data[0], lambda value: bytes([value]), emission=said))
+    with pytest.raises(CheckFailure, match=r"writes .* as b'B' compiled and as b'A' interpreted"):
+        same_both_ways(NamedForm("form", form), b"A")
+
+
+def test_a_schema_that_reads_and_writes_one_thing():
     assert same_both_ways(NamedForm("form", Form(Ack, constant(b"A"), "address" / hex_number(2))), b"A0F") is None
 
 

@@ -1,12 +1,18 @@
 """The framer alone, with a telegram form that is easy to see: `<`, one digit n, n letters."""
 
+import time
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
+from drivecomm.conformance.strategies import near_telegrams, pieces
 from drivecomm.errors import TelegramError
 from drivecomm.framing import Damaged, Framed, Framer, Noise
+from drivecomm.registry import installed
 
 
 @dataclass(frozen=True)
@@ -58,11 +64,13 @@ def test_a_telegram_in_pieces_says_how_much_is_missing(framer):
     assert framer.missing == 1
     assert framer.feed(b"<") == []
     assert framer.missing == 1
+    assert framer.begun
     assert framer.feed(b"4") == []
     assert framer.missing == 4
     assert framer.feed(b"abc") == []
     assert framer.missing == 1
     assert shape(framer.feed(b"d")) == [("Framed", b"<4abcd")]
+    assert not framer.begun
 
 
 def test_noise_around_telegrams_is_handed_out_in_order(framer):
@@ -147,3 +155,121 @@ def test_damaged_holds_what_was_wrong(framer):
     assert isinstance(damaged, Damaged)
     assert str(damaged.error) == "no small letters"
     assert noise == Noise(b"<1A")
+
+
+class ByTheByte:
+    """What a framer finds, said as simply as can be: one byte after the other, everything measured anew."""
+
+    def __init__(self, codec, direction):
+        self.codec, self.direction, self.pending = codec, direction, b""
+
+    def feed(self, data):
+        self.pending += data
+        return list(self.search(final=False))
+
+    def flush(self):
+        return list(self.search(final=True))
+
+    @property
+    def missing(self):
+        return self.codec.measure(self.pending, self.direction) - len(self.pending)
+
+    def search(self, *, final):
+        noise = b""
+        while self.pending:
+            needed = self.codec.measure(self.pending, self.direction)
+            cut = needed > len(self.pending)
+            if cut and not final:
+                break
+            found = self.read(self.pending if cut else self.pending[:needed]) if needed else None
+            if cut and isinstance(found, Damaged) and len(self.pending) == 1:
+                found = None
+            if noise and found is not None:
+                yield Noise(noise)
+                noise = b""
+            if found is not None:
+                yield found
+            taken = len(found.data) if isinstance(found, Framed) else 1
+            if not isinstance(found, Framed):
+                noise += self.pending[:1]
+            self.pending = self.pending[taken:]
+        if noise:
+            yield Noise(noise)
+
+    def read(self, data):
+        try:
+            return Framed(data, self.codec.decode(data, self.direction))
+        except TelegramError as error:
+            return Damaged(data, error)
+
+
+def told(found):
+    return [(type(find).__name__, find.data, str(getattr(find, "error", ""))) for find in found]
+
+
+@lru_cache
+def parts_for(name, direction):
+    return near_telegrams(installed[name], direction)
+
+
+@pytest.mark.parametrize("direction", ["request", "reply"])
+@pytest.mark.parametrize("name", ["vabus", "danfoss-fc", "vlt3500", "fuji"])
+@settings(
+    max_examples=100,
+    derandomize=True,
+    deadline=None,
+    database=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+@given(data=st.data())
+def test_nothing_is_found_otherwise_than_byte_by_byte(name, direction, data):
+    plugin = installed[name]
+    stream = b"".join(data.draw(st.lists(parts_for(name, direction), max_size=4)))
+    framer = Framer(plugin.codec(plugin.options()), direction)
+    plain = ByTheByte(plugin.codec(plugin.options()), direction)
+    for piece in data.draw(pieces(stream)):
+        assert told(framer.feed(piece)) == told(plain.feed(piece))
+        assert framer.missing == plain.missing
+        if data.draw(st.booleans()):
+            assert told(framer.flush()) == told(plain.flush())
+    assert told(framer.flush()) == told(plain.flush())
+
+
+@pytest.mark.parametrize(
+    ("name", "request_length", "reply_length"),
+    [("vabus", 1, 2), ("danfoss-fc", 8, 8), ("vlt3500", 22, 22), ("fuji", 8, 8)],
+)
+def test_an_empty_framer_waits_for_the_shortest_telegram(name, request_length, reply_length):
+    plugin = installed[name]
+    codec = plugin.codec(plugin.options())
+    for direction, length in (("request", request_length), ("reply", reply_length)):
+        framer = Framer(codec, direction)
+        assert framer.missing == length == codec.measure(b"", direction)
+        framer.feed(b"\xaa")
+        assert framer.missing == length
+
+
+def test_a_telegram_longer_than_what_is_looked_at_first():
+    class Long(Letters):
+        def measure(self, head, _):
+            return 2 + 1000 if head[:1] == b"<" else 0
+
+        def decode(self, data, _):
+            return Word(data[2:].decode())
+
+    telegram = b"<x" + b"a" * 1000
+    assert shape(Framer(Long(), "reply").feed(b"!" + telegram + b"?")) == [
+        ("Noise", b"!"),
+        ("Framed", telegram),
+        ("Noise", b"?"),
+    ]
+
+
+def test_time_grows_with_noise_and_not_with_its_square():
+    def seconds(length):
+        began = time.process_time()
+        assert Framer(Letters(), "reply").feed(b"?" * length) == [Noise(b"?" * length)]
+        return time.process_time() - began
+
+    # Twenty times the noise; its square would take four hundred times as long.
+    assert min(seconds(200_000) for _ in range(3)) < 100 * min(seconds(10_000) for _ in range(5))

@@ -11,6 +11,7 @@ from drivecomm.schema import (
     Check,
     Form,
     Leaf,
+    Written,
     characters,
     choice,
     constant,
@@ -164,6 +165,12 @@ def test_check_characters_that_switch_the_check_off():
         checked.parse(b"a?7")
 
 
+def test_check_characters_are_left_out_when_told_to():
+    checked = form("value" / characters(1), "other" / Check(2, 0, decimal_sum, off=b"??"))
+    assert checked.build(Note(value="a", other=b"??")) == b"a??"
+    assert checked.build(Note(value="a")) == checked.build(Note(value="a", other=b"11")) == b"a97"
+
+
 def test_check_characters_with_a_name_are_shown():
     checked = form("value" / Check(1, 0, xor_byte))
     assert checked.parse(b"\x00") == Note(value=b"\x00")
@@ -178,8 +185,7 @@ def test_check_characters_that_are_missing():
 SIZED = form(
     "length" / decimal_number(1),
     "value" / characters(this.length),
-    unpack=lambda read: {"value": read["value"]},
-    pack=lambda note: {"value": note.value, "length": len(note.value)},
+    writes={"length": lambda note: len(note.value)},
 )
 
 
@@ -199,7 +205,6 @@ def test_a_size_that_is_computed_from_one_that_cannot_be_read():
     computed = form(
         "length" / decimal_number(1),
         "value" / characters(this.length - 1),
-        unpack=lambda read: {"value": read["value"]},
     )
     assert computed.parse(b"3ab") == Note(value="ab")
     # None - 1 must not leave the schema as a TypeError.
@@ -212,7 +217,6 @@ def test_a_size_below_nothing_is_a_length():
     computed = form(
         "length" / decimal_number(1),
         "value" / characters(this.length - 3),
-        unpack=lambda read: {"value": read["value"]},
     )
     assert computed.parse(b"4a") == Note(value="a")
     # A stream read with a negative size takes everything that is there.
@@ -252,12 +256,12 @@ def test_an_error_names_telegram_and_field():
 
 
 def test_a_message_that_refuses_its_fields_is_a_field_error():
-    def unpack(read):
-        if read["value"] > 5:
+    def up_to_five(value):
+        if value > 5:
             raise ValueError("more than five")
-        return {"value": read["value"]}
+        return value
 
-    picky = form("value" / decimal_number(1), unpack=unpack)
+    picky = form("value" / decimal_number(1), reads={"value": up_to_five})
     assert picky.parse(b"5") == Note(value=5)
     with pytest.raises(TelegramError, match="more than five") as caught:
         picky.parse(b"6")
@@ -304,3 +308,176 @@ def test_a_form_can_be_used_many_times_and_by_many():
     first = SIZED.parse(b"3abc")
     assert SIZED.parse(b"2xy") == replace(first, value="xy")
     assert SIZED.parse(b"3abc") == first
+
+
+PAIR = Leaf(2, lambda found: (found[:1], found[1:]), lambda pair: pair[0] + pair[1])
+
+
+def test_fields_that_are_computed_from_leaves_and_leaves_from_fields():
+    paired = form(
+        "both" / PAIR, reads={"value other": lambda both: both}, writes={"both": lambda note: (note.value, note.other)}
+    )
+    assert paired.parse(b"ab") == paired.parse_declared(b"ab") == Note(value=b"a", other=b"b")
+    assert paired.build(Note(value=b"c", other=b"d")) == b"cd"
+    split = form(
+        "first" / decimal_number(1),
+        "second" / decimal_number(1),
+        reads={"value": lambda second, first: 10 * first + second},
+        writes={"first second": lambda note: divmod(note.value, 10)},
+    )
+    assert split.parse(b"47") == split.parse_declared(b"47") == Note(value=47)
+    assert split.build(Note(value=47)) == split.build_declared(Note(value=47)) == b"47"
+
+
+def test_a_message_is_looked_at_before_it_is_written():
+    def refuse_seven(note):
+        if note.value == 7:
+            raise TelegramError("field", "not seven", field="value")
+
+    picky = form("value" / decimal_number(1), check=refuse_seven)
+    assert picky.build(Note(value=6)) == b"6"
+    with pytest.raises(TelegramError, match="not seven"):
+        picky.build(Note(value=7))
+
+
+LEAVES = [
+    constant(b"\x02"),
+    choice({b"A": "on", b"B": "off"}),
+    choice({b"AA": 1, b"BB": 2}),
+    decimal_number(1),
+    decimal_number(2, range(1, 100)),
+    decimal_number(3),
+    decimal_number(4, range(5)),
+    hex_number(1),
+    hex_number(2),
+    hex_number(3),
+    hex_number(4),
+    shifted_character(0x40, range(1, 31)),
+    characters(1),
+    characters(2),
+    characters(2, lowest=0, highest=255),
+    unsigned(1),
+    unsigned(2),
+    unsigned(3),
+    unsigned(4),
+    signed(1),
+    signed(2),
+    signed(8),
+    filler(b"  "),
+    Leaf(1, lambda found: found, lambda value: value),
+    Leaf(2, int, lambda value: b"%02d" % value),
+    Check(1, 0, xor_byte),
+    Check(2, 0, hex_sum, off=b"??"),
+]
+ODD = [
+    None,
+    True,
+    False,
+    1.0,
+    -1,
+    0,
+    1,
+    2,
+    255,
+    256,
+    65536,
+    1 << 70,
+    "",
+    "a",
+    "on",
+    "ab",
+    "ä",
+    "\u2126",
+    b"a",
+    b"ab",
+    [],
+    (),
+]
+
+
+def outcome(function, given):
+    try:
+        return function(given)
+    except Exception:  # noqa: BLE001 - whatever it is, it is refused
+        return "refused"
+
+
+@pytest.mark.parametrize("leaf", LEAVES, ids=lambda leaf: f"{leaf.size}-{leaf.meaning}")
+def test_a_leaf_in_code_is_the_leaf_as_declared(leaf):
+    declared = one(leaf)
+    assert declared.read != declared.parse_declared
+    assert declared.write != declared.build_declared
+    ends = b"0", b"9A", b"F0", b"?? ", b"\xff\x80", b"-_+"
+    for first in range(256):
+        for end in ends:
+            data = (bytes([first]) + end * leaf.size)[: leaf.size]
+            for each in (data, data[::-1], data[:-1], data + b"0"):
+                read = outcome(declared.read, each)
+                expected = outcome(declared.parse_declared, each)
+                assert (read, type(read)) == (expected, type(expected))
+                if read != "refused":
+                    assert repr(read) == repr(expected)
+    for value in ODD:
+        written = outcome(declared.write, Note(value=value))
+        # What the code does not know is written as declared.
+        assert written in ("refused", outcome(declared.build_declared, Note(value=value)))
+        assert outcome(declared.build, Note(value=value)) == outcome(declared.build_declared, Note(value=value))
+
+
+class Own(Leaf):
+    """A leaf that reads in a way of its own."""
+
+    def _parse(self, stream, context, path):
+        return super()._parse(stream, context, path) * 2
+
+
+def test_a_leaf_that_has_no_code_makes_its_telegram_interpreted():
+    for leaf in (Own(1, lambda found: found, lambda value: value), characters(lambda _: 2)):
+        interpreted = one(leaf)
+        assert interpreted.read == interpreted.parse_declared
+        assert interpreted.write == interpreted.build_declared
+    assert one(Own(1, lambda found: found, lambda value: value)).parse(b"a") == Note(value=b"aa")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slotted:
+    kind: ClassVar[str] = "slotted"
+    value: int
+    other: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Doubting(Slotted):
+    def __post_init__(self):
+        if self.value > 5:
+            raise ValueError("more than five")
+
+
+def test_messages_are_made_as_their_class_makes_them():
+    read = Form(Slotted, "value" / decimal_number(1)).parse(b"7")
+    assert (read, hash(read), repr(read)) == (Slotted(value=7), hash(Slotted(value=7)), repr(Slotted(value=7)))
+    assert Form(Doubting, "value" / decimal_number(1)).parse(b"5") == Doubting(value=5)
+    with pytest.raises(TelegramError, match="more than five"):
+        Form(Doubting, "value" / decimal_number(1)).parse(b"6")
+
+
+def test_a_telegram_is_written_once_for_each_message_object():
+    calls = []
+
+    def write(message):
+        calls.append(message)
+        if message.value == "bad":
+            raise TelegramError("field", "no")
+        return str(message.value).encode()
+
+    written = Written(write)
+    first, equal = Note(value=1), Note(value=True)
+    assert first == equal
+    assert [written.telegram(note) for note in (first, equal, first, equal)] == [b"1", b"True", b"1", b"True"]
+    assert len(calls) == 2
+    for _ in range(2):
+        with pytest.raises(TelegramError):
+            written.telegram(Note(value="bad"))
+    for number in range(2000):
+        assert written.telegram(Note(value=number)) == str(number).encode()
+    assert len(written._kept) <= 512

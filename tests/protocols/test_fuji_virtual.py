@@ -318,10 +318,10 @@ def test_alarm_and_reset(model):
     assert drive.status().state is DriveState.READY
     inverter.trip(10, line.time)
     assert "NUV" not in drive.status().flags
-    drive._run(drive._operations.reset_by_command("m"))
+    drive.call("reset_by_command", command="m")
     inverter.motor.trip(7, line.time)
     assert drive.status().fault_code == 7
-    drive._run(drive._operations.reset_by_command("E"))
+    drive.call("reset_by_command", command="E")
     assert [drive.read(f"M{number}").value for number in (16, 17, 18, 19)] == [7, 10, 3, 0]
     assert drive.status().state is DriveState.READY
 

@@ -1,0 +1,197 @@
+"""How a leaf says itself in Python: what it contributes to the function that reads or writes a whole telegram."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+REFUSE = "raise ValueError"
+"""What a line does with something wrong; the declared schema then says what it was."""
+
+
+class Code:
+    """Lines of one function, and the objects that they refer to by name."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.names: dict[str, object] = {}
+
+    def line(self, text: str) -> None:
+        """Add a line."""
+        self.lines.append(text)
+
+    def refer(self, value: object) -> str:
+        """Return a name for this object."""
+        name = f"c{len(self.names)}"
+        self.names[name] = value
+        return name
+
+    def let(self, expression: str) -> str:
+        """Return a fresh variable that holds the value of an expression."""
+        name = f"v{len(self.lines)}"
+        self.line(f"{name} = {expression}")
+        return name
+
+    def refuse_if(self, condition: str) -> None:
+        """Leave the function when this holds."""
+        self.line(f"if {condition}: {REFUSE}")
+
+    def function(self, name: str, argument: str) -> Callable[[Any], Any]:
+        """Return the function that these lines are."""
+        source = f"def {name}({argument}):\n" + "".join(f"    {line}\n" for line in self.lines)
+        namespace = dict(self.names)
+        # The lines come from the emissions of the leaves alone; names and values of others are referred to, not pasted.
+        exec(compile(source, f"<{name}>", "exec"), namespace)  # noqa: S102
+        return cast("Callable[[Any], Any]", namespace[name])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Emission:
+    """A leaf of fixed or given size as code.
+
+    cut: the `struct` format of its characters: B, H, I, b, h, i for numbers, otherwise as many s as it has characters.
+    read: adds lines that refuse wrong content and returns an expression for the value, given one for what was cut.
+    write: the same the other way round; what it returns must fill the cut exactly. Both refuse at least what the leaf
+    itself refuses: a telegram that is refused here is read or written once more as it is declared.
+    """
+
+    cut: str
+    read: Callable[[Code, str], str]
+    write: Callable[[Code, str], str]
+
+
+def called(size: int, read: Callable[[bytes], Any], write: Callable[[Any], bytes]) -> Emission:
+    """Call the leaf's own functions; what a single character means is asked for all of them in advance."""
+
+    def emit_read(code: Code, cut: str) -> str:
+        return code.let(f"{code.refer(read)}({cut})")
+
+    def emit_lookup(code: Code, cut: str) -> str:
+        return code.let(f"{code.refer(_meanings(read))}[{cut}]")
+
+    def emit_write(code: Code, value: str) -> str:
+        data = code.let(f"{code.refer(write)}({value})")
+        code.refuse_if(f"len({data}) != {size}")
+        return f"{data}[0]" if size == 1 else data
+
+    return Emission(cut=_cut(size), read=emit_lookup if size == 1 else emit_read, write=emit_write)
+
+
+def _meanings(read: Callable[[bytes], Any]) -> dict[int, Any]:
+    meanings = {}
+    for byte in range(256):
+        try:
+            meanings[byte] = read(bytes([byte]))
+        except ValueError:
+            continue
+    return meanings
+
+
+def looked_up(table: Mapping[bytes, Any]) -> Emission:
+    """Look up characters and values of a `choice`; any value that is equal to one of them is taken."""
+    size = len(next(iter(table)))
+    read = {_key(data): value for data, value in table.items()}
+    written = {value: data for data, value in read.items()}
+    return Emission(
+        cut=_cut(size),
+        read=lambda code, cut: code.let(f"{code.refer(read)}[{cut}]"),
+        write=lambda code, value: code.let(f"{code.refer(written)}[{value}]"),
+    )
+
+
+def enumerated(size: int, values: Iterable[Any], kind: type[Any], write: Callable[[Any], bytes]) -> Emission:
+    """Look up all values that a leaf can have, all of one type; the table is made when it is first needed."""
+    tables: list[dict[Any, Any]] = []
+
+    def made() -> list[dict[Any, Any]]:
+        if not tables:
+            data = {value: _key(write(value)) for value in values}
+            tables.extend([{characters: value for value, characters in data.items()}, data])
+        return tables
+
+    def emit_read(code: Code, cut: str) -> str:
+        return code.let(f"{code.refer(made()[0])}[{cut}]")
+
+    def emit_write(code: Code, value: str) -> str:
+        # True and 1.0 are found under 1, and are no numbers of a telegram.
+        code.refuse_if(f"type({value}) is not {kind.__name__}")
+        return code.let(f"{code.refer(made()[1])}[{value}]")
+
+    return Emission(cut=_cut(size), read=emit_read, write=emit_write)
+
+
+def fixed(written: bytes, *, must_be: bool) -> Emission:
+    """Always these characters; when reading, they must be these or are not looked at."""
+    key = _key(written)
+
+    def emit_read(code: Code, cut: str) -> str:
+        if must_be:
+            code.refuse_if(f"{cut} != {key!r}")
+        return "None"
+
+    return Emission(cut=_cut(len(written)), read=emit_read, write=lambda code, value: repr(key))  # noqa: ARG005
+
+
+def as_they_are(size: int) -> Emission:
+    """Characters that the form itself computes."""
+    return Emission(cut=f"{size}s", read=lambda code, cut: cut, write=lambda code, value: value)  # noqa: ARG005
+
+
+def number(letter: str) -> Emission:
+    """A binary number, as `struct` has it."""
+
+    def emit_write(code: Code, value: str) -> str:
+        code.refuse_if(f"type({value}) is not int")
+        return value
+
+    return Emission(cut=letter, read=lambda code, cut: cut, write=emit_write)  # noqa: ARG005
+
+
+def digits(size: int, wrong: str, convert: str, layout: bytes, allowed: object) -> Emission:
+    """A number in digits. wrong: condition for characters that are none. convert: the number in the characters."""
+
+    def emit_read(code: Code, cut: str) -> str:
+        code.refuse_if(wrong.format(cut))
+        value = code.let(convert.format(cut))
+        code.refuse_if(f"{value} not in {code.refer(allowed)}")
+        return value
+
+    def emit_write(code: Code, value: str) -> str:
+        code.refuse_if(f"type({value}) is not int or {value} not in {code.refer(allowed)}")
+        return code.let(f"{layout!r} % {value}")
+
+    return Emission(cut=_cut(size), read=emit_read, write=emit_write)
+
+
+def text(size: object, permitted: bytes) -> Emission:
+    """Characters of ISO 8859-1 among those permitted; without a size of its own the form looks at the length."""
+    all_permitted = len(permitted) == 256
+
+    def emit_read(code: Code, cut: str) -> str:
+        if not all_permitted:
+            code.refuse_if(f"{cut}.translate(None, {code.refer(permitted)})")
+        return code.let(f'{cut}.decode("latin-1")')
+
+    def emit_write(code: Code, value: str) -> str:
+        code.refuse_if(f"type({value}) is not str")
+        data = code.let(f'{value}.encode("latin-1")')
+        if not all_permitted:
+            code.refuse_if(f"{data}.translate(None, {code.refer(permitted)})")
+        if isinstance(size, int):
+            code.refuse_if(f"len({data}) != {size}")
+        return data
+
+    # One character is cut as bytes here too: text has methods, numbers have none.
+    return Emission(cut=f"{size}s" if isinstance(size, int) else "", read=emit_read, write=emit_write)
+
+
+def _cut(size: int) -> str:
+    return "B" if size == 1 else f"{size}s"
+
+
+def _key(data: bytes) -> int | bytes:
+    """Return characters as they are cut: a single one is a number."""
+    return data[0] if len(data) == 1 else data

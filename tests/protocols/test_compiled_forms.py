@@ -1,0 +1,80 @@
+"""The functions made of the schemas write what the declared schemas write, whatever the fields hold.
+
+The conformance checks go through vectors and sound messages; here the fields are of any type and size.
+"""
+
+from functools import lru_cache
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from drivecomm.conformance.strategies import junk_fields, telegrams
+from drivecomm.errors import DriveCommError, TelegramError
+from drivecomm.registry import installed
+
+BOTH = [(name, direction) for name in ("vabus", "danfoss-fc", "vlt3500", "fuji") for direction in ("request", "reply")]
+every_direction = pytest.mark.parametrize(("name", "direction"), BOTH)
+EXAMPLES = settings(
+    max_examples=150,
+    derandomize=True,
+    deadline=None,
+    database=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+
+
+@lru_cache
+def junk_for(name, direction):
+    return junk_fields(installed[name], direction)
+
+
+@lru_cache
+def telegrams_for(name, direction):
+    return telegrams(installed[name], direction)
+
+
+def outcome(function, given):
+    try:
+        return function(given)
+    except TelegramError as error:
+        return (error.category, error.field, str(error))
+
+
+def in_code(form, message):
+    try:
+        return form.write(message)
+    except Exception:  # noqa: BLE001 - the function may refuse with anything
+        return None
+
+
+@every_direction
+@EXAMPLES
+@given(data=st.data())
+def test_fields_of_any_kind(name, direction, data):
+    plugin = installed[name]
+    try:
+        message = plugin.message(data.draw(junk_for(name, direction)), direction)
+    except DriveCommError:
+        return
+    for form in plugin.forms().values():
+        if form.message is not type(message):
+            continue
+        declared = outcome(form.build_declared, message)
+        assert in_code(form, message) in (None, declared)
+        assert outcome(form.build, message) == declared
+
+
+@every_direction
+@EXAMPLES
+@given(data=st.data())
+def test_every_byte_of_a_telegram_replaced(name, direction, data):
+    telegram = data.draw(telegrams_for(name, direction))
+    wrong = data.draw(st.integers(0, 255))
+    for form in installed[name].forms().values():
+        if isinstance(outcome(form.parse_declared, telegram), tuple):
+            continue
+        for place in range(len(telegram)):
+            changed = telegram[:place] + bytes([wrong]) + telegram[place + 1 :]
+            read, declared = outcome(form.parse, changed), outcome(form.parse_declared, changed)
+            assert (type(read), read, repr(read)) == (type(declared), declared, repr(declared))
