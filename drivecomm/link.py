@@ -305,10 +305,7 @@ class Link:
 
     def _ask(self, party: Party, partner: _Partner, ask: Ask) -> Steps[Message]:
         data = party.codec.encode(ask.message)
-        # Who did not answer the last call is asked only once: the line is there for the others too.
         attempts = ask.attempts or party.facts.timing.attempts
-        if partner.health.failed_calls and not ask.urgent:
-            attempts = 1
         if partner.unanswered and partner.unanswered != data:
             yield from self._outwait_late_reply(party, partner, ask, data)
         attempt = 0

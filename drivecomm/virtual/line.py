@@ -1,35 +1,26 @@
-"""A virtual line on a virtual clock: several drives of several protocols, character times, echo, faults."""
+"""A virtual line on a virtual clock: several drives of several protocols, character times, echo, faults, power."""
 
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass
+from functools import partial
+from math import inf
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import LinkDownError
+from drivecomm.errors import UsageError
 from drivecomm.line import LineSettings
 from drivecomm.virtual.faults import UNDISTURBED
+from drivecomm.virtual.medium import Medium, Transmission
+from drivecomm.virtual.port import VirtualPort
 from drivecomm.virtual.station import Station
 from drivecomm.virtual.uart import heard
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from drivecomm.protocol import VirtualDrive
-    from drivecomm.virtual.faults import FaultPlan
-
-
-@dataclass(frozen=True, slots=True)
-class Transmission:
-    """Some characters on the line; sender is None for the master."""
-
-    began: float
-    ended: float
-    data: bytes
-    settings: LineSettings
-    sender: Station | None
-    to_master: bool
-    to_drives: bool
+    from drivecomm.virtual.faults import FaultPlan, PowerCut
+    from drivecomm.virtual.medium import Source
 
 
 class VirtualLine:
@@ -39,8 +30,10 @@ class VirtualLine:
         with drivecomm.open_bus(line.port) as bus:
             ...
 
-    Every drive hears everything on the line, with its own line settings, and ignores what is not for it. echo: the
-    master hears itself, as on some two-wire adapters. faults: what goes wrong on the way.
+    Every drive hears everything on the line, with its own line settings, and ignores what is not for it. Nobody waits
+    for anybody: characters that are on the wire at the same time spoil each other for all who hear them. A drive has
+    room for one answer: a request that it answers before it has begun with an earlier answer takes that one's place.
+    echo: the master hears itself, as on some two-wire adapters. faults: what goes wrong on the way.
     """
 
     def __init__(
@@ -52,11 +45,17 @@ class VirtualLine:
         self.time = 0.0
         self.broken = False
         """Set it to make the port fail as an unplugged adapter does."""
+        self.monitor: Callable[[Transmission], None] | None = None
+        """Told of everything that was on the wire, echoes left out, when its last character is out."""
         self._stations = [Station(drive) for drive in self.drives]
-        self._transmissions: list[tuple[float, int, Transmission]] = []
+        self._medium = Medium()
+        self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._order = 0
-        self._busy_until = 0.0
+        self._free_at: dict[Station | Source, float] = {}
+        self._right_settings: dict[Station, LineSettings] = {}
+        self._port_free_at = 0.0
         self._master = LineSettings()
+        self._audible: list[Transmission] = []
         self._inbox = bytearray()
 
     def port(self) -> VirtualPort:
@@ -64,134 +63,187 @@ class VirtualLine:
         return VirtualPort(self)
 
     def advance(self, seconds: float) -> None:
-        """Let time pass without anybody speaking."""
-        self._pass_time(self.time + seconds)
+        """Let time pass while the master says nothing."""
+        self.pass_time(self.time + seconds)
+
+    def pass_time(self, until: float) -> None:
+        """Let time pass up to then while the master says nothing; a time in the past is ignored."""
+        while self._events and self._events[0][0] <= until:
+            self._next()
+        self.time = max(self.time, until)
+
+    def call_at(self, time: float, action: Callable[[], None]) -> None:
+        """Do something at a time of the line's clock, in the middle of an exchange perhaps; at once if it is past."""
+        self._order += 1
+        heapq.heappush(self._events, (time, self._order, action))
 
     def configure(self, settings: LineSettings) -> None:
         """Set the master's line settings."""
+        self._listen()
         self._master = settings
 
     def transmit(self, data: bytes) -> None:
         """Let the master send."""
         # A port sends one character after the other: what is handed over early waits its turn.
-        began = max(self.time, self._busy_until)
-        self._busy_until = began + self._master.wire_s(len(data))
+        began = max(self.time, self._port_free_at)
+        self._port_free_at = began + self._master.wire_s(len(data))
         if self.echo:
-            self._schedule(began, data, self._master, None, to_drives=False)
-        free_at = began
+            self._speak_at(began, "echo", self.faults.echo(data))
         for delay, arriving in self.faults.request(data):
-            start = max(began + delay, free_at)
-            free_at = start + self._master.wire_s(len(arriving))
-            self._schedule(start, arriving, self._master, None, to_master=False)
+            self._speak_at(began + delay, "master", arriving)
+        self._disturb(began)
 
     def receive(self, until: float, at_least: int) -> bytes:
         """Return what the master has heard, as soon as it is this much, at the latest at `until`."""
-        while len(self._inbox) < at_least and self._transmissions and self._transmissions[0][0] <= until:
-            self._next()
-        if len(self._inbox) < at_least:
-            self._pass_time(until)
+        self._listen()
+        while (missing := at_least - len(self._inbox)) > 0:
+            ready = self._ready_at(missing)
+            if self._events and self._events[0][0] <= min(ready, until):
+                self._next()
+            elif ready <= until:
+                self.time = max(self.time, ready)
+            else:
+                self.time = max(self.time, until)
+                self._listen()
+                break
+            self._listen()
+        return self._emptied()
+
+    def take(self) -> bytes:
+        """Return what the master has heard by now."""
+        self._listen()
+        return self._emptied()
+
+    def inject(self, data: bytes) -> None:
+        """Put bytes on the line that come from nobody, at once: noise, or foreign traffic."""
+        self._speak("foreign", data)
+
+    def power_off(self, drive: VirtualDrive) -> None:
+        """Switch a drive off: it neither hears nor answers, and what it is sending breaks off."""
+        station = self._station(drive)
+        self._medium.cut_off(drive, self.time)
+        self._free_at.pop(station, None)
+        station.power_off(self.time)
+
+    def power_on(self, drive: VirtualDrive, settings: LineSettings | None = None) -> None:
+        """Switch a drive on again, with other line settings than it had if some are given.
+
+        It keeps its parameters. Whether it forgets its state is up to the virtual drive: one that has a method
+        `power_cycle(now)` does.
+        """
+        station = self._station(drive)
+        if settings is not None:
+            drive.settings = settings
+        station.power_on(self.time)
+
+    def _station(self, drive: VirtualDrive) -> Station:
+        for station in self._stations:
+            if station.drive is drive:
+                return station
+        raise UsageError(f"the drive at address {drive.address} is not on this virtual line")
+
+    # Speaking
+
+    def _speak_at(self, time: float, who: Station | Source, data: bytes) -> None:
+        if time > self.time:
+            self.call_at(time, partial(self._speak, who, data))
+        else:
+            self._speak(who, data)
+
+    def _speak(self, who: Station | Source, data: bytes) -> None:
+        """Put characters on the wire, behind those that the same sender still has on it."""
+        if (free_at := self._free_at.get(who, 0.0)) > self.time:
+            self.call_at(free_at, partial(self._speak, who, data))
+            return
+        if not data:
+            return
+        source: Source = "drive" if isinstance(who, Station) else who
+        sender = who.drive if isinstance(who, Station) else None
+        settings = sender.settings if sender is not None else self._master
+        ended = self.time + settings.wire_s(len(data))
+        sent = Transmission(source=source, sender=sender, settings=settings, data=data, began=self.time, ended=ended)
+        self._free_at[who] = ended
+        self._medium.begin(sent)
+        if source != "master":
+            self._audible.append(sent)
+        if source != "echo":
+            self.call_at(ended, partial(self._arrived, sent))
+
+    def _arrived(self, sent: Transmission) -> None:
+        """Let the drives hear a transmission that is out."""
+        if self.monitor is not None:
+            self.monitor(sent)
+        for station in self._stations:
+            if station.drive is not sent.sender and station.powered:
+                arriving = heard(sent.data, sent.settings, station.drive.settings)
+                for answer in station.hear(arriving, sent.began, sent.ended):
+                    station.answering = number = station.answering + 1
+                    self.call_at(sent.ended + answer.delay_s, partial(self._answer, station, answer.data, number))
+
+    def _answer(self, station: Station, answer: bytes, number: int) -> None:
+        """Let a drive answer, unless it has lost power since or a later answer has taken the place of this one."""
+        if station.answering != number:
+            return
+        for delay, arriving in self.faults.reply(answer):
+            self._speak_at(self.time + delay, station, arriving)
+        self._disturb(self.time)
+        if self.faults.rate and (cut := self.faults.power()) is not None:
+            self._cut_power(station, cut, station.drive.settings.wire_s(len(answer)))
+
+    def _disturb(self, began: float) -> None:
+        if self.faults.rate:
+            for delay, data in self.faults.foreign():
+                self._speak_at(began + delay, "foreign", data)
+
+    def _cut_power(self, station: Station, cut: PowerCut, reply_s: float) -> None:
+        drive = station.drive
+        off_at = self.time + cut.share * reply_s
+        self.call_at(off_at, partial(self.power_off, drive))
+        self.call_at(off_at + cut.lasts_s, partial(self.power_on, drive, cut.settings))
+        if cut.settings is not None:
+            self._right_settings.setdefault(station, drive.settings)
+            self.call_at(off_at + cut.lasts_s + cut.mismatch_s, partial(self._set_right, station))
+
+    def _set_right(self, station: Station) -> None:
+        station.drive.settings = self._right_settings.pop(station, station.drive.settings)
+
+    # Hearing
+
+    def _next(self) -> None:
+        time, _, action = heapq.heappop(self._events)
+        self.time = max(self.time, time)
+        action()
+
+    def _listen(self) -> None:
+        """Move what has come by now into the master's inbox."""
+        if not self._audible:
+            return
+        over = False
+        for sent in self._audible:
+            if sent.ended <= self.time:
+                whole, over = len(sent.data), True
+            elif sent.settings == self._master:
+                whole = sent.out_by(self.time)
+            else:
+                # What other settings make of it shows in one piece.
+                continue
+            if whole > sent.taken:
+                self._inbox += heard(sent.data[sent.taken : whole], sent.settings, self._master)
+                sent.taken = whole
+        if over:
+            self._audible = [sent for sent in self._audible if sent.ended > self.time]
+
+    def _emptied(self) -> bytes:
         data = bytes(self._inbox)
         self._inbox.clear()
         return data
 
-    def inject(self, data: bytes) -> None:
-        """Put bytes on the line that come from nobody, at once: noise, or foreign traffic."""
-        self._schedule(self.time, data, self._master, None)
-
-    def _pass_time(self, until: float) -> None:
-        while self._transmissions and self._transmissions[0][0] <= until:
-            self._next()
-        self.time = max(self.time, until)
-
-    def _schedule(
-        self,
-        began: float,
-        data: bytes,
-        settings: LineSettings,
-        sender: Station | None,
-        *,
-        to_master: bool = True,
-        to_drives: bool = True,
-    ) -> None:
-        # The first character and the rest arrive apart, so that a wait for the first one ends in time.
-        for start, piece in ((began, data[:1]), (began + settings.character_s, data[1:])):
-            if piece:
-                ended = start + settings.wire_s(len(piece))
-                sent = Transmission(start, ended, piece, settings, sender, to_master, to_drives)
-                self._order += 1
-                heapq.heappush(self._transmissions, (ended, self._order, sent))
-
-    def _next(self) -> None:
-        ended, _, sent = heapq.heappop(self._transmissions)
-        self.time = max(self.time, ended)
-        if sent.to_master:
-            self._inbox += heard(sent.data, sent.settings, self._master)
-        if not sent.to_drives:
-            return
-        for station in self._stations:
-            if station is not sent.sender:
-                arriving = heard(sent.data, sent.settings, station.drive.settings)
-                for answer in station.hear(arriving, sent.began, ended):
-                    for delay, reply in self.faults.reply(answer.data):
-                        self._answer(ended + answer.delay_s + delay, reply, station)
-
-    def _answer(self, began: float, reply: bytes, station: Station) -> None:
-        # A repeated reply follows the first one on the wire.
-        began = max(began, self._busy_until)
-        self._busy_until = began + station.drive.settings.wire_s(len(reply))
-        self._schedule(began, reply, station.drive.settings, station)
-
-
-class VirtualPort:
-    """The master's end of a virtual line."""
-
-    paced = True
-    real_time = False
-    descriptor = None
-
-    def __init__(self, line: VirtualLine) -> None:
-        self._line = line
-        self._check()
-
-    def now(self) -> float:
-        """Return the line's time."""
-        return self._line.time
-
-    def wall_time(self) -> float:
-        """Return the line's time."""
-        return self._line.time
-
-    def configure(self, settings: LineSettings) -> str:
-        """Set the master's line settings."""
-        self._check()
-        self._line.configure(settings)
-        return ""
-
-    def write(self, data: bytes) -> None:
-        """Send."""
-        self._check()
-        self._line.transmit(data)
-
-    def read(self, until: float, at_least: int) -> bytes:
-        """Let time pass until this many bytes have come, or until then."""
-        self._check()
-        return self._line.receive(until, at_least)
-
-    def take(self) -> bytes:
-        """Return what has come by now."""
-        return self.read(self._line.time, 1)
-
-    def hold_back(self, at_least: int) -> None:
-        """There is nobody to wake."""
-
-    def wait(self, until: float) -> None:
-        """Let time pass."""
-        self._check()
-        self._line.advance(max(0.0, until - self._line.time))
-
-    def close(self) -> None:
-        """Nothing to give back."""
-
-    def _check(self) -> None:
-        if self._line.broken:
-            raise LinkDownError("the virtual line is broken; mend it by setting broken to False")
+    def _ready_at(self, missing: int) -> float:
+        """Return when so many more characters are there, or the next step towards it; never if nothing is coming."""
+        if not self._audible:
+            return inf
+        # Of several that speak at once each character counts.
+        step = missing if len(self._audible) == 1 else 1
+        return min(
+            sent.end_of(sent.taken + step) if sent.settings == self._master else sent.ended for sent in self._audible
+        )

@@ -1,30 +1,88 @@
-"""A virtual drive's ear on a line: bytes in, its replies out."""
+"""A virtual drive's place on a line: its ear, its mains switch, bytes in, its replies out."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from drivecomm.framing import Framer, Noise
+from drivecomm.framing import Framed, Framer, Noise
+from drivecomm.motor import Command
 
 if TYPE_CHECKING:
-    from drivecomm.framing import Find
+    from drivecomm.framing import Damaged, Find
     from drivecomm.protocol import VirtualDrive, VirtualReply
+
+# What a drive has heard before is not looked at again: so many pieces, none longer than this.
+_MOST_KNOWN = 512
+_LONGEST_KNOWN = 300
+
+
+@runtime_checkable
+class Restarts(Protocol):
+    """A virtual drive that can forget what a real one forgets without power."""
+
+    def power_cycle(self, now: float) -> None:
+        """Switch mains off and on."""
+        ...
 
 
 class Station:
-    """Feeds one virtual drive with everything that is heard on its line, replies of other drives included."""
+    """Feeds one virtual drive with everything that is heard on its line, replies of other drives included.
+
+    powered: a drive without power neither hears nor answers. pending: what has been heard of a telegram that is not
+    whole. answering: the number of the answer that the drive has in mind; whoever holds a lower one is forgotten.
+    """
 
     def __init__(self, drive: VirtualDrive) -> None:
         self.drive = drive
-        self._framer = Framer(drive.codec, "request")
+        self.powered = True
+        self.pending = b""
+        self.answering = 0
         self._heard_at = 0.0
+        self._known: dict[bytes, tuple[list[Framed | Damaged], bytes]] = {}
 
     def hear(self, data: bytes, began: float, ended: float) -> list[VirtualReply]:
         """Take bytes that were on the line between two times; return what the drive answers to them."""
-        finds: list[Find] = []
-        if began - self._heard_at > self.drive.gap_s:
-            finds += self._framer.flush()
+        telegrams = self._cut_short() if self.pending and began - self._heard_at > self.drive.gap_s else []
         self._heard_at = ended
-        finds += self._framer.feed(data)
-        answers = (self.drive.hear(find, ended) for find in finds if not isinstance(find, Noise))
+        telegrams = [*telegrams, *self._telegrams(self.pending + data)]
+        answers = [self.drive.hear(telegram, ended) for telegram in telegrams]
         return [answer for answer in answers if answer is not None]
+
+    def power_off(self, now: float) -> None:
+        """Take its power away: the motor coasts, and what is half heard or not yet answered is forgotten."""
+        self.powered = False
+        self.pending = b""
+        self.answering += 1
+        self.drive.motor.stop(Command.OFF, now)
+
+    def power_on(self, now: float) -> None:
+        """Give it power; it starts as new as its virtual drive can, and keeps its parameters."""
+        self.powered = True
+        if isinstance(self.drive, Restarts):
+            self.drive.power_cycle(now)
+
+    def _telegrams(self, data: bytes) -> list[Framed | Damaged]:
+        """Return what is certain of these bytes; the rest is pending."""
+        known = self._known.get(data)
+        if known is None:
+            finds = Framer(self.drive.codec, "request").feed(data)
+            # A damaged telegram is looked at again byte by byte, so its bytes are among the others.
+            done = sum(len(find.data) for find in finds if isinstance(find, Framed | Noise))
+            known = _without_noise(finds), data[done:]
+            if len(self._known) >= _MOST_KNOWN:
+                self._known.clear()
+            if len(data) <= _LONGEST_KNOWN:
+                self._known[data] = known
+        telegrams, self.pending = known
+        return telegrams
+
+    def _cut_short(self) -> list[Framed | Damaged]:
+        """Return what the pending bytes amount to, now that nothing follows them."""
+        framer = Framer(self.drive.codec, "request")
+        finds = [*framer.feed(self.pending), *framer.flush()]
+        self.pending = b""
+        return _without_noise(finds)
+
+
+def _without_noise(finds: list[Find]) -> list[Framed | Damaged]:
+    return [find for find in finds if not isinstance(find, Noise)]

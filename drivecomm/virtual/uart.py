@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -16,8 +17,16 @@ def heard(data: bytes, sender: LineSettings, receiver: LineSettings) -> bytes:
     The line's level over time is sampled as a UART does: wait for a start bit, take each bit in its middle. Parity is
     not checked and a missing stop bit is passed over, as common receivers with default settings do.
     """
-    if sender == receiver:
-        return data if receiver.bytesize == 8 else bytes(byte & 0x7F for byte in data)
+    if sender is receiver or sender == receiver:
+        return data if receiver.bytesize == 8 else data.translate(_SEVEN_BITS)
+    return _sampled(data, sender, receiver)
+
+
+_SEVEN_BITS = bytes(byte & 0x7F for byte in range(256))
+
+
+@lru_cache(maxsize=4096)
+def _sampled(data: bytes, sender: LineSettings, receiver: LineSettings) -> bytes:
     levels = list(_levels(data, sender))
     return bytes(_characters(levels, sender.baudrate / receiver.baudrate, receiver))
 

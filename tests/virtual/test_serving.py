@@ -192,7 +192,7 @@ class TestTcp:
                 master.settimeout(10)
                 assert answered(master)[:-1] == VALUE
             for station in server._stations:
-                assert len(station._framer._pending) < 200
+                assert len(station.pending) < 200
 
     def test_a_master_that_asks_and_never_listens(self):
         slow = virtual_drive("vabus", 1, reply_delay_s=30.0)

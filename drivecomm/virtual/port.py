@@ -1,0 +1,67 @@
+"""The master's end of a virtual line, as a port: its clock is the line's, and waiting costs nothing."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import LinkDownError
+
+if TYPE_CHECKING:
+    from drivecomm.line import LineSettings
+    from drivecomm.virtual.line import VirtualLine
+
+
+class VirtualPort:
+    """The master's end of a virtual line."""
+
+    paced = True
+    real_time = False
+    descriptor = None
+
+    def __init__(self, line: VirtualLine) -> None:
+        self._line = line
+        self._check()
+
+    def now(self) -> float:
+        """Return the line's time."""
+        return self._line.time
+
+    def wall_time(self) -> float:
+        """Return the line's time."""
+        return self._line.time
+
+    def configure(self, settings: LineSettings) -> str:
+        """Set the master's line settings."""
+        self._check()
+        self._line.configure(settings)
+        return ""
+
+    def write(self, data: bytes) -> None:
+        """Send."""
+        self._check()
+        self._line.transmit(data)
+
+    def read(self, until: float, at_least: int) -> bytes:
+        """Let time pass until this many bytes have come, or until then."""
+        self._check()
+        return self._line.receive(until, at_least)
+
+    def wait(self, until: float) -> None:
+        """Let time pass."""
+        self._check()
+        self._line.pass_time(until)
+
+    def take(self) -> bytes:
+        """Return what has come by now; no time passes."""
+        self._check()
+        return self._line.take()
+
+    def hold_back(self, at_least: int) -> None:
+        """Nothing to hold back: there is no descriptor."""
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+    def _check(self) -> None:
+        if self._line.broken:
+            raise LinkDownError("the virtual line is broken; mend it by setting broken to False")
