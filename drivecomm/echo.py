@@ -8,11 +8,23 @@ Echo: TypeAlias = Literal["off", "expect", "auto"]
 """off: none comes, one that does is an error. expect: it comes, whole, in part, or disturbed. auto: see by itself."""
 
 
+# Of a disturbed echo most characters are right.
+_ALIKE = 0.75
+
+
+def resembles(telegram: bytes, sent: bytes) -> bool:
+    """Tell whether a telegram could be a disturbed echo of what was sent."""
+    if len(telegram) != len(sent):
+        return False
+    return sum(map(int.__eq__, telegram, sent)) >= _ALIKE * len(sent)
+
+
 class EchoFilter:
     """Drops the echo of each request from what comes after it.
 
-    An echo is dropped where it is exactly what was sent. Anything else goes on to the framer, which passes over it: an
-    echo that lost or changed a character is no telegram. `excused` says how many bytes may be such remains.
+    An echo is dropped where it is exactly what was sent, or begins so and ends there. Anything else goes on to the
+    framer, which passes over it: an echo that lost or changed a character is mostly no telegram, and what `resembles`
+    the request is not believed. `excused` says how many bytes may be such remains.
     """
 
     def __init__(self, mode: Echo) -> None:
@@ -50,7 +62,7 @@ class EchoFilter:
         return b"", self.give_up()
 
     def give_up(self) -> bytes:
-        """Return what was held back as the beginning of an echo that never became one."""
+        """Return what was held back as the beginning of an echo; it never became a whole one."""
         held = self._held
         self._done()
         return held

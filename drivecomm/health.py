@@ -24,7 +24,9 @@ LONGEST_PAUSE_S = 9.0
 """A drive that comes back is in use again within ten seconds, its probe included."""
 PROBING_SHARE = 0.045
 """The part of a line's time that may go into asking drives that do not answer."""
-SHORTEST_EAR_S = 0.003
+DEFAULT_EAR_S = 0.012
+LONGEST_EAR_S = 0.030
+"""What is listened for a reply at least, and at most where the probes' share of the time is no longer."""
 
 
 class Health:
@@ -100,3 +102,22 @@ class ProbingTime:
     def least_pause_s(self, took_s: float) -> float:
         """Return the pause that a drive must make after a probe that took so long."""
         return self.number * took_s / PROBING_SHARE
+
+
+class UsualDelays:
+    """How long the drives of each protocol that answer on this line take to begin their replies."""
+
+    def __init__(self) -> None:
+        self._delays: dict[str, float] = {}
+
+    def answered(self, protocol: str, delay_s: float) -> None:
+        """Take note of a reply; slow ones are remembered longer than quick ones."""
+        usual = self._delays.get(protocol, delay_s)
+        self._delays[protocol] = max(delay_s, 0.95 * usual + 0.05 * delay_s)
+
+    def least_ear_s(self, protocol: str) -> float:
+        """Return how long a probe must listen at least, to hear a drive that is as quick as its like."""
+        usual = self._delays.get(protocol)
+        if usual is None:
+            return DEFAULT_EAR_S
+        return min(1.05 * usual + 0.0003, LONGEST_EAR_S)

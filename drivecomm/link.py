@@ -14,11 +14,11 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias, TypeVar
 
-from drivecomm.echo import Echo, EchoFilter
+from drivecomm.echo import Echo, EchoFilter, resembles
 from drivecomm.errors import DamagedReplyError, DeadlineError, NoReplyError, NotAnsweringError, ReplyError
 from drivecomm.exchange import Ask, Pause
 from drivecomm.framing import Damaged, Framed, Framer, Noise
-from drivecomm.health import LONGEST_PAUSE_S, SHORTEST_EAR_S, Health, ProbingTime
+from drivecomm.health import LONGEST_PAUSE_S, Health, ProbingTime, UsualDelays
 from drivecomm.statistics import Statistics
 
 if TYPE_CHECKING:
@@ -106,11 +106,13 @@ class Party:
     mismatch: Callable[[Message, Message], str]
     probe: Callable[[], Exchange[None]] | None = None
     set_up: Callable[[], Exchange[None]] | None = None
+    protocol: str = field(init=False)
     gap_s: float = field(init=False)
     turnaround_s: float = field(init=False)
 
     def __post_init__(self) -> None:
         # Asked for in every exchange.
+        object.__setattr__(self, "protocol", self.name.partition(":")[0])
         object.__setattr__(self, "gap_s", self.facts.gap_s)
         object.__setattr__(self, "turnaround_s", self.facts.turnaround_s)
 
@@ -159,6 +161,7 @@ class Link:
         self._heard_at = float("-inf")
         self._deadline = float("inf")
         self._listen_until: float | None = None
+        self._delays = UsualDelays()
         self._probed: _Partner | None = None
         self._patient_at = float("-inf")
         self._unclean = False
@@ -337,13 +340,13 @@ class Link:
         timeout = timing.reply_timeout_s if ask.reply_timeout_s is None else ask.reply_timeout_s
         sent_at = self._sent_at
         if self._listen_until is not None:
-            timeout = min(timeout, max(SHORTEST_EAR_S, self._listen_until - sent_at))
+            timeout = min(timeout, max(self._delays.least_ear_s(party.protocol), self._listen_until - sent_at))
         limit = deadline = sent_at + settings.character_s + timeout
         if limit > self._deadline:
             limit = deadline = max(self._deadline, sent_at)
         latest = limit + settings.wire_s(_LONGEST_TELEGRAM) + gap_s
         # A reply's first character cannot be over before this.
-        earliest = sent_at + settings.character_s / 2 if self.paced and not echo.looking else 0.0
+        earliest = sent_at + settings.character_s / 2 if self.paced else 0.0
         framer = Framer(party.codec, "reply")
         damage, stray, taken, early = "", "", 0, b""
         while True:
@@ -351,7 +354,7 @@ class Link:
             if came:
                 self._heard_at = self._now
                 if self._now < earliest:
-                    # While the request is still on its way nothing can answer it: a repeated or late reply.
+                    # While the request is still on its way nothing can answer it: an echo, or a late reply.
                     early += came
                     stray = self._early(party, partner, came, is_echo=data.startswith(early))
                     continue
@@ -362,7 +365,10 @@ class Link:
             taken += len(came)
             for find in framer.flush() if quiet else framer.feed(came):
                 if isinstance(find, Framed):
-                    reason = "echo" if find.data == data else party.mismatch(ask.message, find.message)
+                    if find.data == data or (echo.excused and resembles(find.data, data)):
+                        reason = "echo"
+                    else:
+                        reason = party.mismatch(ask.message, find.message)
                     if not reason:
                         self._answered(party, partner, find)
                         return find.message
@@ -384,17 +390,17 @@ class Link:
 
     def _answered(self, party: Party, partner: _Partner, find: Framed) -> None:
         self._free_at = self._now + party.turnaround_s
-        partner.statistics.reply_times.add(self._now - self._sent_at)
+        taken = self._now - self._sent_at
+        partner.statistics.reply_times.add(taken)
+        self._delays.answered(party.protocol, taken - party.facts.settings.wire_s(len(find.data)))
         if self._echo.looking and self._echo.answered():
             partner.count["echoes missing"] += 1
         if self._trace is not None:
             self._note(party, "received", find.data, find.message)
 
     def _without_echo(self, party: Party, partner: _Partner, came: bytes) -> bytes:
-        """Return what came beside the echo; without anything coming, what was held back for one."""
-        if not came:
-            return self._echo.give_up()
-        echo, rest = self._echo.take(came)
+        """Return what came beside the echo. Nothing came: what was held back was the beginning of one."""
+        echo, rest = self._echo.take(came) if came else (self._echo.give_up(), b"")
         if echo:
             partner.count["echo bytes"] += len(echo)
             self._note(party, "echo", echo)
@@ -428,6 +434,10 @@ class Link:
 
     def _early(self, party: Party, partner: _Partner, came: bytes, *, is_echo: bool) -> str:
         """Drop what came while the request was on its way. Returns a hint when it is the request itself."""
+        if self._echo.looking:
+            came = self._without_echo(party, partner, came)
+            if not came:
+                return ""
         if is_echo:
             partner.count["echo bytes"] += len(came)
             self._note(party, "echo", came)

@@ -34,6 +34,9 @@ _GONE_TEXT = "it was unplugged, or its other end was closed"
 _LONGEST_HOLD = 255
 # A change is a system call of some 3 us, but a message on the USB with ftdi_sio, which sets the flow control at each.
 _DEAR_S = 100e-6
+# A character with a wrong parity or stop bit is dropped, so that its telegram is too short to be believed. Otherwise it
+# is delivered as it came, or as NUL, and an exclusive-or check passes one such telegram in 256.
+_DROP_SPOILT = termios.INPCK | termios.IGNPAR
 # Majors 136 to 143 are the slaves of pseudo-terminals (Linux, Documentation/admin-guide/devices.txt).
 _LINUX_PTY_MAJORS = range(136, 144)
 _PTY_NAMES = re.compile(r"/dev/(pts/\d+|ttys\d+|tty[p-zP-T][0-9a-f])")
@@ -58,6 +61,7 @@ class TtyChannel:
         self._port.inter_byte_timeout = 0.0
         self._held = 1
         self._attributes: list[Any] = termios.tcgetattr(self.descriptor)
+        self._set_input_flags(self._attributes[0] | _DROP_SPOILT)
         self._holds_back = sys.platform == "linux" and self._changes_quickly()
 
     @property
@@ -67,6 +71,8 @@ class TtyChannel:
 
     def apply(self, settings: LineSettings) -> str:
         """Set the line settings without closing. Raises SettingsRefusedError."""
+        # A change of settings that a port refuses is only reported when nothing else changes with it.
+        self._set_input_flags(self._attributes[0] & ~_DROP_SPOILT)
         try:
             if self._pseudo:
                 # Linux answers a request for anything but 8N on a pseudo-terminal with EINVAL.
@@ -80,6 +86,7 @@ class TtyChannel:
         finally:
             # Refused or not: VMIN may have been set before.
             self._reread_attributes()
+            self._set_input_flags(self._attributes[0] | _DROP_SPOILT)
         if not self._pseudo or (settings.bytesize == 8 and settings.parity == "N"):
             return ""
         form = f"{settings.bytesize}{settings.parity}{settings.stopbits:g}"
@@ -151,6 +158,13 @@ class TtyChannel:
         self._attributes[6][termios.VMIN] = number
         termios.tcsetattr(self.descriptor, termios.TCSANOW, self._attributes)
         self._held = number
+
+    def _set_input_flags(self, flags: int) -> None:
+        if self._pseudo or flags == self._attributes[0]:
+            return
+        self._attributes[0] = flags
+        with contextlib.suppress(termios.error):
+            termios.tcsetattr(self.descriptor, termios.TCSANOW, self._attributes)
 
     def _reread_attributes(self) -> None:
         try:

@@ -175,7 +175,7 @@ class VirtualLine:
             self.monitor(sent)
         for station in self._stations:
             if station.drive is not sent.sender and station.powered:
-                arriving = heard(sent.data, sent.settings, station.drive.settings)
+                arriving = heard(sent.sound(0, len(sent.data)), sent.settings, station.drive.settings)
                 for answer in station.hear(arriving, sent.began, sent.ended):
                     station.answering = number = station.answering + 1
                     self.call_at(sent.ended + answer.delay_s, partial(self._answer, station, answer.data, number))
@@ -228,7 +228,7 @@ class VirtualLine:
                 # What other settings make of it shows in one piece.
                 continue
             if whole > sent.taken:
-                self._inbox += heard(sent.data[sent.taken : whole], sent.settings, self._master)
+                self._inbox += heard(sent.sound(sent.taken, whole), sent.settings, self._master)
                 sent.taken = whole
         if over:
             self._audible = [sent for sent in self._audible if sent.ended > self.time]

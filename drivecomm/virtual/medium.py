@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 if TYPE_CHECKING:
@@ -20,9 +20,10 @@ _TOLERANCE = 1e-3
 class Transmission:
     """Characters on the wire from `began` until `ended`, in seconds of the line's clock.
 
-    data: as they are on the wire; one that met another is NUL, which is what a receiver makes of a character without a
-    stop bit. garbled: whether there is such a one, or the sender lost power in the middle. sender: the drive, None for
-    the master, its echo and foreign traffic. taken: how many characters the master's port has heard already.
+    data: as they are on the wire; one that met another is shown as NUL and heard by nobody, as receivers drop
+    characters with a wrong parity or stop bit. garbled: whether there is such a one, or the sender lost power in the
+    middle. sender: the drive, None for the master, its echo and foreign traffic. taken: how many characters the
+    master's port has heard already. spoilt: the places of those that met another, as ranges.
     """
 
     source: Source
@@ -33,6 +34,17 @@ class Transmission:
     ended: float
     garbled: bool = False
     taken: int = 0
+    spoilt: list[tuple[int, int]] = field(default_factory=list)
+
+    def sound(self, first: int, last: int) -> bytes:
+        """Return those of its characters from first up to last that met no other."""
+        if not self.spoilt:
+            return self.data[first:last]
+        return bytes(
+            character
+            for place, character in enumerate(self.data[first:last], first)
+            if not any(begin <= place < end for begin, end in self.spoilt)
+        )
 
     def out_by(self, now: float) -> int:
         """Return how many of its characters are on the wire whole by then."""
@@ -58,6 +70,7 @@ class Transmission:
         last = min(len(self.data), math.ceil((ended - self.began) / character_s - _TOLERANCE))
         if first < last:
             self.data = self.data[:first] + bytes(last - first) + self.data[last:]
+            self.spoilt.append((first, last))
             self.garbled = True
 
 

@@ -112,6 +112,13 @@ def real_terminal():
     os.close(theirs)
 
 
+def test_spoilt_characters_are_dropped(real_terminal):
+    real_terminal.apply(LineSettings(baudrate=19200))
+    flags = termios.tcgetattr(real_terminal.descriptor)[0]
+    assert flags & termios.INPCK
+    assert flags & termios.IGNPAR
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux refuses 7E1 on a pseudo-terminal")
 def test_an_adapter_that_refuses_a_format(real_terminal, monkeypatch):
     with pytest.raises(SettingsRefusedError):
