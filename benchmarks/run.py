@@ -1,112 +1,121 @@
-"""Measure what the project promises about its own costs, and write benchmarks/RESULTS.md.
+"""Measure what the project promises, print it, and write benchmarks/RESULTS.md.
 
     make bench
+    python benchmarks/run.py [NAME ...] [--quick] [--strict]
 
-Start-up costs are differences to a bare interpreter in the same run, medians of interleaved repetitions. Exchanges run
-on a virtual line, so that only processor time counts; the figure includes the virtual drive.
+Lines are emulated in C with the timing of real ones, and what is measured is compared with a bare C client in the same
+run. Exit code 1 when a floor is broken (with --strict: a promise), 2 when nothing can be measured here.
 """
 
 from __future__ import annotations
 
-import platform
-import statistics
+import argparse
 import subprocess
 import sys
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-import drivecomm
-from drivecomm.conformance.vectors import packaged_vectors
-from drivecomm.virtual import VirtualLine, virtual_drive
+import dead_drives
+import efficiency
+import neighbour
+import peers
+import processor_time
+import scale
+import scan_time
+import served
+import start_up
+import telegrams
+from clients import MasterBrokenError, PythonMaster
+from compiling import CannotMeasureError, compile_programs
+from cores import machine
+from equipment import Equipment
+from extent import FULL, QUICK
+from lines import DisturbedError, Instrument, MeasurementError
+from report import Section, promises
+from yardstick import slowness
 
-REPETITIONS = 21
-EXCHANGES = 2000
 RESULTS = Path(__file__).with_name("RESULTS.md")
-
-STARTS = {
-    "import drivecomm": (["-c", "import drivecomm"], 60.0),
-    "drivecomm --version": (["-m", "drivecomm", "--version"], 150.0),
-    "drivecomm --help": (["-m", "drivecomm", "--help"], None),
-    "drivecomm protocols": (["-m", "drivecomm", "protocols"], None),
+MEASUREMENTS = {
+    "efficiency": efficiency.measure,
+    "processor_time": processor_time.measure,
+    "scale": scale.measure,
+    "neighbour": neighbour.measure,
+    "dead_drives": dead_drives.measure,
+    "scan_time": scan_time.measure,
+    "served": served.measure,
+    "telegrams": telegrams.measure,
+    "start_up": start_up.measure,
+    "peers": peers.measure,
 }
-READS = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09"}
-
-
-def start_ms(arguments: list[str]) -> float:
-    """Return the milliseconds that a fresh interpreter takes for this."""
-    began = time.perf_counter()
-    subprocess.run([sys.executable, *arguments], check=True, stdout=subprocess.DEVNULL)
-    return (time.perf_counter() - began) * 1000
-
-
-def start_up() -> list[tuple[str, float, float | None]]:
-    """Return name, milliseconds over a bare interpreter, and the limit."""
-    taken: dict[str, list[float]] = {name: [] for name in STARTS}
-    bare: list[float] = []
-    for _ in range(REPETITIONS):
-        bare.append(start_ms(["-c", "pass"]))
-        for name, (arguments, _limit) in STARTS.items():
-            taken[name].append(start_ms(arguments))
-    floor = statistics.median(bare)
-    return [(name, statistics.median(taken[name]) - floor, limit) for name, (_, limit) in STARTS.items()]
-
-
-def exchange_us(protocol: str) -> float:
-    """Return the processor time of one read in microseconds, virtual drive included."""
-    line = VirtualLine([virtual_drive(protocol, 1)])
-    with drivecomm.open_bus(line.port) as bus:
-        drive = bus.drive(protocol, 1)
-        drive.read(READS[protocol])
-        began = time.process_time()
-        for _ in range(EXCHANGES):
-            drive.read(READS[protocol])
-        return (time.process_time() - began) / EXCHANGES * 1e6
-
-
-def codec_us(protocol: str) -> tuple[float, float]:
-    """Return microseconds to decode and to encode one telegram, mean over the protocol's own vectors."""
-    plugin = drivecomm.protocols()[protocol]
-    codec = plugin.codec(plugin.options())
-    vectors = [one for one in packaged_vectors(plugin).vectors if one.valid and one.canonical and not one.options]
-    messages = [codec.decode(one.data, one.direction) for one in vectors]
-    rounds = max(1, 4000 // len(vectors))
-    began = time.process_time()
-    for _ in range(rounds):
-        for one in vectors:
-            codec.decode(one.data, one.direction)
-    decoded = time.process_time()
-    for _ in range(rounds):
-        for message in messages:
-            codec.encode(message)
-    count = rounds * len(vectors) / 1e6
-    return (decoded - began) / count, (time.process_time() - decoded) / count
 
 
 def main() -> int:
-    """Measure, print, write; exit code 1 when a limit is broken."""
-    rows = ["# Results", "", f"`make bench`, CPython {platform.python_version()}, {platform.system()}.", ""]
-    rows += ["## Start-up", "", "Over a bare interpreter, median.", ""]
-    rows += ["| what | ms more | limit |", "|---|---|---|"]
-    broken = False
-    for name, taken, limit in start_up():
-        rows.append(f"| `{name}` | {taken:.0f} | {'' if limit is None else f'{limit:.0f}'} |")
-        broken |= limit is not None and taken > limit
-    rows += [
+    """Measure; return the exit code."""
+    parser = argparse.ArgumentParser(description="Measure what the project promises.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"only these of {', '.join(MEASUREMENTS)}")
+    parser.add_argument("--quick", action="store_true", help="fewer repetitions and cases; under two minutes")
+    parser.add_argument("--strict", action="store_true", help="hold a quiet machine to the promises, not the floors")
+    parser.add_argument("--out", type=Path, default=RESULTS, help="where to write; benchmarks/RESULTS.md otherwise")
+    chosen = parser.parse_args()
+    unknown = [name for name in chosen.names if name not in MEASUREMENTS]
+    if unknown:
+        parser.error(f"nothing is called {unknown[0]}; there is {', '.join(MEASUREMENTS)}")
+    about = machine()
+    slow = slowness()
+    with TemporaryDirectory() as folder:
+        try:
+            programs = compile_programs(Path(folder))
+        except CannotMeasureError as error:
+            print(f"cannot measure: {error}", file=sys.stderr)
+            return 2
+        extent = QUICK if chosen.quick else FULL
+        instrument = Instrument(programs.line_emulator, extent.tries)
+        with PythonMaster() as master:
+            equipment = Equipment(extent=extent, instrument=instrument, programs=programs, master=master)
+            sections = _measure(chosen.names or list(MEASUREMENTS), equipment)
+    speed = f"The yardstick took {slow:.1f} times its quiet length before the run, {slowness():.1f} times after it."
+    command = " ".join(["python benchmarks/run.py", *chosen.names, *(["--quick"] if chosen.quick else [])])
+    parts = [
+        "# Results",
         "",
-        "## Telegrams and exchanges",
+        f"`{command}`  ",
+        f"{about}.  ",
+        f"{instrument.accuracy()}  ",
+        speed,
         "",
-        "Processor time in microseconds; an exchange includes the drive.",
-        "",
+        promises(sections),
     ]
-    rows += ["| protocol | decode | encode | read on a virtual line | exchanges a second |", "|---|---|---|---|---|"]
-    for protocol in READS:
-        decoding, encoding = codec_us(protocol)
-        exchange = exchange_us(protocol)
-        rows.append(f"| {protocol} | {decoding:.1f} | {encoding:.1f} | {exchange:.0f} | {1e6 / exchange:.0f} |")
-    text = "\n".join(rows) + "\n"
-    RESULTS.write_text(text, encoding="utf-8")
+    text = "\n".join([*parts, *(section.markdown() for section in sections)]).rstrip() + "\n"
+    chosen.out.write_text(text, encoding="utf-8")
     print(text)
-    return 1 if broken else 0
+    figures = [figure for section in sections for figure in section.figures]
+    judged = [figure for figure in figures if not figure.disturbed]
+    broken = [figure for figure in judged if not (figure.kept if chosen.strict else figure.above_floor)]
+    for figure in broken:
+        mark = figure.promise if chosen.strict else figure.floor
+        print(f"broken: {figure.name}: {figure.value:.4g}, must be {figure.better} than {mark:.4g}", file=sys.stderr)
+    for section in sections:
+        if section.failed:
+            print(f"failed: {section.title}: {section.remarks[0]}", file=sys.stderr)
+    if len(judged) < len(figures):
+        print(f"{len(figures) - len(judged)} figures were disturbed and not judged", file=sys.stderr)
+    return 1 if broken or any(section.failed for section in sections) else 0
+
+
+def _measure(names: list[str], equipment: Equipment) -> list[Section]:
+    sections: list[Section] = []
+    for name in names:
+        began = time.monotonic()
+        try:
+            sections += MEASUREMENTS[name](equipment)
+        except (MeasurementError, MasterBrokenError, subprocess.CalledProcessError) as error:
+            failed = not isinstance(error, DisturbedError)
+            remark = f"{'**failed**' if failed else 'disturbed'}: {error}"
+            about = "Could not be measured."
+            sections.append(Section(title=name, about=about, head=(), remarks=[remark], failed=failed))
+        print(f"{name}: {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
+    return sections
 
 
 if __name__ == "__main__":

@@ -1,0 +1,164 @@
+"""A Python master in a process of its own: takes jobs as lines of JSON and answers each with what it achieved."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import json
+import sys
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+from counting import WARM_UP, count_awaited, in_threads, in_turn
+
+import drivecomm
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from counting import Counts, Job
+
+
+def blocking(job: Job) -> tuple[Counts, float]:
+    """Read with the blocking face, on one line."""
+    (path,) = job["paths"]
+    with drivecomm.open_bus(path, baudrate=job["baudrate"], **job["options"]) as bus:
+        drive = bus.drive(job["protocol"], 1)
+        parameter = job["parameter"]
+        return in_turn(lambda: drive.read(parameter), job["seconds"])
+
+
+def threads(job: Job) -> tuple[Counts, float]:
+    """Read with the blocking face, with a thread for each line."""
+    buses = [drivecomm.open_bus(path, baudrate=job["baudrate"], **job["options"]) for path in job["paths"]]
+    parameter = job["parameter"]
+
+    def maker(bus: drivecomm.Bus) -> Callable[[], Callable[[], object]]:
+        drive = bus.drive(job["protocol"], 1)
+        return lambda: lambda: drive.read(parameter)
+
+    try:
+        return in_threads([maker(bus) for bus in buses], job["seconds"])
+    finally:
+        for bus in buses:
+            bus.close()
+
+
+def tasks(job: Job) -> tuple[Counts, float]:
+    """Read with the asyncio face, with a task for each line."""
+    open_bus_async = getattr(drivecomm, "open_bus_async", None)
+    if open_bus_async is None:
+        raise MissingError("this version has no asyncio face (drivecomm.open_bus_async), so its rows are left out")
+    return asyncio.run(_tasks(open_bus_async, job))
+
+
+async def _tasks(open_bus_async: Callable[..., Any], job: Job) -> tuple[Counts, float]:
+    parameter, seconds = job["parameter"], job["seconds"]
+    buses = [open_bus_async(path, baudrate=job["baudrate"], **job["options"]) for path in job["paths"]]
+    entered = [await bus.__aenter__() for bus in buses]
+    try:
+        drives = [bus.drive(job["protocol"], 1) for bus in entered]
+        for _ in range(WARM_UP):
+            await asyncio.gather(*(drive.read(parameter) for drive in drives))
+        began = time.process_time()
+        counts = await asyncio.gather(*(_count_drive(drive, parameter, seconds) for drive in drives))
+        return list(counts), time.process_time() - began
+    finally:
+        for bus in buses:
+            await bus.__aexit__(None, None, None)
+
+
+async def _count_drive(drive: Any, parameter: str, seconds: float) -> tuple[int, float]:
+    return await count_awaited(lambda: drive.read(parameter), seconds)
+
+
+def scan(job: Job) -> tuple[Counts, float]:
+    """Scan every line at once; a count is the number of drives found, its seconds are those of the whole scan."""
+    buses = [drivecomm.open_bus(path, baudrate=job["baudrate"], **job["options"]) for path in job["paths"]]
+    counts: Counts = [(0, 0.0)] * len(buses)
+
+    def work(place: int) -> None:
+        began = time.perf_counter()
+        found = list(buses[place].scan([job["protocol"]], range(1, 32)))
+        counts[place] = (sum(one.sound for one in found), time.perf_counter() - began)
+
+    running = [threading.Thread(target=work, args=(place,)) for place in range(len(buses))]
+    began = time.process_time()
+    for thread in running:
+        thread.start()
+    for thread in running:
+        thread.join()
+    spent = time.process_time() - began
+    for bus in buses:
+        bus.close()
+    return counts, spent
+
+
+def peer(job: Job) -> tuple[Counts, float]:
+    """Read with a Modbus library."""
+    try:
+        clients = importlib.import_module("peer_clients")
+    except ImportError as error:
+        raise MissingError(
+            f"{error.name} is not installed, so the peers' rows are left out; install the extra: bench"
+        ) from None
+    try:
+        result: tuple[Counts, float] = clients.WAYS[job["way"]](job)
+    except Exception as error:
+        # Each library has errors of its own for a reply that did not come.
+        raise drivecomm.NoReplyError(f"{type(error).__name__}: {error}") from error
+    return result
+
+
+class MissingError(Exception):
+    """Something that a job needs is not there."""
+
+
+WAYS = {"blocking": blocking, "threads": threads, "asyncio": tasks, "scan": scan}
+
+
+def compute(stop: threading.Event) -> None:
+    """Be the neighbour that never waits."""
+    number = 0
+    while not stop.is_set():
+        for number in range(1000):
+            number * number
+
+
+def do(job: Job) -> tuple[Counts, float]:
+    """Do one job."""
+    way = WAYS.get(job["way"], peer)
+    usual = sys.getswitchinterval()
+    stop = threading.Event()
+    neighbour = threading.Thread(target=compute, args=(stop,), daemon=True)
+    if job["switch_interval_s"] is not None:
+        sys.setswitchinterval(job["switch_interval_s"])
+    if job["neighbour"]:
+        neighbour.start()
+    try:
+        return way(job)
+    finally:
+        stop.set()
+        sys.setswitchinterval(usual)
+
+
+def main() -> None:
+    """Do jobs until there are no more."""
+    for line in sys.stdin:
+        try:
+            counts, processor_s = do(json.loads(line))
+        except MissingError as error:
+            answer: dict[str, Any] = {"missing": str(error)}
+        except drivecomm.DriveCommError as error:
+            answer = {"failed": f"{type(error).__name__}: {error}"}
+        except Exception as error:  # noqa: BLE001 - told to the one who gave the job
+            answer = {"broken": f"{type(error).__name__}: {error}"}
+        else:
+            lines = [{"exchanges": number, "seconds": seconds} for number, seconds in counts]
+            answer = {"lines": lines, "processor_s": processor_s}
+        print(json.dumps(answer), flush=True)
+
+
+if __name__ == "__main__":
+    main()
