@@ -82,6 +82,9 @@ from drivecomm.errors import (
 from drivecomm.line import LineSettings as LineSettings
 from drivecomm.line import Timing as Timing
 from drivecomm.link import TraceEvent as TraceEvent
+from drivecomm.poll_loops import poll as poll
+from drivecomm.polling import PollItem as PollItem
+from drivecomm.polling import PollResult as PollResult
 from drivecomm.protocol import Capabilities as Capabilities
 from drivecomm.reading import Reading as Reading
 from drivecomm.registry import protocols as protocols
@@ -97,12 +100,14 @@ if _TYPE_CHECKING:
     from drivecomm.async_bus import open_bus_async as open_bus_async
     from drivecomm.async_drive import AsyncBroadcast as AsyncBroadcast
     from drivecomm.async_drive import AsyncDrive as AsyncDrive
+    from drivecomm.poll_loops import poll_async as poll_async
 
 _ASYNCHRONOUS = {
     "AsyncBroadcast": "drivecomm.async_drive",
     "AsyncBus": "drivecomm.async_bus",
     "AsyncDrive": "drivecomm.async_drive",
     "open_bus_async": "drivecomm.async_bus",
+    "poll_async": "drivecomm.poll_loops",
 }
 
 

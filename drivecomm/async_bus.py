@@ -10,6 +10,7 @@ from drivecomm.async_turns import AsyncTurns
 from drivecomm.bus import REOPEN_FIRST_S, REOPEN_LONGEST_S, port_opener
 from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError
 from drivecomm.growing_pause import GrowingPause
+from drivecomm.poll_loops import poll_async
 from drivecomm.roster import Roster, echo_mode, line_overrides
 from drivecomm.runners.asynchronous import runner_for
 from drivecomm.scanning import Found, look, scan_plan
@@ -17,7 +18,7 @@ from drivecomm.turns import Rank
 
 if TYPE_CHECKING:
     from collections import Counter
-    from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+    from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterable, Mapping
     from pathlib import Path
     from types import TracebackType
 
@@ -27,11 +28,14 @@ if TYPE_CHECKING:
     from drivecomm.line import Parity
     from drivecomm.link import Party, Steps, TraceEvent
     from drivecomm.models import Model
+    from drivecomm.polling import PollItem, PollResult
     from drivecomm.runners.asynchronous import Runner
     from drivecomm.runners.port import Port
     from drivecomm.statistics import Statistics
 
 T = TypeVar("T")
+
+_CLOSED = "this bus is closed; open it again with open_bus_async"
 
 
 class AsyncBus:
@@ -93,6 +97,16 @@ class AsyncBus:
         if progress is not None and plan:
             progress(plan[-1][0].name, len(plan), len(plan))
 
+    def poll(
+        self, items: Iterable[PollItem[AsyncDrive]], *, duration_s: float | None = None, cycles: int | None = None
+    ) -> AsyncGenerator[PollResult, None]:
+        """Yield the results of a poll plan for drives on this bus; see `drivecomm.poll_async`."""
+        plan = list(items)
+        for item in plan:
+            if item.drive.bus is not self:
+                raise UsageError(f"{item.drive.name} is not on this bus; poll it with drivecomm.poll_async")
+        return poll_async(plan, duration_s=duration_s, cycles=cycles)
+
     async def run(self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ) -> T:
         """Carry out an exchange with a drive, unless the drive is known not to answer; waits for its turn.
 
@@ -112,6 +126,8 @@ class AsyncBus:
 
     def now(self) -> float:
         """Return the time on the line's clock, in seconds; its beginning means nothing."""
+        if self._closed:
+            raise UsageError(_CLOSED)
         if self._clock is None:
             raise UsageError("this bus is not open; use it in `async with`")
         return self._clock.now()
@@ -196,7 +212,7 @@ class AsyncBus:
         if self._runner is not None:
             return self._runner
         if self._closed:
-            raise UsageError("this bus is closed; open it again with open_bus_async")
+            raise UsageError(_CLOSED)
         if self._clock is not None and (now := self._clock.now()) < self._reopening.over_at:
             raise LinkDownError(f"the port was lost; it is opened again in {self._reopening.over_at - now:.1f} s")
         try:

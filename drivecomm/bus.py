@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 from drivecomm.drive import Broadcast, Drive
 from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError
 from drivecomm.growing_pause import GrowingPause
+from drivecomm.poll_loops import poll
 from drivecomm.roster import Roster, echo_mode, line_overrides
 from drivecomm.runners.blocking import run
 from drivecomm.scanning import Found, look, scan_plan
@@ -16,7 +17,7 @@ from drivecomm.turns import Rank, Turns
 
 if TYPE_CHECKING:
     from collections import Counter
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
     from pathlib import Path
     from types import TracebackType
 
@@ -26,13 +27,16 @@ if TYPE_CHECKING:
     from drivecomm.line import Parity
     from drivecomm.link import Party, Steps, TraceEvent
     from drivecomm.models import Model
+    from drivecomm.polling import PollItem, PollResult
     from drivecomm.runners.port import Port
     from drivecomm.statistics import Statistics
 
 T = TypeVar("T")
 
+_CLOSED = "this bus is closed; open it again with open_bus"
+
 REOPEN_FIRST_S = 0.5
-REOPEN_LONGEST_S = 5.0
+REOPEN_LONGEST_S = 2.0
 
 
 class Bus:
@@ -104,17 +108,27 @@ class Bus:
         if progress is not None and plan:
             progress(plan[-1][0].name, len(plan), len(plan))
 
+    def poll(
+        self, items: Iterable[PollItem[Drive]], *, duration_s: float | None = None, cycles: int | None = None
+    ) -> Generator[PollResult, None, None]:
+        """Yield the results of a poll plan for drives on this bus; see `drivecomm.poll`."""
+        plan = list(items)
+        for item in plan:
+            if item.drive.bus is not self:
+                raise UsageError(f"{item.drive.name} is not on this bus; poll it with drivecomm.poll")
+        return poll(plan, duration_s=duration_s, cycles=cycles)
+
     def run(self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ) -> T:
         """Carry out an exchange with a drive, unless the drive is known not to answer; waits for its turn.
 
         A port that was lost is opened again first. Raises DeadlineError when the drive's deadline_s passes.
         """
-        deadline = self._clock.now() + party.facts.timing.deadline_s
+        deadline = self.now() + party.facts.timing.deadline_s
         return self._in_turn(self._roster.link.run(party, exchange, deadline=deadline), party, rank)
 
     def insist(self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ) -> T:
         """Carry out an exchange whatever is known of the drive; waits for its turn."""
-        deadline = self._clock.now() + party.facts.timing.deadline_s
+        deadline = self.now() + party.facts.timing.deadline_s
         return self._in_turn(self._roster.link.insist(party, exchange, deadline=deadline), party, rank)
 
     def commanding(self, who: Drive | Broadcast) -> None:
@@ -123,6 +137,8 @@ class Bus:
 
     def now(self) -> float:
         """Return the time on the line's clock, in seconds; its beginning means nothing."""
+        if self._closed:
+            raise UsageError(_CLOSED)
         return self._clock.now()
 
     def sleep_until(self, until: float) -> None:
@@ -205,7 +221,7 @@ class Bus:
         if self._port is not None:
             return self._port
         if self._closed:
-            raise UsageError("this bus is closed; open it again with open_bus")
+            raise UsageError(_CLOSED)
         now = self._clock.now()
         if now < self._reopening.over_at:
             raise LinkDownError(f"the port was lost; it is opened again in {self._reopening.over_at - now:.1f} s")

@@ -37,6 +37,14 @@ class Runs(Protocol):
         """Return the time for people."""
         ...
 
+    def now(self) -> float:
+        """Return the time on the line's clock."""
+        ...
+
+    def sleep_until(self, until: float) -> None:
+        """Let time pass on the line's clock."""
+        ...
+
     def commanding(self, who: Drive | Broadcast) -> None:
         """Let all others who speak to the same drive know that it is being commanded."""
         ...

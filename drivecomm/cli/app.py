@@ -8,7 +8,9 @@ import typer
 
 from drivecomm.cli import drives, telegrams
 from drivecomm.cli.demo import demo
+from drivecomm.cli.forecast import forecast
 from drivecomm.cli.line_options import on_a_line
+from drivecomm.cli.poll import poll
 from drivecomm.cli.scan import scan
 from drivecomm.cli.simulate import simulate
 from drivecomm.cli.vectors import check
@@ -56,5 +58,7 @@ app.command()(on_a_line(drives.stop))
 app.command()(on_a_line(drives.reset))
 app.command(context_settings=_NEGATIVE_NUMBERS)(on_a_line(drives.reference))
 app.command()(on_a_line(drives.call))
+app.command()(on_a_line(poll))
+app.command()(on_a_line(forecast))
 app.command()(simulate)
 app.add_typer(vectors)

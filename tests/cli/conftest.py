@@ -43,5 +43,7 @@ class Shell:
 def shell(capsys, monkeypatch):
     monkeypatch.delenv("DRIVECOMM_PORT", raising=False)
     one = Shell(capsys)
-    monkeypatch.setattr(drivecomm.bus, "port_opener", lambda url, **_: lambda: one.open(url))
+    monkeypatch.setattr(
+        drivecomm.bus, "port_opener", lambda port, **_: (lambda: one.open(port)) if isinstance(port, str) else port
+    )
     return one

@@ -35,6 +35,8 @@ NAMES = {
     "NotAnsweringError",
     "NotSupported",
     "ParameterAddressError",
+    "PollItem",
+    "PollResult",
     "PortError",
     "ProtocolLoadError",
     "Reading",
@@ -54,6 +56,7 @@ NAMES = {
     "decode",
     "encode",
     "open_bus",
+    "poll",
     "protocols",
 }
 

@@ -1,0 +1,89 @@
+"""The forecast command: how long a poll plan takes, and whether it fits its lines."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.output import emit, plain, say
+from drivecomm.cli.plan_words import Period, PlanFile, Words, given_plan
+from drivecomm.forecast import forecast as foresee
+
+if TYPE_CHECKING:
+    from drivecomm.forecast import Forecast
+
+_COLUMNS = ("period\ns", "every\ns", "late\nms", "takes\nms", "wire\nms", "delay\nms", "pause\nms", "rest\nms")
+_WIDTH = 200
+"""Of the table at most, where it is not drawn on a terminal."""
+
+
+def forecast(
+    line: LineOptions,
+    words: Words = None,
+    plan: PlanFile = None,
+    period: Period = 1.0,
+    delay: Annotated[
+        float | None, typer.Option("--delay", metavar="MS", help="Reply delay of the drives in milliseconds.")
+    ] = None,
+    guard: Annotated[
+        float, typer.Option("--guard", metavar="MS", help="Quiet time after a change of line settings.")
+    ] = 5.0,
+) -> int:
+    """Tell how long a round of a poll plan takes, before anything runs. Exit code 1 when it does not fit.
+
+    Takes the same plan as poll and opens no port.
+    """
+    chosen = given_plan(words or [], plan, period_s=period, port=line.port or "")
+    facts: dict[str, Any] = {
+        "baudrate": line.baudrate,
+        "bytesize": line.bytesize,
+        "parity": line.parity.upper() if line.parity else None,
+        "stopbits": line.stopbits,
+        "reply_timeout_s": line.timeout,
+        "attempts": line.attempts,
+    }
+    delay_s = None if delay is None else delay / 1000
+    fits = True
+    for port in chosen.ports:
+        found = foresee(chosen.on_line(port), guard_s=guard / 1000, reply_delay_s=delay_s, **facts)
+        fits = fits and found.fits
+        if line.json:
+            emit(**plain(found))
+        else:
+            _draw(found)
+    return 0 if fits else 1
+
+
+def _draw(found: Forecast) -> None:
+    from rich.box import SIMPLE_HEAD  # noqa: PLC0415 - as below
+    from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table(title=found.port or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column("drive", overflow="fold")
+    table.add_column("parameter", overflow="fold")
+    for name in _COLUMNS:
+        table.add_column(name, justify="right", no_wrap=True)
+    before = ""
+    for item in found.items:
+        times = (item.late_s, item.seconds, item.wire_s, item.delay_s, item.pause_s, item.rest_s)
+        table.add_row(
+            item.drive if item.drive != before else "",
+            item.parameter,
+            f"{item.period_s:g}",
+            f"{item.every_s:.3g}",
+            *(f"{1000 * seconds:.1f}" for seconds in times),
+        )
+        before = item.drive
+    on_terminal = sys.stdout.isatty()
+    Console(file=sys.stdout, width=None if on_terminal else _WIDTH, markup=False).print(table)
+    for drive in found.drives:
+        part = f"{drive.utilisation:.1%} of the line's time"
+        say(f"{drive.drive}  {drive.settings}  {1000 * drive.seconds:.1f} ms a round  {part}")
+    need = f"the plan needs {found.utilisation:.1%} of the line's time"
+    say(f"a round takes {1000 * found.cycle_s:.1f} ms; {need}; {'it fits' if found.fits else 'it does not fit'}")
+    for sentence in found.advice:
+        say(f"  {sentence}")

@@ -1,0 +1,97 @@
+"""Poll plans as the command line writes them: drives, each followed by its parameters, or a plan file."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drivecomm.cli.drive_names import parse_drive, parse_settings
+from drivecomm.errors import UnknownProtocolError, UsageError
+from drivecomm.plan import Plan, PlannedDrive, PlannedRead
+from drivecomm.registry import installed
+
+Words = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[DRIVE PARAM...]...",
+        help="PROTOCOL:ADDRESS and its parameters, each with ,name=value options, @SECONDS and !PRIORITY behind it.",
+    ),
+]
+PlanFile = Annotated[Path | None, typer.Option("--plan", help="Plan file (.toml) instead of drives and parameters.")]
+Period = Annotated[float, typer.Option("--period", help="Seconds, for parameters without @; 0 without a pause.")]
+
+_DRIVE = re.compile(r"([^:,]+):\d+(,.*)?", re.ASCII | re.DOTALL)
+_PARAMETER = re.compile(r"(?P<what>[^@!]+)(?:@(?P<period>[^@!]*))?(?:!(?P<priority>[^@!]*))?")
+_NEXT_SETTING = re.compile(r",(?=[A-Za-z_-]+=)")
+
+
+def given_plan(words: list[str], plan_file: Path | None, *, period_s: float, port: str) -> Plan:
+    """Return the plan of a call; drives that name no port are on this one. Raises UsageError."""
+    if plan_file is not None:
+        if words:
+            raise UsageError("give a plan file or drives and parameters, not both")
+        # Loaded by those who have a file only.
+        from drivecomm.plan_files import read_plan  # noqa: PLC0415
+
+        plan = read_plan(plan_file)
+    else:
+        plan = parse_plan(words, period_s=period_s)
+    placed = {drive: replace(drive, port=drive.port or port) for drive in plan.drives}
+    return replace(plan, reads=tuple(replace(read, drive=placed[read.drive]) for read in plan.reads))
+
+
+def parse_plan(words: list[str], *, period_s: float) -> Plan:
+    """Read `vabus:1 481 482@0.2 fuji:7,model=g11s M09!2`. Raises UsageError."""
+    drive: PlannedDrive | None = None
+    drives: dict[str, PlannedDrive] = {}
+    reads: list[PlannedRead] = []
+    for word in words:
+        if _names_a_drive(word):
+            drive = _drive(word)
+            # A drive that is named again goes on with what it had.
+            drive = drives.setdefault(word, drive)
+        elif drive is None:
+            raise UsageError(f"{word!r} names no drive; a plan begins with one, PROTOCOL:ADDRESS, such as vabus:1")
+        else:
+            reads.append(_read(word, drive, period_s))
+    idle = [word for word, one in drives.items() if all(read.drive != one for read in reads)]
+    if idle:
+        raise UsageError(f"nothing is read of {idle[0]}; name its parameters after it")
+    if not reads:
+        raise UsageError("nothing to read; name drives and parameters, such as vabus:1 481 482@0.2, or give --plan")
+    return Plan(reads=tuple(reads))
+
+
+def _names_a_drive(word: str) -> bool:
+    protocol, colon, _ = word.partition(",")[0].partition(":")
+    if colon and protocol in installed:
+        return True
+    if _DRIVE.fullmatch(word):
+        known = ", ".join(installed)
+        raise UnknownProtocolError(f"no installed protocol is named {protocol!r}; installed are {known or 'none'}")
+    return False
+
+
+def _drive(word: str) -> PlannedDrive:
+    name = parse_drive(word)
+    return PlannedDrive(protocol=name.protocol, address=name.address, options=name.options)
+
+
+def _read(word: str, drive: PlannedDrive, period_s: float) -> PlannedRead:
+    match = _PARAMETER.fullmatch(word)
+    if match is None:
+        raise UsageError(f"{word!r} is no parameter; write PARAM[@SECONDS][!PRIORITY], such as 481@0.2!1")
+    # A comma may be part of a parameter's address; options follow it as name=value.
+    parameter, *settings = _NEXT_SETTING.split(match["what"])
+    try:
+        period = period_s if match["period"] is None else float(match["period"])
+        priority = 0 if match["priority"] is None else int(match["priority"])
+    except ValueError:
+        raise UsageError(f"{word!r} has no such period or priority; write PARAM@SECONDS!PRIORITY") from None
+    return PlannedRead(
+        drive=drive, parameter=parameter, period_s=period, priority=priority, options=parse_settings(settings)
+    )

@@ -1,0 +1,98 @@
+"""The poll command: parameters with periods, on one or many lines, as lines for people or objects for scripts."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, closing
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.output import emit, say
+from drivecomm.cli.plan_words import Period, PlanFile, Words, given_plan
+from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.poll_loops import poll as carry_out
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from drivecomm.bus import Bus
+    from drivecomm.polling import PollItem, PollResult
+
+
+def poll(
+    line: LineOptions,
+    words: Words = None,
+    plan: PlanFile = None,
+    period: Period = 1.0,
+    duration: Annotated[float | None, typer.Option("--for", metavar="SECONDS", help="End after this time.")] = None,
+    cycles: Annotated[int | None, typer.Option("--cycles", help="End when all were asked so often.")] = None,
+) -> int:
+    """Read parameters again and again, until Ctrl-C unless told otherwise; what fails is shown and ends nothing.
+
+    Exit code 0 when each was read at least once, otherwise that of the first one that never was.
+    """
+    chosen = given_plan(words or [], plan, period_s=period, port=line.port or "")
+    show = _emit if line.json else _say
+    unread: dict[PollItem[Any], DriveCommError | None] = {}
+    with ExitStack() as stack:
+        items = chosen.items(_open(stack, line, chosen.ports))
+        unread.update(dict.fromkeys(items))
+        with closing(carry_out(items, duration_s=duration, cycles=cycles)) as results:
+            for result in results:
+                show(result)
+                if result.error is None:
+                    unread.pop(result.item, None)
+                elif result.item in unread:
+                    unread[result.item] = unread[result.item] or result.error
+    return next((error.exit_code for error in unread.values() if error is not None), 0)
+
+
+def _open(stack: ExitStack, line: LineOptions, ports: Iterable[str]) -> dict[str, Bus]:
+    """Open all lines of a plan. Raises LinkError for the first that cannot be opened."""
+    buses = {}
+    for port in ports:
+        if not port:
+            raise UsageError("some drives have no port: give --port, or name ports in the plan")
+        try:
+            buses[port] = stack.enter_context(replace(line, port=port).bus())
+        except DriveCommError:
+            # The lines that are open already are not at fault; leaving them by this error would add their names.
+            stack.close()
+            raise
+    return buses
+
+
+def _emit(result: PollResult) -> None:
+    reading = result.reading
+    emit(
+        drive=result.drive,
+        parameter=result.parameter,
+        quality=result.quality,
+        value=None if reading is None else reading.value,
+        unit="" if reading is None else reading.unit,
+        address="" if reading is None else reading.parameter,
+        name="" if reading is None else reading.name,
+        raw=None if reading is None else reading.raw,
+        type="" if reading is None else reading.type,
+        text="" if reading is None else reading.text,
+        note="" if reading is None else reading.note,
+        time_s=result.time_s,
+        cause=result.cause,
+        kind="" if result.error is None else type(result.error).__name__,
+        due_s=round(result.due_s, 6),
+        late_s=round(result.late_s, 6),
+        took_s=round(result.took_s, 6),
+        missed=result.missed,
+    )
+
+
+def _say(result: PollResult) -> None:
+    clock = datetime.fromtimestamp(result.time_s, tz=UTC).astimezone().strftime("%H:%M:%S.%f")[:-3]
+    reading = result.reading
+    parameter = result.parameter if reading is None else f"{reading.parameter} {reading.name}".rstrip()
+    value = "-" if reading is None else str(reading)
+    cause = f": {result.cause}" if result.cause else ""
+    say(f"{clock}  {result.drive}  {parameter:<34} {value:>14}  {result.quality}{cause}")
