@@ -5,9 +5,34 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 REPLY_TIME_BOUNDS_MS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 700, 1000)
 """Upper bounds of the histogram's classes; one more class holds what took longer."""
+
+COUNTERS = {
+    "requests": "questions asked; a repetition counts as a retry",
+    "replies": "good replies",
+    "retries": "questions asked again",
+    "timeouts": "questions and repetitions that nothing answered in time",
+    "damaged": "questions and repetitions of which the answer was damaged",
+    "framing errors": "telegrams in which a fixed character was wrong",
+    "length errors": "telegrams in which the length was wrong",
+    "checksum errors": "telegrams in which the check was wrong",
+    "field errors": "telegrams in which a field held what it may not",
+    "strays": "sound telegrams that did not answer what was asked: late, repeated, or for somebody else",
+    "echoes": "whole requests that came back although no echo was expected",
+    "echo bytes": "own bytes that came back",
+    "echoes missing": "replies before which the echo that was expected did not come whole",
+    "noise bytes": "bytes within a reply time that were part of no telegram",
+    "unasked bytes": "bytes that came before a request was out",
+    "drained bytes": "bytes thrown away after an error, until the line was quiet",
+    "probes": "questions whether a drive that had been given up is there again",
+}
+"""The names of the counters and what each counts."""
 
 
 @dataclass(slots=True)
@@ -36,14 +61,47 @@ class ReplyTimes:
         """The mean, 0 without any reply."""
         return self.total_s / self.count if self.count else 0.0
 
+    def percentile_s(self, percent: float) -> float:
+        """Return the time within which so many percent (0 to 100) of the replies came, 0 without any reply.
+
+        It is as exact as the class that it lies in: between its bounds it is taken to be where even spacing puts it.
+        """
+        place = self.count * min(100.0, max(0.0, percent)) / 100
+        below = 0
+        for number, held in enumerate(self.classes):
+            if held and below + held >= place:
+                lower, upper = self._bounds_s(number)
+                return lower + (upper - lower) * (place - below) / held
+            below += held
+        return 0.0
+
+    def _bounds_s(self, number: int) -> tuple[float, float]:
+        """Return between which times the replies of a class lie: its bounds, or the shortest and the longest."""
+        lower = REPLY_TIME_BOUNDS_MS[number - 1] / 1000 if number else 0.0
+        upper = REPLY_TIME_BOUNDS_MS[number] / 1000 if number < len(REPLY_TIME_BOUNDS_MS) else self.longest_s
+        return max(lower, self.shortest_s), min(upper, self.longest_s)
+
 
 @dataclass(slots=True)
 class Statistics:
     """What has happened with one drive.
 
-    counters: requests, retries, replies, timeouts, damaged, strays, late replies, ..., each by name; what never
-    happened is not there and counts 0. reply_times: how fast it answers.
+    counters: how often each thing in COUNTERS happened; what never did is not there and counts 0. reply_times: how fast
+    it answers.
     """
 
     counters: Counter[str] = field(default_factory=Counter)
     reply_times: ReplyTimes = field(default_factory=ReplyTimes)
+
+
+def total(each: Iterable[Statistics]) -> Statistics:
+    """Return the statistics of several drives as those of one, such as `total(bus.statistics.values())` for a bus."""
+    result = Statistics()
+    times = result.reply_times
+    for one in each:
+        result.counters.update(one.counters)
+        times.classes = [ours + theirs for ours, theirs in zip(times.classes, one.reply_times.classes, strict=True)]
+        times.shortest_s = min(times.shortest_s, one.reply_times.shortest_s)
+        times.longest_s = max(times.longest_s, one.reply_times.longest_s)
+        times.total_s += one.reply_times.total_s
+    return result

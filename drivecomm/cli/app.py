@@ -8,11 +8,13 @@ import typer
 
 from drivecomm.cli import drives, telegrams
 from drivecomm.cli.demo import demo
+from drivecomm.cli.doctor import doctor
 from drivecomm.cli.forecast import forecast
-from drivecomm.cli.line_options import on_a_line
+from drivecomm.cli.line_options import LineCommand, on_a_line
 from drivecomm.cli.poll import poll
 from drivecomm.cli.scan import scan
 from drivecomm.cli.simulate import simulate
+from drivecomm.cli.stats import stats
 from drivecomm.cli.vectors import check
 from drivecomm.version import __version__
 
@@ -45,20 +47,22 @@ def common(
     """Variable-frequency drives of different makers over serial lines."""
 
 
-app.command()(on_a_line(demo))
+app.command(cls=LineCommand)(on_a_line(demo))
 app.command()(telegrams.protocols)
 app.command(context_settings=_NEGATIVE_NUMBERS)(telegrams.decode)
 app.command()(telegrams.encode)
-app.command()(on_a_line(scan))
-app.command()(on_a_line(drives.read))
-app.command(context_settings=_NEGATIVE_NUMBERS)(on_a_line(drives.write))
-app.command()(on_a_line(drives.status))
-app.command()(on_a_line(drives.start))
-app.command()(on_a_line(drives.stop))
-app.command()(on_a_line(drives.reset))
-app.command(context_settings=_NEGATIVE_NUMBERS)(on_a_line(drives.reference))
-app.command()(on_a_line(drives.call))
-app.command()(on_a_line(poll))
-app.command()(on_a_line(forecast))
+app.command(cls=LineCommand)(on_a_line(scan))
+app.command(cls=LineCommand)(on_a_line(doctor))
+app.command(cls=LineCommand)(on_a_line(stats))
+app.command(cls=LineCommand)(on_a_line(drives.read))
+app.command(cls=LineCommand, context_settings=_NEGATIVE_NUMBERS)(on_a_line(drives.write))
+app.command(cls=LineCommand)(on_a_line(drives.status))
+app.command(cls=LineCommand)(on_a_line(drives.start))
+app.command(cls=LineCommand)(on_a_line(drives.stop))
+app.command(cls=LineCommand)(on_a_line(drives.reset))
+app.command(cls=LineCommand, context_settings=_NEGATIVE_NUMBERS)(on_a_line(drives.reference))
+app.command(cls=LineCommand)(on_a_line(drives.call))
+app.command(cls=LineCommand)(on_a_line(poll))
+app.command(cls=LineCommand)(on_a_line(forecast))
 app.command()(simulate)
 app.add_typer(vectors)

@@ -7,17 +7,21 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import wraps
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
+from typer.core import TyperCommand
 
-from drivecomm.bus import open_bus
+from drivecomm import bus as buses
 from drivecomm.cli.output import sentence, trace_as_json, trace_to_standard_error
+from drivecomm.echo import Echo
 from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.tracing import tell_all
 
 if TYPE_CHECKING:
     from drivecomm.bus import Bus
     from drivecomm.link import TraceEvent
+    from drivecomm.runners.port import Port
 
 _LINE = "Line"
 
@@ -42,7 +46,20 @@ class LineOptions:
     stopbits: Annotated[float | None, typer.Option(rich_help_panel=_LINE, help="1, 1.5 or 2.")] = None
     timeout: Annotated[float | None, typer.Option(rich_help_panel=_LINE, help="Reply time in seconds.")] = None
     attempts: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="How often to ask at most.")] = None
-    echo: Annotated[bool, typer.Option("--echo", rich_help_panel=_LINE, help="The adapter echoes.")] = False
+    echo: Annotated[
+        Echo,
+        typer.Option(
+            rich_help_panel=_LINE,
+            help="Whether the adapter hands back what it sends; --echo alone is expect, auto sees by itself.",
+        ),
+    ] = "off"
+    rs485: Annotated[
+        bool, typer.Option("--rs485", rich_help_panel=_LINE, help="The port's driver switches the transmitter.")
+    ] = False
+    low_latency: Annotated[
+        bool | None,
+        typer.Option(rich_help_panel=_LINE, help="A USB adapter hands bytes over at once; where it can, if absent."),
+    ] = None
     trace: Annotated[
         bool, typer.Option("--trace", rich_help_panel=_LINE, help="Show every telegram, decoded, with its time.")
     ] = False
@@ -51,37 +68,78 @@ class LineOptions:
     @contextmanager
     def bus(self, listener: Callable[[TraceEvent], None] | None = None) -> Iterator[Bus]:
         """Open the bus for the time of the block; errors then name the port. listener: also told the trace."""
+        with self._named_in_errors(), self._open_bus(self.named_port, listener) as bus:
+            yield bus
+
+    @contextmanager
+    def opened(self) -> Iterator[Port]:
+        """Open the port alone for the time of the block; errors then name it."""
+        with self._named_in_errors():
+            port = buses.port_opener(self.named_port, rs485=self.rs485, low_latency=self.low_latency)()
+            try:
+                yield port
+            finally:
+                port.close()
+
+    @property
+    def named_port(self) -> str:
+        """The port. Raises UsageError when there is none."""
         if self.port is None:
             raise UsageError("no port: give --port, or set DRIVECOMM_PORT")
+        return self.port
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The line facts for all drives, as keywords of `open_bus`; None for those that are not given."""
+        return {
+            "baudrate": self.baudrate,
+            "bytesize": self.bytesize,
+            "parity": self.parity.upper() if self.parity else None,
+            "stopbits": self.stopbits,
+            "reply_timeout_s": self.timeout,
+            "attempts": self.attempts,
+        }
+
+    @property
+    def shown_trace(self) -> Callable[[TraceEvent], None] | None:
+        """What shows the trace, where it is wanted."""
+        if not self.trace:
+            return None
+        return trace_as_json if self.json else trace_to_standard_error
+
+    @contextmanager
+    def _named_in_errors(self) -> Iterator[None]:
+        where = self.named_port
         try:
-            with open_bus(
-                self.port,
-                baudrate=self.baudrate,
-                bytesize=self.bytesize,
-                parity=self.parity.upper() if self.parity else None,  # type: ignore[arg-type]
-                stopbits=self.stopbits,
-                reply_timeout_s=self.timeout,
-                attempts=self.attempts,
-                echo=self.echo,
-                trace=self._tracer(listener),
-            ) as bus:
-                yield bus
+            yield
         except DriveCommError as error:
-            error.args = (sentence(str(error), where=self.port), *error.args[1:])
+            error.args = (sentence(str(error), where=where), *error.args[1:])
             raise
 
-    def _tracer(self, listener: Callable[[TraceEvent], None] | None) -> Callable[[TraceEvent], None] | None:
-        if not self.trace:
-            return listener
-        show = trace_as_json if self.json else trace_to_standard_error
-        if listener is None:
-            return show
+    def _open_bus(self, port: str, listener: Callable[[TraceEvent], None] | None) -> Bus:
+        return buses.open_bus(
+            port,
+            echo=self.echo,
+            rs485=self.rs485,
+            low_latency=self.low_latency,
+            trace=tell_all(self.shown_trace, listener),
+            **self.facts,
+        )
 
-        def both(event: TraceEvent) -> None:
-            show(event)
-            listener(event)
 
-        return both
+class LineCommand(TyperCommand):
+    """A command with the line options: lets `--echo` stand alone, as it did before it had a value."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Give a lone `--echo` its value."""
+        modes = get_args(Echo)
+        ends = args.index("--") if "--" in args else len(args)
+        given = []
+        for place, word in enumerate(args):
+            given.append(word)
+            if word == "--echo" and place < ends and (place + 1 == len(args) or args[place + 1] not in modes):
+                given.append("expect")
+        return super().parse_args(ctx, given)
 
 
 def on_a_line(command: Callable[..., Any]) -> Callable[..., Any]:

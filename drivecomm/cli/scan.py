@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivecomm.cli.address_lists import addresses_of
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
-from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
     from drivecomm.scanning import Found
@@ -24,7 +24,7 @@ def scan(
     from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
 
-    wanted = _addresses(addresses) if addresses else None
+    wanted = addresses_of(addresses) if addresses else None
     found: list[Found] = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     # The bar stays out of what a script reads: on a terminal both share it, otherwise the bar goes to standard error.
@@ -55,13 +55,3 @@ def _line(found: Found) -> str:
     told = ", ".join(f"{name} {value}" for name, value in found.identity.items())
     remark = "" if found.sound else f"answers, but damaged: {found.detail}"
     return f"{found.name}  {told}{remark}"
-
-
-def _addresses(text: str) -> list[int]:
-    chosen: list[int] = []
-    for part in text.split(","):
-        first, dash, last = part.strip().partition("-")
-        if not first.isdigit() or (dash and not last.isdigit()):
-            raise UsageError(f"{text!r} are no addresses; write them as 1-31 or 1,5,7-9")
-        chosen += range(int(first), int(last or first) + 1)
-    return chosen

@@ -1,0 +1,189 @@
+"""The stats command: ask drives for a while, and count what happens."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drivecomm.cli.drive_names import DriveName, parse_drive
+from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.output import emit, say
+from drivecomm.errors import DriveError, NotAnsweringError, ReplyError, UsageError
+from drivecomm.statistics import COUNTERS, REPLY_TIME_BOUNDS_MS, Statistics, total
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from drivecomm.bus import Bus
+    from drivecomm.drive import Drive
+    from drivecomm.statistics import ReplyTimes
+
+_ALWAYS_SHOWN = ("requests", "replies", "retries", "timeouts", "damaged")
+_PERCENTILES = (50, 95, 99)
+_BAR_WIDTH = 40
+# How long to leave the line alone when none of the drives may be asked just now.
+_IDLE_S = 0.02
+
+
+def stats(
+    line: LineOptions,
+    drives: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS, such as vabus:1. If absent: those a scan finds."),
+    ] = None,
+    seconds: Annotated[float, typer.Option("--for", metavar="SECONDS", help="How long to ask.")] = 5.0,
+) -> int:
+    """Ask drives for a while, one after the other, with probes that cannot move a motor, and count what happens.
+
+    Exit code 1 when a drive never answered, or none was found.
+    """
+    if not 0 < seconds < float("inf"):
+        raise UsageError(f"{seconds:g} s is no time to ask for; give --for a number above 0")
+    names = [parse_drive(text) for text in drives] if drives else _scanned(line)
+    if not names:
+        return 1
+    with line.bus() as bus:
+        asked = [bus.drive(name.protocol, name.address, **name.options) for name in names]
+        began = bus.now()
+        try:
+            _ask_all(bus, asked, began + seconds)
+        finally:
+            # Also when it ends early, by Ctrl-C or because the port was lost: what was counted is worth having.
+            counted = {one.name: bus.statistics.get(one.name, Statistics()) for one in asked}
+            _show(counted, bus.now() - began, line)
+    return 0 if all(each.counters["replies"] for each in counted.values()) else 1
+
+
+def _scanned(line: LineOptions) -> list[DriveName]:
+    """Return the drives on the line; on a bus of its own, so that its questions are not counted."""
+    sys.stderr.write("drivecomm: no drive named, so the line is scanned first\n")
+    with line.bus() as bus:
+        found = [one for one in bus.scan() if one.sound]
+    if not found:
+        sys.stderr.write("drivecomm: no drive found; name one, or check the line with drivecomm doctor\n")
+    return [DriveName(protocol=one.protocol, address=one.address) for one in found]
+
+
+def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
+    asking = [(drive.party, drive.party.probe) for drive in drives if drive.party.probe is not None]
+    while bus.now() < until:
+        idle = True
+        for party, probe in asking:
+            began = bus.now()
+            if began >= until:
+                return
+            try:
+                # Not Drive.probe, which insists: a drive that does not answer is given up, as in any program.
+                bus.run(party, probe())
+            except (NotAnsweringError, ReplyError, DriveError):
+                idle = idle and bus.now() - began < _IDLE_S
+            else:
+                idle = False
+        if idle:
+            bus.sleep_until(min(until, bus.now() + _IDLE_S))
+
+
+def _show(counted: Mapping[str, Statistics], seconds: float, line: LineOptions) -> None:
+    everything = total(counted.values())
+    if line.json:
+        for name, each in counted.items():
+            emit(drive=name, **_plain(each, seconds))
+        emit(bus=line.port, **_plain(everything, seconds))
+        return
+    rows = [*counted.items(), *([("all", everything)] if len(counted) > 1 else [])]
+    _draw_counters(rows, seconds)
+    _draw_times(rows)
+    for name, each in rows:
+        if each.reply_times.count:
+            say(f"\nreply times of {name}")
+            for text in _bars(each.reply_times):
+                say(text)
+
+
+def _plain(each: Statistics, seconds: float) -> dict[str, Any]:
+    times = each.reply_times
+    content: dict[str, Any] = {
+        "seconds": round(seconds, 3),
+        "answered": each.counters["replies"] > 0,
+        "counters": {name: each.counters[name] for name in COUNTERS},
+        "reply_times": None,
+    }
+    if times.count:
+        content["reply_times"] = {
+            "count": times.count,
+            "shortest_ms": _ms(times.shortest_s),
+            "mean_ms": _ms(times.mean_s),
+            **{f"p{percent}_ms": _ms(times.percentile_s(percent)) for percent in _PERCENTILES},
+            "longest_ms": _ms(times.longest_s),
+            "classes": [
+                {"up_to_ms": bound, "count": number}
+                for bound, number in zip((*REPLY_TIME_BOUNDS_MS, None), times.classes, strict=True)
+            ],
+        }
+    return content
+
+
+def _ms(seconds: float) -> float:
+    return round(seconds * 1000, 3)
+
+
+def _draw_counters(rows: Sequence[tuple[str, Statistics]], seconds: float) -> None:
+    others = [name for name in COUNTERS if name not in _ALWAYS_SHOWN and any(each.counters[name] for _, each in rows)]
+    columns = [*_ALWAYS_SHOWN, *others]
+    _draw(
+        ["drive", *columns, "replies/s"],
+        [
+            [name, *(str(each.counters[one]) for one in columns), f"{each.counters['replies'] / seconds:.1f}"]
+            for name, each in rows
+        ],
+    )
+
+
+def _draw_times(rows: Sequence[tuple[str, Statistics]]) -> None:
+    answering = [(name, each.reply_times) for name, each in rows if each.reply_times.count]
+    if not answering:
+        return
+    say()
+    _draw(
+        ["reply times", "shortest", "mean", *(f"{percent} %" for percent in _PERCENTILES), "longest"],
+        [
+            [name, *(f"{time * 1000:.1f} ms" for time in (
+                times.shortest_s,
+                times.mean_s,
+                *(times.percentile_s(percent) for percent in _PERCENTILES),
+                times.longest_s,
+            ))]
+            for name, times in answering
+        ],
+    )  # fmt: skip
+
+
+def _draw(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    from rich import box  # noqa: PLC0415 - rich is loaded only where something is drawn
+    from rich.console import Console  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table(box=box.ASCII2 if not sys.stdout.isatty() else box.ROUNDED)
+    for number, head in enumerate(heads):
+        table.add_column(head, justify="right" if number else "left", no_wrap=number == 0)
+    for row in rows:
+        table.add_row(*row)
+    # What is not read on a terminal is not broken at the width of one.
+    Console(width=None if sys.stdout.isatty() else 250).print(table, markup=False)
+
+
+def _bars(times: ReplyTimes) -> list[str]:
+    """Return the histogram, from the first class that holds something to the last."""
+    held = [number for number, count in enumerate(times.classes) if count]
+    most = max(times.classes)
+    lines = []
+    for number in range(held[0], held[-1] + 1):
+        lower = REPLY_TIME_BOUNDS_MS[number - 1] if number else 0
+        upper = f"{REPLY_TIME_BOUNDS_MS[number]}" if number < len(REPLY_TIME_BOUNDS_MS) else ""
+        count = times.classes[number]
+        # What is there at all is seen.
+        bar = "#" * max(count > 0, round(count / most * _BAR_WIDTH))
+        lines.append(f"{lower:>5} to {upper:<4} ms  {count:>7}  {bar}".rstrip())
+    return lines

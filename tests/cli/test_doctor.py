@@ -1,0 +1,193 @@
+"""doctor: what an adapter and its line do. On virtual lines, and in real time over pseudo-terminals and the network."""
+
+import json
+import os
+import threading
+import time
+import tty
+from contextlib import contextmanager
+
+import pytest
+
+from drivecomm.cli import main
+from drivecomm.virtual import VirtualLine, virtual_drive
+from drivecomm.virtual.listeners import parse_listen
+from drivecomm.virtual.serving import Server
+
+posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
+# Short reply times, and one address: a silent one costs 0.1 s.
+FEW = ("--protocol", "fuji", "--addresses", "1", "--quick")
+
+
+def test_a_sound_line(shell):
+    shell.line(virtual_drive("vabus", 1), virtual_drive("fuji", 3))
+    assert shell("doctor", "line", "--quick", port=None) == 0
+    assert "PROBLEM" not in shell.out
+    assert shell.out.endswith("no problems found\n")
+    for part in ("the line is quiet", "hands nothing back", "vabus:1 answers", "fuji:3 answers", "vabus:1 is done"):
+        assert part in shell.out
+
+
+def test_problems_have_a_remedy_and_an_exit_code(shell):
+    shell.line(echo=True)
+    assert shell("doctor", "line", "--protocol", "vabus", "--quick", port=None) == 1
+    assert "PROBLEM  echo    the adapter hands back what it sends\n" in shell.out
+    assert "> use --echo expect" in shell.out
+    assert shell.out.endswith("1 problem found\n")
+    assert shell("doctor", "line", "--protocol", "vabus", "--quick", "--echo", port=None) == 0
+
+
+def test_the_port_may_be_an_option_or_the_environment(shell, monkeypatch):
+    shell.line()
+    assert shell("doctor", "--protocol", "vabus", "--quick") == 0
+    monkeypatch.setenv("DRIVECOMM_PORT", "line")
+    assert shell("doctor", "--protocol", "vabus", "--quick", port=None) == 0
+    assert shell("doctor", "line", "--protocol", "vabus", "--quick", port="elsewhere") == 0, "the argument counts"
+
+
+def test_json(shell):
+    shell.line(echo=True)
+    assert shell("doctor", "line", "--protocol", "vabus", "--quick", "--json", port=None) == 1
+    *findings, measured = shell.objects
+    assert {each["finding"] for each in findings} == {"port", "noise", "echo", "drives", "time"}
+    assert [each["finding"] for each in findings if each["weight"] == "problem"] == ["echo"]
+    assert measured["port"] == "line"
+    assert measured["report"] is None
+    assert [each["kind"] for each in measured["echo"]] == ["whole"] * 3
+    assert measured["drives"][0]["drive"] == "vabus:1"
+    assert len(measured["replies"][0]["times_ms"]) == measured["replies"][0]["answered"] == 10
+    assert shell.err == ""
+
+
+def test_line_settings_are_taken(shell):
+    shell.line(virtual_drive("vabus", 1, baudrate=9600))
+    assert shell("doctor", "line", "--protocol", "vabus", "--addresses", "1", port=None) == 1
+    assert "vabus:1 answers at 9600 7E1, not at 19200 7E1" in shell.out
+    assert shell("doctor", "line", "--protocol", "vabus", "--addresses", "1", "--baudrate", "9600", port=None) == 0
+
+
+def test_trace(shell):
+    shell.line()
+    assert shell("doctor", "line", "--protocol", "vabus", "--quick", "--trace", port=None) == 0
+    assert "->  vabus:1" in shell.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "sentence"),
+    [
+        ([], 2, "no port"),
+        (["nowhere"], 3, "does not exist"),
+        (["line", "--addresses", "a-b"], 2, "1-31"),
+        (["line", "--protocol", "modbus"], 2, "modbus"),
+        (["line", "--baudrate", "1"], 2, "baud rate"),
+        (["line", "--echo=perhaps"], 2, "expect"),
+    ],
+)
+def test_errors_are_one_sentence(shell, arguments, code, sentence):
+    shell.line()
+    assert shell("doctor", *arguments, port=None) == code
+    assert sentence in shell.err
+    assert shell.err.count("\n") == 1
+    assert "Traceback" not in shell.err
+
+
+def test_a_line_that_goes_down(shell):
+    class Failing(VirtualLine):
+        def transmit(self, data):
+            self.broken = True
+            super().transmit(data)
+
+    shell.lines["line"] = Failing([virtual_drive("vabus", 1)])
+    assert shell("doctor", "line", port=None) == 3
+    assert "the virtual line is broken" in shell.err
+    assert shell.err.count("\n") == 1
+
+
+@contextmanager
+def served(listen, *drives, **options):
+    stop = threading.Event()
+    with Server(drives, parse_listen(listen), **options) as server:
+        thread = threading.Thread(target=server.run, args=(stop,))
+        thread.start()
+        try:
+            yield server.address
+        finally:
+            stop.set()
+            thread.join()
+
+
+def examined(capsys, port, *more):
+    code = main(["doctor", port, *FEW, "--json", *more])
+    captured = capsys.readouterr()
+    *findings, measured = [json.loads(text) for text in captured.out.splitlines()]
+    return code, {each["finding"]: each for each in findings if each["weight"] == "problem"}, measured
+
+
+@posix
+def test_a_pseudo_terminal(capsys, tmp_path):
+    with served(f"pty:{tmp_path / 'line'}", virtual_drive("fuji", 1), paced=True) as port:
+        code, problems, measured = examined(capsys, port)
+    assert (code, problems) == (0, {})
+    assert measured["report"]["kind"] == "pseudo-terminal"
+    assert [each["drive"] for each in measured["drives"]] == ["fuji:1"]
+    (replies,) = measured["replies"]
+    assert all(took > wire for took, wire in zip(replies["times_ms"], replies["wire_ms"], strict=True))
+
+
+@posix
+def test_a_pseudo_terminal_with_echo(capsys, tmp_path):
+    with served(f"pty:{tmp_path / 'line'}", virtual_drive("fuji", 1), echo=True) as port:
+        code, problems, measured = examined(capsys, port)
+    assert (code, set(problems)) == (1, {"echo"})
+    assert [each["drive"] for each in measured["drives"]] == ["fuji:1"]
+
+
+@posix
+def test_a_pseudo_terminal_with_nobody(capsys, tmp_path):
+    with served(f"pty:{tmp_path / 'line'}") as port:
+        code, problems, _ = examined(capsys, port)
+    assert (code, set(problems)) == (1, {"drives"})
+    assert "nobody answers" in problems["drives"]["text"]
+
+
+@posix
+def test_a_pseudo_terminal_with_noise(capsys):
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    done = threading.Event()
+
+    def rustle():
+        while not done.wait(0.02):
+            os.write(ours, b"\xfe\x91")
+
+    thread = threading.Thread(target=rustle)
+    thread.start()
+    try:
+        code, problems, measured = examined(capsys, os.ttyname(theirs))
+    finally:
+        done.set()
+        thread.join()
+        os.close(ours)
+        os.close(theirs)
+    assert code == 1
+    assert "came unasked" in problems["noise"]["text"]
+    assert measured["unclear_bytes"] > 0
+
+
+def test_a_wrong_baud_rate_over_rfc_2217(capsys):
+    with served("rfc2217:127.0.0.1:0", virtual_drive("fuji", 1, baudrate=19200), paced=True) as port:
+        code, problems, measured = examined(capsys, port)
+        assert (code, set(problems)) == (1, {"drives"})
+        assert measured["report"]["kind"] == "RFC 2217"
+        time.sleep(0.2)
+        code, problems, _ = examined(capsys, port, "--baudrate", "19200")
+    assert (code, problems) == (0, {})
+
+
+def test_tcp_says_what_cannot_be_known(capsys):
+    with served("tcp:127.0.0.1:0", virtual_drive("fuji", 1)) as address:
+        port = f"socket://{address.rpartition('//')[2].removeprefix('tcp:')}"
+        assert main(["doctor", port, *FEW]) == 0
+    text = capsys.readouterr().out
+    assert "settings are those of the server" in text
+    assert "cannot be known from here" in text
