@@ -29,11 +29,13 @@ if TYPE_CHECKING:
     from drivecomm.link import Party, Steps, TraceEvent
     from drivecomm.models import Model
     from drivecomm.polling import PollItem, PollResult
+    from drivecomm.reading import Reading
     from drivecomm.runners.asynchronous import Runner
     from drivecomm.runners.port import Port
     from drivecomm.statistics import Statistics
 
 T = TypeVar("T")
+R = TypeVar("R", "Reading", "Reading | None")
 
 _CLOSED = "this bus is closed; open it again with open_bus_async"
 
@@ -113,12 +115,18 @@ class AsyncBus:
         A port that was lost is opened again first. Raises DeadlineError when the drive's deadline_s passes.
         """
         deadline = self.now() + party.facts.timing.deadline_s
-        return await self._in_turn(self._roster.link.run(party, exchange, deadline=deadline), party, rank)
+        return (await self._in_turn(self._roster.link.run(party, exchange, deadline=deadline), party, rank))[0]
+
+    async def reading(self, party: Party, exchange: Exchange[R], rank: Rank = Rank.READ) -> R:
+        """Carry out an exchange as `run` does; the reading that it results in gets the time of its reply."""
+        deadline = self.now() + party.facts.timing.deadline_s
+        result, time_s = await self._in_turn(self._roster.link.run(party, exchange, deadline=deadline), party, rank)
+        return result and result.at(time_s)
 
     async def insist(self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ) -> T:
         """Carry out an exchange whatever is known of the drive; waits for its turn."""
         deadline = self.now() + party.facts.timing.deadline_s
-        return await self._in_turn(self._roster.link.insist(party, exchange, deadline=deadline), party, rank)
+        return (await self._in_turn(self._roster.link.insist(party, exchange, deadline=deadline), party, rank))[0]
 
     def commanding(self, who: AsyncDrive | AsyncBroadcast) -> None:
         """Let all other objects for the same drive, or drives, forget what they commanded last."""
@@ -182,18 +190,19 @@ class AsyncBus:
     ) -> None:
         await self.close()
 
-    async def _in_turn(self, steps: Steps[T], party: Party, rank: Rank) -> T:
+    async def _in_turn(self, steps: Steps[T], party: Party, rank: Rank) -> tuple[T, float]:
         await self._take_turn(rank, party.facts.timing.deadline_s, party.name)
         try:
             runner = await self._opened()
             try:
-                return await runner.run(steps)
+                result = await runner.run(steps)
             except LinkDownError:
                 self._let_go()
                 raise
             finally:
                 if self._clock is not None:
                     self._wall_time = self._clock.wall_time()
+            return result, self._wall_time
         finally:
             self._give_back()
 

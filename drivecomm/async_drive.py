@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from drivecomm.status import DriveStatus
 
 T = TypeVar("T")
+R = TypeVar("R", "Reading", "Reading | None")
 
 
 class AsyncRuns(Protocol):
@@ -27,6 +28,10 @@ class AsyncRuns(Protocol):
 
     async def run(self, party: Party, exchange: Exchange[T], rank: Rank = ...) -> T:
         """Carry out an exchange, unless the drive is known not to answer."""
+        ...
+
+    async def reading(self, party: Party, exchange: Exchange[R], rank: Rank = ...) -> R:
+        """Carry out an exchange that results in a reading, and give it the time of its reply."""
         ...
 
     async def insist(self, party: Party, exchange: Exchange[T], rank: Rank = ...) -> T:
@@ -93,20 +98,19 @@ class AsyncDrive:
 
     async def read(self, parameter: str, **options: Any) -> Reading:
         """Read a parameter, by its address in the protocol's form or by its name in the drive's model."""
-        reading = await self._bus.run(self._party, self._verbs.read(parameter, options))
-        return reading.at(self._bus.wall_time())
+        return await self._bus.reading(self._party, self._verbs.read(parameter, options))
 
     async def polled(self, parameter: str, **options: Any) -> Reading:
         """Read a parameter when nobody else wants the line: everything else overtakes it."""
-        reading = await self._bus.run(self._party, self._verbs.read(parameter, options), Rank.POLL)
-        return reading.at(self._bus.wall_time())
+        return await self._bus.reading(self._party, self._verbs.read(parameter, options), Rank.POLL)
 
     async def write(
         self, parameter: str, value: Value | float, *, store: bool = False, **options: Any
     ) -> Reading | None:
         """Write a parameter; returns what the drive reports back, None where it only confirms."""
-        reading = await self._command(self._verbs.write(parameter, value, {"store": store, **options}))
-        return None if reading is None else reading.at(self._bus.wall_time())
+        exchange = self._verbs.write(parameter, value, {"store": store, **options})
+        self._bus.commanding(self)
+        return await self._bus.reading(self._party, exchange, Rank.COMMAND)
 
     async def status(self) -> DriveStatus:
         """Read the status word; commands nothing."""

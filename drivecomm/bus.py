@@ -28,10 +28,12 @@ if TYPE_CHECKING:
     from drivecomm.link import Party, Steps, TraceEvent
     from drivecomm.models import Model
     from drivecomm.polling import PollItem, PollResult
+    from drivecomm.reading import Reading
     from drivecomm.runners.port import Port
     from drivecomm.statistics import Statistics
 
 T = TypeVar("T")
+R = TypeVar("R", "Reading", "Reading | None")
 
 _CLOSED = "this bus is closed; open it again with open_bus"
 
@@ -124,12 +126,18 @@ class Bus:
         A port that was lost is opened again first. Raises DeadlineError when the drive's deadline_s passes.
         """
         deadline = self.now() + party.facts.timing.deadline_s
-        return self._in_turn(self._roster.link.run(party, exchange, deadline=deadline), party, rank)
+        return self._in_turn(self._roster.link.run(party, exchange, deadline=deadline), party, rank)[0]
+
+    def reading(self, party: Party, exchange: Exchange[R], rank: Rank = Rank.READ) -> R:
+        """Carry out an exchange as `run` does; the reading that it results in gets the time of its reply."""
+        deadline = self.now() + party.facts.timing.deadline_s
+        result, time_s = self._in_turn(self._roster.link.run(party, exchange, deadline=deadline), party, rank)
+        return result and result.at(time_s)
 
     def insist(self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ) -> T:
         """Carry out an exchange whatever is known of the drive; waits for its turn."""
         deadline = self.now() + party.facts.timing.deadline_s
-        return self._in_turn(self._roster.link.insist(party, exchange, deadline=deadline), party, rank)
+        return self._in_turn(self._roster.link.insist(party, exchange, deadline=deadline), party, rank)[0]
 
     def commanding(self, who: Drive | Broadcast) -> None:
         """Let all other objects for the same drive, or drives, forget what they commanded last."""
@@ -191,18 +199,19 @@ class Bus:
     ) -> None:
         self.close()
 
-    def _in_turn(self, steps: Steps[T], party: Party, rank: Rank) -> T:
+    def _in_turn(self, steps: Steps[T], party: Party, rank: Rank) -> tuple[T, float]:
         self._take_turn(rank, party.facts.timing.deadline_s, party.name)
         try:
             port = self._opened()
             try:
-                return run(steps, port)
+                result = run(steps, port)
             except LinkDownError:
                 self._port = None
                 port.close()
                 raise
             finally:
-                self._wall_time = port.wall_time()
+                self._wall_time = time_s = port.wall_time()
+            return result, time_s
         finally:
             self._give_back()
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from drivecomm.status import DriveStatus
 
 T = TypeVar("T")
+R = TypeVar("R", "Reading", "Reading | None")
 
 
 class Runs(Protocol):
@@ -27,6 +28,10 @@ class Runs(Protocol):
 
     def run(self, party: Party, exchange: Exchange[T], rank: Rank = ...) -> T:
         """Carry out an exchange, unless the drive is known not to answer."""
+        ...
+
+    def reading(self, party: Party, exchange: Exchange[R], rank: Rank = ...) -> R:
+        """Carry out an exchange that results in a reading, and give it the time of its reply."""
         ...
 
     def insist(self, party: Party, exchange: Exchange[T], rank: Rank = ...) -> T:
@@ -98,13 +103,11 @@ class Drive:
 
         options: the protocol's own, such as type= (vabus, danfoss-fc) or dataset= (vabus).
         """
-        reading = self._bus.run(self._party, self._verbs.read(parameter, options))
-        return reading.at(self._bus.wall_time())
+        return self._bus.reading(self._party, self._verbs.read(parameter, options))
 
     def polled(self, parameter: str, **options: Any) -> Reading:
         """Read a parameter when nobody else wants the line: everything else overtakes it."""
-        reading = self._bus.run(self._party, self._verbs.read(parameter, options), Rank.POLL)
-        return reading.at(self._bus.wall_time())
+        return self._bus.reading(self._party, self._verbs.read(parameter, options), Rank.POLL)
 
     def write(self, parameter: str, value: Value | float, *, store: bool = False, **options: Any) -> Reading | None:
         """Write a parameter; returns what the drive reports back, None where it only confirms.
@@ -112,8 +115,9 @@ class Drive:
         store: keep the value over power-off (EEPROM) where the protocol makes the difference. A value that does not fit
         raises ValueRefusedError before anything is sent.
         """
-        reading = self._command(self._verbs.write(parameter, value, {"store": store, **options}))
-        return None if reading is None else reading.at(self._bus.wall_time())
+        exchange = self._verbs.write(parameter, value, {"store": store, **options})
+        self._bus.commanding(self)
+        return self._bus.reading(self._party, exchange, Rank.COMMAND)
 
     def status(self) -> DriveStatus:
         """Read the status word; commands nothing."""

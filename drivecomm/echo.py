@@ -9,13 +9,26 @@ Echo: TypeAlias = Literal["off", "expect", "auto"]
 
 
 # Of a disturbed echo most characters are right.
-_ALIKE = 0.75
+_ALIKE = 0.85
+# A shorter telegram says nothing of where it came from.
+_TELLING = 8
 
 
-def resembles(telegram: bytes, sent: bytes) -> bool:
-    """Tell whether a telegram could be a disturbed echo of what was sent."""
-    if len(telegram) != len(sent):
+def remains_of_echo(telegram: bytes, place: int, sent: bytes, excused: int) -> bool:
+    """Tell whether a telegram could be a disturbed echo of what was sent, or lie in one.
+
+    place: how many bytes came before it. excused: how many bytes may belong to such an echo. What looks otherwise is
+    taken for a reply whose echo lost characters, or did not come at all.
+    """
+    if place >= excused:
         return False
+    if len(telegram) < _TELLING:
+        return place > 0
+    shifts = range(len(sent) - len(telegram) + 1)
+    return any(_alike(telegram, sent[shift : shift + len(telegram)]) for shift in shifts)
+
+
+def _alike(telegram: bytes, sent: bytes) -> bool:
     return sum(map(int.__eq__, telegram, sent)) >= _ALIKE * len(sent)
 
 
@@ -23,8 +36,8 @@ class EchoFilter:
     """Drops the echo of each request from what comes after it.
 
     An echo is dropped where it is exactly what was sent, or begins so and ends there. Anything else goes on to the
-    framer, which passes over it: an echo that lost or changed a character is mostly no telegram, and what `resembles`
-    the request is not believed. `excused` says how many bytes may be such remains.
+    framer, which passes over it: an echo that lost or changed a character is mostly no telegram, and `remains_of_echo`
+    are not believed. `excused` says how many bytes may be such remains.
     """
 
     def __init__(self, mode: Echo) -> None:
@@ -38,11 +51,10 @@ class EchoFilter:
         """How many bytes of the echo must still come before there can be anything else."""
 
     def sent(self, data: bytes) -> None:
-        """Take note of what was sent just now."""
-        self._sent = data
-        self._held = b""
-        self.missing = len(data) if self._expected else 0
-        self.excused = len(data) if self._expected else 0
+        """Take note of what was sent just now; the echo of what was sent before may still come in front of it."""
+        self._sent += data
+        self.missing = len(self._sent) - len(self._held) if self._expected else 0
+        self.excused = len(self._sent) if self._expected else 0
 
     def take(self, came: bytes) -> tuple[bytes, bytes]:
         """Return the whole echo if it is there now, and what else came."""
@@ -67,10 +79,14 @@ class EchoFilter:
         self._done()
         return held
 
-    def answered(self) -> bool:
-        """Take note that the reply came; returns whether an echo was expected and never came whole."""
+    def answered(self, *, alone: bool) -> bool:
+        """Take note that the reply came, and whether nothing came before it.
+
+        Returns whether an echo was expected and never came whole.
+        """
         absent = self._expected and self.excused > 0
-        if not self._expected:
+        self._done()
+        if alone and not self._expected:
             # There was a reply and no echo before it: this adapter has none.
             self.looking = False
         return absent

@@ -80,6 +80,11 @@ class Framer:
         """Whether there are bytes that may be the beginning of a telegram."""
         return bool(self._pending)
 
+    @property
+    def held(self) -> int:
+        """How many bytes are kept that may be the beginning of a telegram."""
+        return len(self._pending)
+
     def feed(self, data: bytes) -> list[Find]:
         """Take bytes from the line and return what is now certain, in order."""
         if not self._pending and data and self._codec.measure(data, self._direction) == len(data):

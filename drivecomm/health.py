@@ -22,8 +22,10 @@ NEVER_HEARD_SILENT_S = 1.0
 FIRST_PAUSE_S = 0.5
 LONGEST_PAUSE_S = 9.0
 """A drive that comes back is in use again within ten seconds, its probe included."""
-PROBING_SHARE = 0.045
+PROBING_SHARE = 0.0475
 """The part of a line's time that may go into asking drives that do not answer."""
+PROBE_S = 0.02
+"""What a probe takes, until one has been made."""
 DEFAULT_EAR_S = 0.012
 LONGEST_EAR_S = 0.030
 """What is listened for a reply at least, and at most where the probes' share of the time is no longer."""

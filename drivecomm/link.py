@@ -14,11 +14,11 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias, TypeVar
 
-from drivecomm.echo import Echo, EchoFilter, resembles
+from drivecomm.echo import Echo, EchoFilter, remains_of_echo
 from drivecomm.errors import DamagedReplyError, DeadlineError, NoReplyError, NotAnsweringError, ReplyError
 from drivecomm.exchange import Ask, Pause
 from drivecomm.framing import Damaged, Framed, Framer, Noise
-from drivecomm.health import LONGEST_PAUSE_S, Health, ProbingTime, UsualDelays
+from drivecomm.health import LONGEST_PAUSE_S, PROBE_S, Health, ProbingTime, UsualDelays
 from drivecomm.statistics import Statistics
 
 if TYPE_CHECKING:
@@ -163,6 +163,7 @@ class Link:
         self._listen_until: float | None = None
         self._delays = UsualDelays()
         self._probed: _Partner | None = None
+        self._probe_took_s = PROBE_S
         self._patient_at = float("-inf")
         self._unclean = False
         self._partners: dict[str, _Partner] = {}
@@ -170,17 +171,17 @@ class Link:
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
         """What has happened, by the name of the drive."""
-        return {name: partner.count for name, partner in self._partners.items()}
+        return {name: partner.count for name, partner in list(self._partners.items())}
 
     @property
     def statistics(self) -> Mapping[str, Statistics]:
         """What has happened and how fast the drives answer, by the name of the drive."""
-        return {name: partner.statistics for name, partner in self._partners.items()}
+        return {name: partner.statistics for name, partner in list(self._partners.items())}
 
     @property
     def health(self) -> Mapping[str, Health]:
         """Whether the drives answer, by name."""
-        return {name: partner.health for name, partner in self._partners.items()}
+        return {name: partner.health for name, partner in list(self._partners.items())}
 
     def reopened(self) -> None:
         """Forget what held for the port before it was opened anew; all drives are set up again."""
@@ -207,13 +208,12 @@ class Link:
         self._deadline = deadline
         partner = self._partner(party)
         health = partner.health
-        if party.probe is not None:
-            if health.given_up:
-                yield from self._probe(party, partner, party.probe)
+        if party.probe is not None and health.given_up:
+            yield from self._probe(party, partner, party.probe)
+        try:
             if health.away and party.set_up is not None:
                 yield from self._carry_out(party, partner, party.set_up())
                 health.away = False
-        try:
             return (yield from self._carry_out(party, partner, exchange))
         except NoReplyError:
             self._fell_silent(party, partner, began)
@@ -231,7 +231,8 @@ class Link:
             raise
 
     def _fell_silent(self, party: Party, partner: _Partner, began: float) -> None:
-        if partner.health.fell_silent(began, self._now):
+        time = ProbingTime(each.health for each in list(self._partners.values()))
+        if partner.health.fell_silent(began, self._now, time.least_pause_s(self._probe_took_s)):
             self._note(party, "note", detail="does not answer; it is asked again now and then")
             self._tell_away(party.name)
 
@@ -248,16 +249,20 @@ class Link:
         time = ProbingTime(each.health for each in self._partners.values())
         if not health.patient:
             self._listen_until = began + time.each_s
-            self._probed = partner
         health.patient = False
         partner.count["probes"] += 1
         try:
             yield from self._carry_out(party, partner, probe())
-        except NoReplyError as error:
+        except ReplyError as error:
             something_came = health.patient
-            health.fell_silent(began, self._now, time.least_pause_s(self._now - began))
+            self._probe_took_s = self._now - began
+            health.fell_silent(began, self._now, time.least_pause_s(self._probe_took_s))
             if something_came:
                 health.heard_late()
+            elif self._listen_until is not None:
+                self._probed = partner
+            if not isinstance(error, NoReplyError):
+                raise
             raise NotAnsweringError(f"{silent}; it was asked again just now") from error
         finally:
             self._listen_until = None
@@ -314,15 +319,21 @@ class Link:
         attempt = 0
         while True:
             attempt += 1
+            next_at = partner.asked_at + party.facts.timing.request_interval_s
+            if self._now < next_at:
+                yield from self._wait(min(next_at, self._deadline))
             self._check_deadline(party)
+            partner.asked_at = self._now
             partner.count["requests" if attempt == 1 else "retries"] += 1
             try:
                 yield from self._send(party, partner, data, ask.message)
                 message = yield from self._await_reply(party, partner, ask, data)
             except ReplyError as error:
-                partner.count["timeouts" if isinstance(error, NoReplyError) else "damaged"] += 1
+                partner.count["damaged" if isinstance(error, DamagedReplyError) else "timeouts"] += 1
                 if self._heard_at > partner.asked_at:
                     # Where nothing came at all there is nothing to let finish.
+                    if self._listen_until is not None:
+                        self._probed = partner
                     yield from self._drain(party, partner)
                 self._expect_late_reply(party, partner, ask, data)
                 if attempt == attempts or self._now >= self._deadline:
@@ -344,11 +355,13 @@ class Link:
         limit = deadline = sent_at + settings.character_s + timeout
         if limit > self._deadline:
             limit = deadline = max(self._deadline, sent_at)
+            timeout = 0.0
         latest = limit + settings.wire_s(_LONGEST_TELEGRAM) + gap_s
         # A reply's first character cannot be over before this.
         earliest = sent_at + settings.character_s / 2 if self.paced else 0.0
         framer = Framer(party.codec, "reply")
-        damage, stray, taken, early = "", "", 0, b""
+        damage, stray, early, first = "", "", b"", b""
+        taken = 0
         while True:
             self._now, came, _ = yield Receive(deadline, framer.missing + echo.missing)
             if came:
@@ -362,38 +375,49 @@ class Link:
             if echo.looking:
                 came = self._without_echo(party, partner, came)
                 quiet = quiet and not came
+            elif len(first) < len(data):
+                first += came
+            place = taken - framer.held
             taken += len(came)
             for find in framer.flush() if quiet else framer.feed(came):
                 if isinstance(find, Framed):
-                    if find.data == data or (echo.excused and resembles(find.data, data)):
+                    if find.data == data or remains_of_echo(find.data, place, data, echo.excused):
                         reason = "echo"
                     else:
                         reason = party.mismatch(ask.message, find.message)
                     if not reason:
-                        self._answered(party, partner, find)
+                        self._answered(party, partner, find, alone=not place)
                         return find.message
+                    place += len(find.data)
                     self._stray(party, partner, find, reason)
                     stray = _ECHO if reason == "echo" else f"the reply that came differs in {reason}"
                 else:
                     wrong = self._garbage(party, partner, find)
                     if taken > echo.excused:
                         damage = wrong or damage
+                    place += len(find.data) if isinstance(find, Noise) else 0
             # Once a reply has begun only the gap limit counts; before that, the reply time keeps running.
             begun = framer.begun or damage
             deadline = self._now + settings.wire_s(framer.missing) + gap_s if begun else limit
             if (quiet and damage) or self._now >= min(deadline, latest):
                 break
+        if first.startswith(data):
+            damage, stray = "", _ECHO
         if damage:
             raise DamagedReplyError(f"{party.name} answered with a damaged telegram ({damage})")
         why = f": {stray}" if stray else ""
+        if not timeout:
+            raise DeadlineError(
+                f"{party.name} did not answer before the call's time ({timing.deadline_s:g} s) was over{why}"
+            )
         raise NoReplyError(f"{party.name} did not answer within {timeout * 1000:.0f} ms{why}")
 
-    def _answered(self, party: Party, partner: _Partner, find: Framed) -> None:
+    def _answered(self, party: Party, partner: _Partner, find: Framed, *, alone: bool) -> None:
         self._free_at = self._now + party.turnaround_s
         taken = self._now - self._sent_at
         partner.statistics.reply_times.add(taken)
         self._delays.answered(party.protocol, taken - party.facts.settings.wire_s(len(find.data)))
-        if self._echo.looking and self._echo.answered():
+        if self._echo.looking and self._echo.answered(alone=alone):
             partner.count["echoes missing"] += 1
         if self._trace is not None:
             self._note(party, "received", find.data, find.message)
@@ -410,12 +434,12 @@ class Link:
         facts = party.facts
         if self._settings != facts.settings:
             yield from self._settle(party)
-        free_at = self._free_at
-        if facts.timing.request_interval_s:
-            free_at = max(free_at, partner.asked_at + facts.timing.request_interval_s)
-        if self._now < free_at:
-            self._now = (yield Wait(free_at)).time
+        if self._now < self._free_at:
+            self._now = (yield Wait(self._free_at)).time
         self._now, came, _ = yield Receive(self._now)
+        if came and self._echo.looking:
+            # Of what was told, and not answered.
+            came = self._without_echo(party, partner, came)
         if came:
             # Something speaks out of turn (a repeated or late reply): let it finish before we add to it.
             self._heard_at = self._now
@@ -423,7 +447,6 @@ class Link:
             self._note(party, "noise", came, detail="unasked")
             self._heard_out_of_turn()
             yield from self._drain(party, partner)
-        partner.asked_at = self._now
         # Whatever comes of it, nobody may speak, or change the line settings, before it is on the wire.
         self._free_at = self._sent_at = self._now + facts.settings.wire_s(len(data))
         self._now = (yield Send(data)).time
@@ -435,9 +458,11 @@ class Link:
     def _early(self, party: Party, partner: _Partner, came: bytes, *, is_echo: bool) -> str:
         """Drop what came while the request was on its way. Returns a hint when it is the request itself."""
         if self._echo.looking:
-            came = self._without_echo(party, partner, came)
-            if not came:
+            rest = self._without_echo(party, partner, came)
+            self._echo.excused = max(0, self._echo.excused - len(came))
+            if not rest:
                 return ""
+            came = rest
         if is_echo:
             partner.count["echo bytes"] += len(came)
             self._note(party, "echo", came)
@@ -479,11 +504,12 @@ class Link:
 
     def _outwait_late_reply(self, party: Party, partner: _Partner, ask: Ask, data: bytes) -> Steps[None]:
         """Do not ask for something else while a reply that does not name its request may still come."""
-        partner.unanswered = b""
         if ask.urgent and self._now < partner.late_until:
             yield from self._send(party, partner, data, ask.message)
-        yield from self._wait(partner.late_until)
+        yield from self._wait(min(partner.late_until, self._deadline))
+        self._check_deadline(party)
         yield from self._drain(party, partner)
+        partner.unanswered = b""
 
     def _wait(self, until: float) -> Steps[None]:
         if self._now < until:
@@ -523,7 +549,8 @@ class Link:
             partner = self._partners[party.name] = _Partner(party.facts.settings)
         elif partner.settings is not party.facts.settings and partner.settings != party.facts.settings:
             # Silence at other line settings says nothing about these.
-            partner.settings, partner.health = party.facts.settings, Health()
+            away, partner.settings, partner.health = partner.health.away, party.facts.settings, Health()
+            partner.health.away = away
         return partner
 
     def _note(

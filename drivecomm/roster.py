@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from threading import Lock
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 from weakref import WeakSet
 
@@ -68,7 +69,8 @@ class Roster:
         self.link = Link(trace=trace, echo=echo, guard_s=guard_s, away=self._forget)
         self._overrides = dict(overrides or {})
         self._drives: WeakSet[Commanded] = WeakSet()
-        self._set_up: dict[str, dict[str, Any]] = {}
+        self._guard = Lock()
+        self._set_up: dict[str, tuple[Operations, dict[str, Any]]] = {}
 
     def member(
         self,
@@ -87,11 +89,12 @@ class Roster:
         facts, chosen = sort_out(plugin, known, options, for_all=self._overrides)
         operations = plugin.operations(address, chosen, known)
         name = f"{plugin.name}:{address}"
-        writes = self._set_up.setdefault(name, {})
-        writes.update(set_up or {})
+        if set_up:
+            self._set_up[name] = (operations, dict(set_up))
 
         def again() -> Exchange[None]:
-            return setting_up(operations, writes)
+            # As whoever said it meant it, whichever object for the drive is used first.
+            return setting_up(*self._set_up.get(name, (operations, {})))
 
         party = Party(
             name=name,
@@ -117,20 +120,25 @@ class Roster:
 
     def add(self, drive: Commanded) -> None:
         """Let this drive object know when somebody else commands its drive."""
-        self._drives.add(drive)
+        with self._guard:
+            self._drives.add(drive)
 
     def _forget(self, name: str) -> None:
         """Let all objects for this drive forget what they commanded: it may have lost it, and must not get it back."""
-        for drive in list(self._drives):
+        for drive in self._all():
             if drive.party.name == name:
                 drive.commanded_elsewhere()
+
+    def _all(self) -> list[Commanded]:
+        with self._guard:
+            return list(self._drives)
 
     def commanding(self, who: Speaks) -> None:
         """Let all other objects for the same drive, or drives, forget what they commanded last."""
         if len(self._drives) < 2 and not who.party.name.endswith("*"):
             return
         protocol, _, address = who.party.name.partition(":")
-        for drive in list(self._drives):
+        for drive in self._all():
             name, _, number = drive.party.name.partition(":")
             if drive is not who and name == protocol and address in (number, "*"):
                 drive.commanded_elsewhere()

@@ -1,0 +1,479 @@
+"""Whose turn it is on a line: one at a time, the more urgent first, otherwise in the order of coming."""
+
+import asyncio
+import sys
+import threading
+import time
+from collections import Counter
+
+import pytest
+from benches import PROTOCOLS, READABLE, Mortal, Port, Recorder
+
+import drivecomm
+from drivecomm.async_turns import AsyncTurns
+from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.turns import Queue, Rank, Turns
+from drivecomm.virtual import VirtualLine
+
+THREADS = 20
+
+
+def wait_for(condition):
+    until = time.monotonic() + 10
+    while not condition():
+        assert time.monotonic() < until, "nothing happens"
+        time.sleep(0.001)
+
+
+class Crowd:
+    """Threads that take turns; each notes when it is called, and gives back."""
+
+    def __init__(self, turns):
+        self.turns = turns
+        self.called = []
+        self.threads = []
+
+    def join(self, name, rank, seconds=10.0):
+        """Let one more wait, and see that it does."""
+        waiting = len(self.turns._queue)
+
+        def wait():
+            if self.turns.take(rank, seconds):
+                self.called.append(name)
+                self.turns.give_back()
+            else:
+                self.called.append(f"not {name}")
+
+        thread = threading.Thread(target=wait)
+        thread.start()
+        self.threads.append(thread)
+        wait_for(lambda: len(self.turns._queue) > waiting)
+
+    def leave(self):
+        for thread in self.threads:
+            thread.join(10)
+            assert not thread.is_alive()
+
+
+class TestQueue:
+    def test_the_order_is_by_rank_and_then_by_coming(self):
+        queue = Queue()
+        for place, rank in enumerate([3, 2, 2, 0, 1, 3, 0, 1]):
+            queue.join(Rank(rank), f"{rank}{place}")
+        assert len(queue) == 8
+        assert [queue.next() for _ in range(8)] == ["03", "06", "14", "17", "21", "22", "30", "35"]
+
+    def test_leaving_keeps_the_order_of_the_others(self):
+        for gone in range(9):
+            queue = Queue()
+            names = [[str(place)] for place in range(9)]
+            for name in names:
+                queue.join(Rank.READ, name)
+            assert queue.leave(names[gone])
+            assert not queue.leave(names[gone])
+            assert [queue.next()[0] for _ in range(8)] == [str(place) for place in range(9) if place != gone]
+
+    def test_those_who_are_equal_are_not_the_same(self):
+        queue = Queue()
+        first, second = [], []
+        queue.join(Rank.READ, first)
+        assert not queue.leave(second)
+        assert queue.next() is first
+
+
+class TestThreads:
+    def test_a_free_line_is_taken_at_once(self):
+        turns = Turns()
+        assert turns.take(Rank.POLL, 0.0)
+        assert not turns.take(Rank.STOP, 0.0)
+        turns.give_back()
+        assert turns.take(Rank.POLL, 0.0)
+
+    def test_ranks_overtake_and_equals_do_not(self):
+        crowd = Crowd(Turns())
+        assert crowd.turns.take(Rank.READ, 1.0)
+        for number, rank in enumerate([Rank.POLL, Rank.READ, Rank.COMMAND, Rank.READ, Rank.STOP, Rank.POLL, Rank.STOP]):
+            crowd.join(f"{rank.name} {number}", rank)
+        crowd.turns.give_back()
+        crowd.leave()
+        assert crowd.called == ["STOP 4", "STOP 6", "COMMAND 2", "READ 1", "READ 3", "POLL 0", "POLL 5"]
+
+    def test_nobody_slips_in_between(self):
+        """The line is handed over: it is not free for a moment in which somebody else could take it."""
+        turns = Turns()
+        crowd = Crowd(turns)
+        assert turns.take(Rank.READ, 1.0)
+        crowd.join("waiting", Rank.POLL)
+        with turns._guard:
+            # Whoever comes now finds it taken, though nobody has run since.
+            assert turns._taken
+        turns.give_back()
+        taken = turns._taken or "waiting" in crowd.called
+        crowd.leave()
+        assert taken
+
+    def test_who_has_waited_long_enough_leaves(self):
+        crowd = Crowd(Turns())
+        assert crowd.turns.take(Rank.READ, 1.0)
+        crowd.join("hasty", Rank.STOP, seconds=0.03)
+        crowd.join("patient", Rank.POLL)
+        wait_for(lambda: crowd.called == ["not hasty"])
+        crowd.turns.give_back()
+        crowd.leave()
+        assert crowd.called == ["not hasty", "patient"]
+        assert not crowd.turns._taken
+
+    def test_many_who_give_up_in_the_moment_in_which_they_are_called(self):
+        turns, inside, most, served = Turns(), [], [], Counter()
+
+        def work(name):
+            for number in range(150):
+                if not turns.take(Rank.READ, 0.0005 * (number % 3)):
+                    served["gave up"] += 1
+                    continue
+                inside.append(name)
+                most.append(len(inside))
+                if number % 5 == 0:
+                    time.sleep(0.0005)
+                inside.pop()
+                served["served"] += 1
+                turns.give_back()
+
+        threads = [threading.Thread(target=work, args=(name,)) for name in range(8)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(30)
+            assert not thread.is_alive()
+        assert max(most) == 1
+        assert served["gave up"] > 0
+        assert served["served"] > 0
+        assert not turns._taken
+        assert len(turns._queue) == 0
+        assert turns.take(Rank.READ, 0.0)
+
+    @pytest.mark.parametrize("called_first", [False, True])
+    def test_ctrl_c_while_waiting(self, called_first):
+        """Whoever is interrupted in the very moment of being called hands the line on."""
+        turns = Turns()
+        crowd = Crowd(turns)
+        assert turns.take(Rank.READ, 1.0)
+
+        class Interrupted:
+            def acquire(self, timeout=-1):  # noqa: ARG002 - the interface of a lock
+                if not hasattr(self, "own"):
+                    self.own = True
+                    return True
+                if called_first:
+                    turns.give_back()
+                raise KeyboardInterrupt
+
+            def release(self):
+                pass
+
+        original, drivecomm.turns.Lock = drivecomm.turns.Lock, Interrupted
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                turns.take(Rank.READ, 10.0)
+        finally:
+            drivecomm.turns.Lock = original
+        assert len(turns._queue) == 0
+        if not called_first:
+            crowd.join("next", Rank.READ)
+            turns.give_back()
+        crowd.leave()
+        assert not turns._taken
+        assert turns.take(Rank.READ, 0.0)
+
+
+@pytest.fixture
+def _often_interrupted():
+    """Let threads be switched as often as can be."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    yield
+    sys.setswitchinterval(before)
+
+
+class TestBus:
+    def crowd(self, work, number=THREADS):
+        """Let threads begin together; returns what they raised."""
+        raised, gate = [], threading.Barrier(number)
+
+        def run(name):
+            gate.wait(10)
+            try:
+                work(name)
+            except BaseException as error:  # noqa: BLE001 - the test asks for it
+                raised.append(error)
+
+        threads = [threading.Thread(target=run, args=(name,)) for name in range(number)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(60)
+            assert not thread.is_alive()
+        return raised
+
+    @pytest.mark.parametrize("protocol", PROTOCOLS)
+    def test_twenty_threads_do_not_interleave_and_each_gets_its_own_value(self, protocol):
+        line = VirtualLine([Mortal(protocol, address) for address in range(1, 6)])
+        recorder, wrong = Recorder(), []
+        with drivecomm.open_bus(line.port, trace=recorder) as bus:
+
+            def work(name):
+                drive = bus.drive(protocol, 1 + name % 5)
+                parameter = READABLE[protocol][name % 2]
+                expected = line.drives[name % 5].peek(parameter, 0.0)
+                raws = {drive.read(parameter).raw for _ in range(8)}
+                if raws != {expected}:
+                    wrong.append((drive.name, parameter, raws))
+
+            assert self.crowd(work) == []
+        assert wrong == []
+        spoken = [event for event in recorder.events if getattr(event.message, "kind", "") != "eot"]
+        assert [event.what for event in spoken] == ["sent", "received"] * (THREADS * 8)
+        for request, reply in zip(spoken[::2], spoken[1::2], strict=True):
+            assert request.drive == reply.drive
+
+    def test_twenty_threads_get_the_line_equally_often(self):
+        line = VirtualLine([Mortal("vabus", address) for address in range(1, THREADS + 1)])
+        recorder = Recorder()
+        stop = threading.Event()
+        with drivecomm.open_bus(line.port, trace=recorder) as bus:
+
+            def work(name):
+                drive = bus.drive("vabus", name + 1)
+                while not stop.is_set():
+                    drive.status()
+                    if len(recorder.events) > 100 * THREADS:
+                        stop.set()
+
+            assert self.crowd(work) == []
+        order = [event.drive for event in recorder.of("received")]
+        # From when all are there to when the first leaves.
+        middle = order[4 * THREADS : -4 * THREADS]
+        served = Counter(middle)
+        assert len(served) == THREADS
+        assert max(served.values()) - min(served.values()) <= 2, served
+
+    def test_stops_overtake_commands_and_they_overtake_readings(self):
+        virtual = Mortal("vabus")
+        line = VirtualLine([virtual])
+        entered, leave = threading.Event(), threading.Event()
+        held = []
+
+        def hold(*_):
+            if not held:
+                held.append(True)
+                entered.set()
+                assert leave.wait(10)
+
+        done = []
+        with drivecomm.open_bus(lambda: Port(line.port(), write=hold)) as bus:
+            drive = bus.drive("vabus", 3, model="agile")
+            threads = [threading.Thread(target=drive.probe)]
+            threads[0].start()
+            assert entered.wait(10)
+            for name, call in (
+                ("poll", lambda: drive.polled("481")),
+                ("read", lambda: drive.read("481")),
+                ("status", drive.status),
+                ("write", lambda: drive.write("481", 1)),
+                ("reset", drive.reset),
+                ("stop", drive.stop),
+            ):
+
+                def work(name=name, call=call):
+                    call()
+                    done.append(name)
+
+                waiting = len(bus._turns._queue)
+                threads.append(threading.Thread(target=work))
+                threads[-1].start()
+                wait_for(lambda waiting=waiting: len(bus._turns._queue) > waiting)
+            queue = sorted(bus._turns._queue._waiting)
+            leave.set()
+            for thread in threads:
+                thread.join(10)
+        assert [rank for rank, _, _ in queue] == [Rank.STOP, Rank.COMMAND, Rank.COMMAND, *[Rank.READ] * 2, Rank.POLL]
+        requests = [
+            getattr(message, "parameter", None) for _, message in virtual.heard if message.kind in ("select", "enquiry")
+        ]
+        first_write = requests.index(481)
+        # The stop's control word before the write, the write before anybody's reading of the same parameter.
+        assert requests.index(410) < first_write
+        assert sorted(done) == ["poll", "read", "reset", "status", "stop", "write"]
+
+    def test_a_reading_has_the_time_of_its_own_reply(self):
+        """However long it takes until its thread goes on, and whoever has the line by then."""
+        line = VirtualLine([Mortal("danfoss-fc", address) for address in (1, 2)])
+        recorder = Recorder()
+        with drivecomm.open_bus(line.port, trace=recorder) as bus:
+            first, second = (bus.drive("danfoss-fc", address) for address in (1, 2))
+            give_back, others = bus._turns.give_back, [True]
+
+            def give_back_and_be_slow():
+                give_back()
+                if others:
+                    others.clear()
+                    thread = threading.Thread(target=second.status)
+                    thread.start()
+                    thread.join(10)
+
+            bus._turns.give_back = give_back_and_be_slow
+            reading = first.read("3-10[3]")
+        own, other = recorder.of("received")
+        assert (own.drive, other.drive) == (first.name, second.name)
+        assert reading.time_s == own.time
+
+    @pytest.mark.usefixtures("_often_interrupted")
+    def test_drives_may_be_made_while_others_are_commanded(self):
+        line = VirtualLine([Mortal("danfoss-fc", address) for address in (1, 2)])
+        with drivecomm.open_bus(line.port) as bus:
+            kept = [bus.drive("danfoss-fc", 1 + number % 126) for number in range(300)]
+
+            def work(name):
+                for number in range(30):
+                    if name % 2:
+                        kept.append(bus.drive("danfoss-fc", 1 + (7 * name + number) % 126))
+                        assert bus.health is not None
+                    else:
+                        bus.commanding(kept[0])
+                        assert bus.counters is not None
+
+            assert self.crowd(work, 8) == []
+
+    @pytest.mark.usefixtures("_often_interrupted")
+    def test_counters_may_be_read_while_drives_are_added(self):
+        line = VirtualLine([])
+        with drivecomm.open_bus(line.port, reply_timeout_s=0.01) as bus:
+            over = threading.Event()
+
+            def work(name):
+                if name:
+                    while not over.is_set():
+                        assert bus.counters is not None
+                        assert bus.health is not None
+                        assert bus.statistics is not None
+                    return
+                try:
+                    for address in range(1, 127):
+                        drive = bus.drive("danfoss-fc", address, set_up={"3-41": 1} if address % 2 else None)
+                        with pytest.raises(DriveCommError):
+                            drive.probe()
+                finally:
+                    over.set()
+
+            assert self.crowd(work, 3) == []
+
+    def test_a_trace_function_cannot_wait_for_itself(self):
+        line = VirtualLine([Mortal("vabus")])
+        said = []
+
+        def trace(_):
+            if not said:
+                with pytest.raises(UsageError, match="a trace function cannot use the bus that calls it") as caught:
+                    drive.probe()
+                said.append(caught.value)
+
+        with drivecomm.open_bus(line.port, trace=trace) as bus:
+            drive = bus.drive("vabus", 3)
+            drive.read("481")
+            assert drive.read("481").raw == "000003E8"
+        assert len(said) == 1
+
+    def test_an_error_in_a_trace_function_leaves_the_line_to_the_others(self):
+        line = VirtualLine([Mortal("vabus")])
+        broken = [True]
+
+        def trace(event):
+            if broken and event.what == "sent":
+                broken.clear()
+                raise ZeroDivisionError
+
+        with drivecomm.open_bus(line.port, trace=trace) as bus:
+            drive = bus.drive("vabus", 3)
+            with pytest.raises(ZeroDivisionError):
+                drive.read("481")
+            assert drive.read("482", type="long").raw == "000009C4"
+
+
+class TestTasks:
+    """The same turns for tasks."""
+
+    def test_ranks_overtake_and_equals_do_not(self):
+        async def main():
+            turns, called = AsyncTurns(), []
+            assert await turns.take(Rank.READ, 1.0)
+
+            async def wait(name, rank):
+                assert await turns.take(rank, 10.0)
+                called.append(name)
+                turns.give_back()
+
+            ranks = [Rank.POLL, Rank.READ, Rank.COMMAND, Rank.READ, Rank.STOP, Rank.POLL, Rank.STOP]
+            tasks = [asyncio.create_task(wait(f"{rank.name} {number}", rank)) for number, rank in enumerate(ranks)]
+            await asyncio.sleep(0)
+            turns.give_back()
+            await asyncio.gather(*tasks)
+            assert called == ["STOP 4", "STOP 6", "COMMAND 2", "READ 1", "READ 3", "POLL 0", "POLL 5"]
+            assert not turns._taken
+
+        asyncio.run(main())
+
+    @pytest.mark.parametrize("seconds", [0.0, 0.01])
+    def test_who_has_waited_long_enough_leaves(self, seconds):
+        async def main():
+            turns = AsyncTurns()
+            assert await turns.take(Rank.READ, seconds)
+            assert not await turns.take(Rank.STOP, seconds)
+            assert len(turns._queue) == 0
+            turns.give_back()
+            assert await turns.take(Rank.POLL, seconds)
+
+        asyncio.run(main())
+
+    @pytest.mark.parametrize("called_first", [False, True])
+    @pytest.mark.parametrize("times", [1, 2])
+    def test_cancelled_while_waiting(self, called_first, times):
+        """Also in the moment of being called, and twice."""
+
+        async def main():
+            turns = AsyncTurns()
+            assert await turns.take(Rank.READ, 1.0)
+            waiting = asyncio.create_task(turns.take(Rank.READ, 10.0))
+            behind = asyncio.create_task(turns.take(Rank.POLL, 10.0))
+            await asyncio.sleep(0)
+            if called_first:
+                turns.give_back()
+            for _ in range(times):
+                waiting.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await waiting
+            if not called_first:
+                assert not behind.done()
+                turns.give_back()
+            assert await behind
+            turns.give_back()
+            assert not turns._taken
+            assert await turns.take(Rank.READ, 0.0)
+
+        asyncio.run(main())
+
+    def test_cancelled_before_the_line_is_handed_on_in_the_same_breath(self):
+        async def main():
+            turns = AsyncTurns()
+            assert await turns.take(Rank.READ, 1.0)
+            waiting = asyncio.create_task(turns.take(Rank.READ, 10.0))
+            behind = asyncio.create_task(turns.take(Rank.READ, 10.0))
+            await asyncio.sleep(0)
+            waiting.cancel()
+            turns.give_back()
+            with pytest.raises(asyncio.CancelledError):
+                await waiting
+            assert await behind
+            turns.give_back()
+            assert not turns._taken
+
+        asyncio.run(main())
