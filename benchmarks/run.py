@@ -18,6 +18,7 @@ from tempfile import TemporaryDirectory
 
 import dead_drives
 import efficiency
+import forecast_accuracy
 import neighbour
 import peers
 import processor_time
@@ -43,6 +44,7 @@ MEASUREMENTS = {
     "neighbour": neighbour.measure,
     "dead_drives": dead_drives.measure,
     "scan_time": scan_time.measure,
+    "forecast": forecast_accuracy.measure,
     "served": served.measure,
     "telegrams": telegrams.measure,
     "start_up": start_up.measure,
