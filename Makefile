@@ -21,7 +21,7 @@ check: $(VENV)/installed-check
 docs: $(VENV)/installed-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-bench: $(VENV)/installed
+bench: $(VENV)/installed-bench
 	$(BIN)/python benchmarks/run.py
 
 $(VENV)/bin/python:

@@ -10,6 +10,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any
 
+from bare_reader import LostReplyError, read_bare
 from counting import WARM_UP, count_awaited, in_threads, in_turn
 
 import drivecomm
@@ -115,7 +116,7 @@ class MissingError(Exception):
     """Something that a job needs is not there."""
 
 
-WAYS = {"blocking": blocking, "threads": threads, "asyncio": tasks, "scan": scan}
+WAYS = {"bare Python": read_bare, "blocking": blocking, "threads": threads, "asyncio": tasks, "scan": scan}
 
 
 def compute(stop: threading.Event) -> None:
@@ -150,7 +151,7 @@ def main() -> None:
             counts, processor_s = do(json.loads(line))
         except MissingError as error:
             answer: dict[str, Any] = {"missing": str(error)}
-        except drivecomm.DriveCommError as error:
+        except (drivecomm.DriveCommError, LostReplyError) as error:
             answer = {"failed": f"{type(error).__name__}: {error}"}
         except Exception as error:  # noqa: BLE001 - told to the one who gave the job
             answer = {"broken": f"{type(error).__name__}: {error}"}

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 class Job:
     """What a Python master is to do.
 
-    way: blocking, threads, asyncio, or a peer. paths: its lines. seconds: how long it reads one parameter again and
-    again on all of them. neighbour: a thread beside it that does nothing but compute. switch_interval_s: how often
-    threads take turns, None for Python's own.
+    way: bare Python, blocking, threads, asyncio, or a peer. paths: its lines. seconds: how long it reads one parameter
+    again and again on all of them. neighbour: a thread beside it that does nothing but compute. switch_interval_s: how
+    often threads take turns, None for Python's own. spoken: what bare Python says and hears, as it knows no protocol.
     """
 
     way: str
@@ -38,6 +38,7 @@ class Job:
     options: Mapping[str, Any] = field(default_factory=dict)
     neighbour: bool = False
     switch_interval_s: float | None = None
+    spoken: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +119,12 @@ def reading(way: str, conversation: Conversation, paths: Sequence[str], seconds:
         protocol=conversation.protocol,
         parameter=conversation.parameter,
         options=conversation.options,
+        spoken={
+            "request": conversation.request.hex(),
+            "reply": conversation.reply.hex(),
+            "closing": conversation.closing.hex(),
+            "pause_s": conversation.pause_s,
+        },
         **more,
     )
 

@@ -11,13 +11,15 @@ from compiling import CannotMeasureError
 from conversation import READS, learn
 from lines import mostly, undisturbed
 from report import Figure, Section
+from yardstick import waking_slowness
 
 if TYPE_CHECKING:
     from clients import Ran
     from conversation import Conversation
     from equipment import Equipment
 
-_WAYS = ("C", "blocking", "asyncio")
+_WAYS = ("C", "bare Python", "blocking", "asyncio")
+_OURS = ("blocking", "asyncio")
 # What the best of the libraries with the same task reach: a promise. Floors are shares of the C client in the same run.
 _PROMISED = {
     "blocking": {9600: 0.994, 19200: 0.990, 38400: 0.990, 115200: 0.980},
@@ -40,10 +42,14 @@ def measure(equipment: Equipment) -> list[Section]:
             "One line, one drive that answers after 2 ms, character by character; `drive.read` again and again. The "
             "share of what physics allows: characters of request and reply, the drive's 2 ms, and the pause that the "
             "protocol asks for before the master speaks again (VABus: and its closing EOT). The C client polls, reads, "
-            "compares and keeps the same pause; the last columns are shares of it in the same run."
+            "compares and keeps the same pause, bare Python does the same and wakes once for a reply; the last columns "
+            "are shares of the two in the same run."
         ),
-        head=("protocol", "pause", "baud", "ideal/s", "C client", "blocking", "asyncio", "blocking / C", "asyncio / C"),
-    )
+        head=(
+            "protocol", "pause", "baud", "ideal/s", "C client", *_WAYS[1:], *(f"{way} / C" for way in _OURS),
+            *(f"{way} / bare Python" for way in _OURS),
+        ),
+    )  # fmt: skip
     gap = Section(
         title="Gap",
         about=(
@@ -51,7 +57,7 @@ def measure(equipment: Equipment) -> list[Section]:
             "(and the closing telegram) that the protocol asks for; measured by the emulator, median. The C client's "
             "is what a pseudo-terminal costs."
         ),
-        head=("protocol", "pause", "baud", "C client", "blocking", "asyncio", "blocking - C", "asyncio - C"),
+        head=("protocol", "pause", "baud", "C client", *_WAYS[1:], *(f"{way} - C" for way in _OURS)),
     )
     for protocol in READS:
         for options in equipment.extent.pauses if protocol in _OWN_PAUSE else ({},):
@@ -64,11 +70,14 @@ def _one(equipment: Equipment, conversation: Conversation, efficiency: Section, 
     shares: dict[str, list[float]] = defaultdict(list)
     of_c: dict[str, list[float]] = defaultdict(list)
     gaps: dict[str, list[float]] = defaultdict(list)
+    of_bare: dict[str, list[float]] = defaultdict(list)
+    bare_us: list[float] = []
     disturbed: list[bool] = []
     # Long enough for a dozen exchanges on the slowest line.
     seconds = max(equipment.extent.seconds, 12 * conversation.cycle_s())
     for repetition in range(equipment.extent.repetitions):
-        turn = _WAYS[repetition % 3 :] + _WAYS[: repetition % 3]
+        first = repetition % len(_WAYS)
+        turn = _WAYS[first:] + _WAYS[:first]
 
         def work(paths: list[str], turn: tuple[str, ...] = turn) -> dict[str, Ran]:
             done: dict[str, Ran] = {}
@@ -85,13 +94,15 @@ def _one(equipment: Equipment, conversation: Conversation, efficiency: Section, 
         run = equipment.instrument.measure([conversation.line() for _ in turn], work)
         c_share = run.result["C"].rates[0] * conversation.cycle_s()
         disturbed.append(run.disturbed or c_share < _LEAST_OF_C)
+        bare_us.append(run.result["bare Python"].processor_us)
         for place, way in enumerate(turn):
             if way in run.result:
                 rate = run.result[way].rates[0]
                 shares[way].append(rate * conversation.cycle_s())
                 of_c[way].append(rate / run.result["C"].rates[0])
+                of_bare[way].append(rate / run.result["bare Python"].rates[0])
                 gaps[way].append(run.gap_us(place) - conversation.rest_s * 1e6)
-    for values in (shares, of_c, gaps):
+    for values in (shares, of_c, of_bare, gaps):
         for way in values:
             values[way] = undisturbed(values[way], disturbed)
     pause = f"{conversation.pause_s * 1000:.2g} ms"
@@ -102,7 +113,8 @@ def _one(equipment: Equipment, conversation: Conversation, efficiency: Section, 
             *begins,
             f"{1 / conversation.cycle_s():.1f}",
             *(_median(shares[way], ".4f") for way in _WAYS),
-            *(_median(of_c[way], ".4f") for way in _WAYS[1:]),
+            *(_median(of_c[way], ".4f") for way in _OURS),
+            *(_median(of_bare[way], ".4f") for way in _OURS),
         )
     )
     beyond = {way: [one - other for one, other in zip(gaps[way], gaps["C"], strict=True)] for way in _WAYS if gaps[way]}
@@ -110,10 +122,11 @@ def _one(equipment: Equipment, conversation: Conversation, efficiency: Section, 
         (
             *begins,
             *(_median(gaps[way], ".0f") for way in _WAYS),
-            *(_median(beyond.get(way, []), "+.0f") for way in _WAYS[1:]),
+            *(_median(beyond.get(way, []), "+.0f") for way in _OURS),
         )
     )
-    for way in _WAYS[1:]:
+    slow = waking_slowness(median(undisturbed(bare_us, disturbed)))
+    for way in _OURS:
         if not shares[way]:
             continue
         floor = _FLOOR_OF_C[way][conversation.baudrate == 115200]
@@ -140,7 +153,7 @@ def _one(equipment: Equipment, conversation: Conversation, efficiency: Section, 
                     name=f"{way} gap beyond the C client's in us, {name}",
                     value=median(beyond[way]),
                     promise=_GAP_US[way],
-                    floor=2 * _GAP_US[way],
+                    floor=2 * _GAP_US[way] * slow,
                     better="less",
                     disturbed=mostly(disturbed),
                 )

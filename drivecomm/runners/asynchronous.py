@@ -26,6 +26,8 @@ T = TypeVar("T")
 
 # Less than it costs to go to sleep and be woken.
 _NOT_WORTH_SLEEPING_S = 0.00003
+# About what passes between an alarm and its being heard.
+_LEAD_S = 0.000025
 # More than a line can leave behind between two exchanges; who talks without end is not kept.
 _MOST_UNASKED = 4096
 _SLICE_S = 0.05
@@ -216,7 +218,8 @@ class ReadinessRunner:
                 if isinstance(effect, Receive):
                     until, at_least = effect
                     if port.now() >= until:
-                        self._inbox += port.take()
+                        # Mostly there is nothing, and `read` finds that out without an exception.
+                        self._inbox += port.read(until, 1)
                     elif len(self._inbox) < at_least:
                         port.hold_back(at_least - len(self._inbox))
                         self._waiting = effect
@@ -297,15 +300,23 @@ class ReadinessRunner:
         if self._alarm is None:
             self._wake_at(until)
         else:
-            self._alarm.set(until)
+            self._alarm.set(until - _LEAD_S)
 
     def _alarmed(self) -> None:
         if self._alarm is None:
             return
-        self._alarm.clear()
         waiting = self._waiting
         if isinstance(waiting, Wait):
-            if self._port.now() < waiting.until:
-                self._alarm.set(waiting.until)
-            else:
-                self._go_on(Arrival(self._port.now()))
+            now = self._port.now()
+            if waiting.until - now > _NOT_WORTH_SLEEPING_S:
+                self._alarm.set(waiting.until - _LEAD_S)
+                return
+            # On a busy loop, whose time is precious, the alarm is heard too late for this to go round even once.
+            while now < waiting.until:
+                now = self._port.now()
+            self._go_on(Arrival(now))
+            if isinstance(self._waiting, Wait):
+                # It has been set anew.
+                return
+        if self._alarm is not None:
+            self._alarm.clear()

@@ -111,10 +111,12 @@ class TtyChannel:
             return self.take() if self._number_waiting() else b""
         data = b""
         while True:
-            self.hold_back(wanted - len(data))
+            missing = wanted - len(data)
+            if missing != self._held:
+                self.hold_back(missing)
             if not self._readable.wait(until):
                 return data + self.take()
-            data += self.take()
+            data = data + self.take() if data else self.take()
             if len(data) >= wanted:
                 return data
 
