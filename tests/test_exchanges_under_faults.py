@@ -91,6 +91,7 @@ class Course:
         self.spoilt = 0
         self.forged = []
         self._received = (0.0, b"")
+        self._answered = (0.0, b"")
         self._writing = False
         self._sent = []
         self._whole = []
@@ -169,7 +170,7 @@ class Course:
             return
         wire_s = self.drives[address].facts.settings.wire_s
         heard_at, telegram = self._received
-        sent_at, request = self._sent[-1]
+        sent_at, request = self._answered
         own = heard_at - wire_s(len(telegram)) < sent_at + wire_s(len(request)) - 1e-6
         assert not own, self.report(f"{what}; it began while the request was on the wire, so it was the master's own")
         assert telegram not in self.virtual[address].said, self.report(what)
@@ -245,6 +246,7 @@ class Course:
             self._sent.append((event.time, event.data))
         elif event.what == "received":
             self._received = (event.time, event.data)
+            self._answered = self._sent[-1]
         self.history.append(event)
 
     def _on_the_wire(self, sent):

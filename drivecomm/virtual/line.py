@@ -181,8 +181,11 @@ class VirtualLine:
                     self.call_at(sent.ended + answer.delay_s, partial(self._answer, station, answer.data, number))
 
     def _answer(self, station: Station, answer: bytes, number: int) -> None:
-        """Let a drive answer, unless it has lost power since or a later answer has taken the place of this one."""
-        if station.answering != number:
+        """Let a drive answer, unless it has lost power since or a later answer has taken the place of this one.
+
+        Nor does it answer when the master speaks again already: what it hears now is what it will answer.
+        """
+        if station.answering != number or self._free_at.get("master", 0.0) > self.time:
             return
         for delay, arriving in self.faults.reply(answer):
             self._speak_at(self.time + delay, station, arriving)
