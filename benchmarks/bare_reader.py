@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 # A sleep ends late; the rest of a pause is spent looking at the clock, as the C client does.
 _SPIN_S = 150e-6
-_LOST_MS = 1000
+LOST_MS = 1000
 
 
 class LostReplyError(Exception):
@@ -27,11 +27,8 @@ def read_bare(job: Job) -> tuple[Counts, float]:
     (path,) = job["paths"]
     request, reply, closing = (bytes.fromhex(job["spoken"][name]) for name in ("request", "reply", "closing"))
     pause_s = job["spoken"]["pause_s"]
-    port = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    port = open_whole(path, len(reply))
     try:
-        attributes = termios.tcgetattr(port)
-        attributes[6][termios.VMIN], attributes[6][termios.VTIME] = len(reply), 0
-        termios.tcsetattr(port, termios.TCSANOW, attributes)
         poller = select.poll()
         poller.register(port, select.POLLIN)
         following, may_speak_at = request, 0.0
@@ -44,7 +41,7 @@ def read_bare(job: Job) -> tuple[Counts, float]:
             following = closing + request
             came = b""
             while len(came) < len(reply):
-                if not poller.poll(_LOST_MS):
+                if not poller.poll(LOST_MS):
                     raise LostReplyError("no reply came within a second")
                 came += os.read(port, 4096)
             if came != reply:
@@ -54,6 +51,15 @@ def read_bare(job: Job) -> tuple[Counts, float]:
         return in_turn(read, job["seconds"])
     finally:
         os.close(port)
+
+
+def open_whole(path: str, length: int) -> int:
+    """Open a port that is readable when so many bytes are there."""
+    port = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    attributes = termios.tcgetattr(port)
+    attributes[6][termios.VMIN], attributes[6][termios.VTIME] = length, 0
+    termios.tcsetattr(port, termios.TCSANOW, attributes)
+    return port
 
 
 def _wait_until(until: float) -> None:

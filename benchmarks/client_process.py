@@ -10,6 +10,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any
 
+from bare_lines import read_bare_lines
 from bare_reader import LostReplyError, read_bare
 from counting import WARM_UP, count_awaited, in_threads, in_turn
 
@@ -116,7 +117,14 @@ class MissingError(Exception):
     """Something that a job needs is not there."""
 
 
-WAYS = {"bare Python": read_bare, "blocking": blocking, "threads": threads, "asyncio": tasks, "scan": scan}
+WAYS = {
+    "bare Python": read_bare,
+    "bare selectors": read_bare_lines,
+    "blocking": blocking,
+    "threads": threads,
+    "asyncio": tasks,
+    "scan": scan,
+}
 
 
 def compute(stop: threading.Event) -> None:

@@ -24,9 +24,10 @@ if TYPE_CHECKING:
 class Job:
     """What a Python master is to do.
 
-    way: bare Python, blocking, threads, asyncio, or a peer. paths: its lines. seconds: how long it reads one parameter
-    again and again on all of them. neighbour: a thread beside it that does nothing but compute. switch_interval_s: how
-    often threads take turns, None for Python's own. spoken: what bare Python says and hears, as it knows no protocol.
+    way: bare Python, bare selectors, blocking, threads, asyncio, or a peer. paths: its lines. seconds: how long it
+    reads one parameter again and again on all of them. neighbour: a thread beside it that does nothing but compute.
+    switch_interval_s: how often threads take turns, None for Python's own. spoken: what bare Python says and hears, as
+    it knows no protocol.
     """
 
     way: str

@@ -22,6 +22,11 @@ _REQUEST = bytes.fromhex("010300000001840a")
 _REPLY = bytes.fromhex("01030200057847")
 
 
+def modbus(baudrate: int) -> Conversation:
+    """Return what is said on a line when a register is read."""
+    return Conversation(protocol="modbus", parameter="0", baudrate=baudrate, bits=10, request=_REQUEST, reply=_REPLY)
+
+
 def measure(equipment: Equipment) -> list[Section]:
     """Measure one line at every speed, and many lines at 115200 baud."""
     section = Section(
@@ -41,9 +46,7 @@ def measure(equipment: Equipment) -> list[Section]:
 
 
 def _one(equipment: Equipment, section: Section, count: int, baudrate: int) -> None:
-    conversation = Conversation(
-        protocol="modbus", parameter="0", baudrate=baudrate, bits=10, request=_REQUEST, reply=_REPLY
-    )
+    conversation = modbus(baudrate)
     seconds = max(equipment.extent.seconds, 1.0 if count > 1 else 0.0)
     shares: dict[str, list[float]] = defaultdict(list)
     costs: dict[str, list[float]] = defaultdict(list)

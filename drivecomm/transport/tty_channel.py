@@ -55,7 +55,8 @@ class TtyChannel:
         self.descriptor: int = port.fileno()
         self._pseudo = _is_pseudo(self.descriptor)
         self._readable = Readable(self.descriptor)
-        self._waiting = array.array("i", [0])
+        # Longer than it must be: for a short one Python lets other threads run meanwhile, and gets its turn back late.
+        self._waiting = array.array("i", [0] * 512)
         # pyserial then sets VMIN to 1 whenever it configures the port, instead of 0, with which a read of nothing
         # could not be told from the end.
         self._port.inter_byte_timeout = 0.0
