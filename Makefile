@@ -4,12 +4,15 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test check docs bench clean
+.PHONY: demo test coverage check docs bench clean
 
 demo: $(VENV)/installed
 	$(BIN)/drivecomm demo
 
 test: $(VENV)/installed-test
+	$(BIN)/python -m pytest
+
+coverage: $(VENV)/installed-test
 	$(BIN)/python -m pytest --cov --cov-report=term
 
 check: $(VENV)/installed-check
