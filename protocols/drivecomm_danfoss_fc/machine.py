@@ -56,6 +56,8 @@ class Machine:
         self.conditions = 0
         self._store = store
         self._options = options
+        self._fc_profile = store.fact("profile", "fc_value", 0)
+        self._gates = [gate for gate in _GATES if store.has(gate[0])]
         self.power_up()
 
     def power_up(self) -> None:
@@ -75,7 +77,7 @@ class Machine:
         """Whether control words are read as PROFIdrive; 8-10 (512) decides where the drive has it."""
         if not self._store.has("profile"):
             return self._options.profile == "profidrive"
-        return self._store.setting("profile", 0) != self._store.fact("profile", "fc_value", 0)
+        return self._store.setting("profile", 0) != self._fc_profile
 
     def control(self, word: int, reference: int, now: float) -> None:
         """Obey a control word; one without bit 10 is ignored as a whole, and its reference with it."""
@@ -113,8 +115,8 @@ class Machine:
 
     def status_word(self) -> int:
         """Return the status word of the profile that is set."""
-        motor, fault = self.motor, bool(self.motor.fault)
-        coasting = self._command() == "coast"
+        motor, fault, command = self.motor, bool(self.motor.fault), self._command()
+        coasting = command == "coast"
         bits = {
             words.CONTROL_READY: not fault,
             words.DRIVE_READY: not fault,
@@ -127,13 +129,13 @@ class Machine:
             words.RUNNING: motor.running,
         }
         if self.profidrive:
-            off_2, off_3 = coasting, self._command() == "quick_stop"
+            off_2, off_3 = coasting, command == "quick_stop"
             active = self._options.off_bit_when_active
             bits |= {words.ENABLED: self._on and not coasting}
             bits |= {4: off_2 == active, 5: off_3 == active, 6: fault or off_2 or off_3}
         else:
             bits[words.TRIP_LOCK] = fault and self.locked
-        return sum(1 << bit for bit, on in bits.items() if on) | self.conditions
+        return sum([1 << bit for bit, on in bits.items() if on]) | self.conditions
 
     def main_actual(self) -> int:
         """Return the actual value: the output frequency on the scale that the series uses."""
@@ -181,10 +183,11 @@ class Machine:
     def _command(self) -> str:
         """Return the name of the word in force, with the bits gated that the bus has no say in."""
         word = self.word & ~(1 << words.RESET_BIT)
-        for role, bit, level in _GATES:
-            if not self._allowed(role) and not (self.profidrive and role == "gate_dc_brake"):
+        profidrive = self.profidrive
+        for role, bit, level in self._gates:
+            if not self._allowed(role) and not (profidrive and role == "gate_dc_brake"):
                 word = word | 1 << bit if level else word & ~(1 << bit)
-        return words.profidrive_command_of(word) if self.profidrive else words.command_of(word)
+        return words.profidrive_command_of(word) if profidrive else words.command_of(word)
 
     def _wanted_hz(self, command: str) -> float:
         if command.startswith("jog"):

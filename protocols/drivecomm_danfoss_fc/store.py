@@ -6,7 +6,7 @@ Values are kept as the drive counts them, numbers signed; a telegram carries the
 from __future__ import annotations
 
 from decimal import Decimal
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm_danfoss_fc import description
 from drivecomm_danfoss_fc.faultcodes import (
@@ -25,7 +25,7 @@ from drivecomm_danfoss_fc.faultcodes import (
 from drivecomm_danfoss_fc.parameters import DATA_TYPES, RANGES, number_of, signed
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.models import Model, ParameterInfo
 
@@ -41,6 +41,14 @@ class Refusal(Exception):  # noqa: N818 - an answer of the drive, not an error o
         super().__init__(f"fault {code}")
 
 
+class Role(NamedTuple):
+    """The parameter with a role: its number, the place of its first element, the physical value of one step."""
+
+    number: int
+    first: int
+    factor: float
+
+
 class Store:
     """The parameters of one drive by number and array index; index_base is the index of a first element.
 
@@ -49,10 +57,13 @@ class Store:
 
     def __init__(self, model: Model, index_base: int) -> None:
         self._infos: dict[int, ParameterInfo] = {number_of(info.address): info for info in model.parameters.values()}
-        self._roles = {
-            str(info.extra["role"]): number for number, info in self._infos.items() if info.extra.get("role")
-        }
         self._base = index_base
+        self._roles = {
+            str(info.extra["role"]): Role(number, self._first(info), float(info.factor))
+            for number, info in self._infos.items()
+            if info.extra.get("role")
+        }
+        self._measured: dict[tuple[int, int], tuple[Role, Callable[[], float]]] = {}
         self._eeprom = {
             (number, index_base + place if _elements(info) else 0): value
             for number, info in self._infos.items()
@@ -70,14 +81,14 @@ class Store:
     def read(self, number: int, index: int) -> tuple[int, int]:
         """Return width in bits and unsigned value. Raises Refusal."""
         info = self._info(number)
-        value = self._ram[number, self._place(number, info, index)]
+        value = self._value(number, self._place(number, info, index))
         if isinstance(value, str):
             raise Refusal(WRONG_TYPE)
         return _bits(info), value % 2 ** _bits(info)
 
     def read_text(self, number: int, index: int) -> str:
         """Return the text that a parameter holds. Raises Refusal."""
-        value = self._ram[number, self._place(number, self._info(number), index)]
+        value = self._value(number, self._place(number, self._info(number), index))
         if isinstance(value, int):
             raise Refusal(NO_TEXT)
         return value
@@ -90,7 +101,7 @@ class Store:
         return text
 
     def write(self, number: int, index: int, bits: int, value: int, *, store: bool, running: bool) -> tuple[int, int]:
-        """Take an unsigned value of this width and return what `read` then gives. Raises Refusal."""
+        """Take an unsigned value of this width and return both as `read` does. Raises Refusal."""
         info = self._writable(number, running=running)
         if info.type == "text" or bits != _bits(info):
             raise Refusal(WRONG_TYPE)
@@ -100,7 +111,7 @@ class Store:
         if not lowest <= number_given <= highest:
             raise Refusal(OUTSIDE_LIMITS)
         self._put(number, place, number_given, store=store)
-        return self.read(number, index)
+        return bits, number_given % 2**bits
 
     def write_text(self, number: int, index: int, text: str, *, running: bool) -> None:
         """Take a text. Raises Refusal."""
@@ -140,7 +151,7 @@ class Store:
     def peek(self, number: int, index: int | None) -> int | str:
         """Return a value as a telegram would carry it, without asking for access. Raises Refusal."""
         info = self._info(number, bus=False)
-        value = self._ram[number, self._place(number, info, self._first(info) if index is None else index)]
+        value = self._value(number, self._place(number, info, self._first(info) if index is None else index))
         return value if isinstance(value, str) else value % 2 ** _bits(info)
 
     def poke(self, number: int, index: int | None, value: int | str) -> None:
@@ -148,7 +159,9 @@ class Store:
         info = self._info(number, bus=False)
         if isinstance(value, int):
             value = signed(value % 2 ** _bits(info), _bits(info)) if info.type.startswith("int") else value
-        self._put(number, self._place(number, info, self._first(info) if index is None else index), value, store=True)
+        place = self._place(number, info, self._first(info) if index is None else index)
+        self._put(number, place, value, store=True)
+        self._measured.pop((number, place), None)
         self._poked.add(number)
 
     # What a drive knows of its own parameters: by their role in the model
@@ -161,29 +174,46 @@ class Store:
         """Return a physical value by its role; otherwise where no parameter of this drive has the role."""
         if role not in self._roles:
             return otherwise
-        number = self._roles[role]
-        info = self._infos[number]
-        return int(self._ram[number, self._first(info) + element]) * float(info.factor)
+        number, first, factor = self._roles[role]
+        return int(self._ram[number, first + element]) * factor
 
     def fact(self, role: str, key: str, otherwise: int) -> int:
         """Return a number that the model gives for the parameter with this role, beyond what every parameter has."""
-        return int(self._infos[self._roles[role]].extra.get(key, otherwise)) if role in self._roles else otherwise
+        if role not in self._roles:
+            return otherwise
+        return int(self._infos[self._roles[role].number].extra.get(key, otherwise))
+
+    def measure(self, measured: Mapping[str, Callable[[], float]]) -> None:
+        """Take the values of the parameters with these roles from there whenever they are read, until they are poked.
+
+        What a telegram writes into one of them is not seen any more afterwards.
+        """
+        self._measured = {
+            (role.number, role.first): (role, measured[name]) for name, role in self._roles.items() if name in measured
+        }
 
     def show(self, role: str, value: float, element: int = 0) -> None:
-        """Put a measured physical value into the parameter with this role, unless it was poked."""
-        number = self._roles.get(role)
-        if number is None or number in self._poked:
-            return
-        info = self._infos[number]
-        allowed = RANGES[info.type]
-        raw = max(allowed.start, min(allowed.stop - 1, round(value / float(info.factor))))
-        self._put(number, self._first(info) + element, raw, store=True)
+        """Put a physical value that the drive keeps into the parameter with this role, unless it was poked."""
+        known = self._roles.get(role)
+        if known is not None and known.number not in self._poked:
+            self._put(known.number, known.first + element, self._shown(known, value), store=True)
 
     def set(self, role: str, value: int) -> None:
         """Set the parameter with this role to a raw number."""
         if role in self._roles:
-            number = self._roles[role]
-            self._put(number, self._first(self._infos[number]), value, store=True)
+            number, first, _ = self._roles[role]
+            self._put(number, first, value, store=True)
+
+    def _value(self, number: int, place: int) -> int | str:
+        if (number, place) not in self._measured:
+            return self._ram[number, place]
+        role, measure = self._measured[number, place]
+        return self._shown(role, measure())
+
+    def _shown(self, role: Role, value: float) -> int:
+        """Return the raw number for a physical value, as far as the parameter's type reaches."""
+        allowed = RANGES[self._infos[role.number].type]
+        return max(allowed.start, min(allowed.stop - 1, round(value / role.factor)))
 
     def _put(self, number: int, place: int, value: int | str, *, store: bool) -> None:
         self._ram[number, place] = value
@@ -217,7 +247,7 @@ class Store:
 
     def _characteristics(self, number: int, info: ParameterInfo) -> int:
         number_of_type = int(info.extra.get("data_type", DATA_TYPES[info.type]))
-        differs = self._ram[number, self._first(info)] != next(iter(_starts(info)))
+        differs = self._value(number, self._first(info)) != next(iter(_starts(info)))
         flags = {
             14: bool(_elements(info)),
             12: differs,

@@ -30,6 +30,8 @@ from drivecomm_danfoss_fc.store import Refusal, Store
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from drivecomm.framing import Damaged
     from drivecomm.models import Model
     from drivecomm_danfoss_fc.messages import Request
@@ -53,9 +55,11 @@ class VirtualDanfossFcDrive:
         self.motor = Motor()
         self.store = Store(model, options.index_base)
         self.machine = Machine(self.motor, self.store, options)
+        self.store.measure(self._measured())
         self._model = model
         self._options = options
         self._logged = 0
+        self._now = 0.0
         self._read_name_plate()
         self.store.set("address", address)
         if options.profile == "profidrive":
@@ -179,37 +183,40 @@ class VirtualDanfossFcDrive:
         return max(2 * self.settings.character_s, minimum_s, self._options.reply_delay_s)
 
     def _live(self, now: float) -> None:
-        """Let time pass and put what is measured into the parameters that show it."""
-        machine, motor, store = self.machine, self.motor, self.store
-        machine.watch(now)
-        if motor.fault != self._logged:
-            self._logged = motor.fault
-            if motor.fault:
-                self._log(motor.fault, now)
-        shown = {
-            "seen_control_word": machine.word,
-            "port_control_word": machine.word,
-            "port_reference": machine.reference,
-            "seen_reference": motor.target_hz,
-            "seen_reference_percent": machine.reference_percent(),
-            "status_word": machine.status_word(),
-            "actual_percent": machine.main_actual() * 100 / 16384,
-            "power": motor.power_kw,
-            "voltage": motor.voltage_v,
-            "frequency": abs(motor.output_hz),
-            "current": motor.current_a,
-            "torque_nm": motor.torque_percent / 100 * motor.rated_kw * 9550 / motor.rated_rpm,
-            "torque_percent": motor.torque_percent,
-            "speed": motor.speed_rpm,
-            "dc_link": motor.dc_link_v,
-            "heat_sink": motor.temperature_c,
-            "relay_outputs": machine.relays[0] + 2 * machine.relays[1],
-            "hours": self._hours + now // 3600,
-            "running_hours": self._running_hours + motor.running_s // 3600,
-            "energy": self._energy + motor.energy_kwh // 1,
+        """Let time pass, and log a trip of the motor."""
+        self._now = now
+        self.machine.watch(now)
+        fault = self.motor.fault
+        if fault != self._logged:
+            self._logged = fault
+            if fault:
+                self._log(fault, now)
+
+    def _measured(self) -> dict[str, Callable[[], float]]:
+        """Return by role what each parameter that shows a measured value gets it from when it is read."""
+        machine, motor = self.machine, self.motor
+        return {
+            "seen_control_word": lambda: machine.word,
+            "port_control_word": lambda: machine.word,
+            "port_reference": lambda: machine.reference,
+            "seen_reference": lambda: motor.target_hz,
+            "seen_reference_percent": machine.reference_percent,
+            "status_word": machine.status_word,
+            "actual_percent": lambda: machine.main_actual() * 100 / 16384,
+            "power": lambda: motor.power_kw,
+            "voltage": lambda: motor.voltage_v,
+            "frequency": lambda: abs(motor.output_hz),
+            "current": lambda: motor.current_a,
+            "torque_nm": lambda: motor.torque_percent / 100 * motor.rated_kw * 9550 / motor.rated_rpm,
+            "torque_percent": lambda: motor.torque_percent,
+            "speed": lambda: motor.speed_rpm,
+            "dc_link": lambda: motor.dc_link_v,
+            "heat_sink": lambda: motor.temperature_c,
+            "relay_outputs": lambda: machine.relays[0] + 2 * machine.relays[1],
+            "hours": lambda: self._hours + self._now // 3600,
+            "running_hours": lambda: self._running_hours + motor.running_s // 3600,
+            "energy": lambda: self._energy + motor.energy_kwh // 1,
         }
-        for role, value in shown.items():
-            store.show(role, value)
 
     def _log(self, code: int, now: float) -> None:
         """Put a trip in front of the alarm log: code, value, time."""

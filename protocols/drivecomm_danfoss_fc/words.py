@@ -88,40 +88,42 @@ def tripped(status: int, *, profidrive: bool) -> bool:
     return has(status, TRIP) or (has(status, TRIP_LOCK) and not profidrive)
 
 
+_RULES = (
+    (VALID_BIT, False, "ignored"),
+    (COAST_BIT, False, "coast"),
+    (QUICK_STOP_BIT, False, "quick_stop"),
+    (DC_BRAKE_BIT, False, "dc_brake"),
+    (RESET_BIT, True, "reset"),
+    (START_BIT, False, "ramp_stop"),
+    (HOLD_BIT, False, "freeze_output"),
+    (JOG_BIT, True, "jog"),
+)
+_PROFIDRIVE_RULES = (
+    (VALID_BIT, False, "ignored"),
+    (OFF2_BIT, False, "coast"),
+    (COAST_BIT, False, "coast"),
+    (OFF3_BIT, False, "quick_stop"),
+    (QUICK_STOP_BIT, False, "quick_stop"),
+    (RESET_BIT, True, "reset"),
+    (ON_BIT, False, "ramp_stop"),
+    (START_BIT, False, "ramp_stop"),
+    (HOLD_BIT, False, "freeze_output"),
+    (JOG_1_BIT, True, "jog"),
+    (JOG_2_BIT, True, "jog_2"),
+)
+
+
 def command_of(word: int) -> str:
     """Name an FC-profile control word by the first rule that fits (specification, section 14).
 
     The order only names words; which stop wins inside a drive is printed nowhere.
     """
-    rules = (
-        (VALID_BIT, False, "ignored"),
-        (COAST_BIT, False, "coast"),
-        (QUICK_STOP_BIT, False, "quick_stop"),
-        (DC_BRAKE_BIT, False, "dc_brake"),
-        (RESET_BIT, True, "reset"),
-        (START_BIT, False, "ramp_stop"),
-        (HOLD_BIT, False, "freeze_output"),
-        (JOG_BIT, True, "jog"),
-    )
-    return next((name for bit, level, name in rules if has(word, bit) is level), "start")
+    return next((name for bit, level, name in _RULES if has(word, bit) is level), "start")
 
 
 def profidrive_command_of(word: int) -> str:
     """Name a PROFIdrive control word in the same way: OFF2 coasts, OFF3 stops quickly, OFF1 ramps down."""
-    rules = (
-        (VALID_BIT, False, "ignored"),
-        (OFF2_BIT, False, "coast"),
-        (COAST_BIT, False, "coast"),
-        (OFF3_BIT, False, "quick_stop"),
-        (QUICK_STOP_BIT, False, "quick_stop"),
-        (RESET_BIT, True, "reset"),
-        (ON_BIT, False, "ramp_stop"),
-        (START_BIT, False, "ramp_stop"),
-        (HOLD_BIT, False, "freeze_output"),
-        (JOG_1_BIT, True, "jog"),
-        (JOG_2_BIT, True, "jog_2"),
-    )
-    return next((name for bit, level, name in rules if has(word, bit) is level), "start")
+    return next((name for bit, level, name in _PROFIDRIVE_RULES if has(word, bit) is level), "start")
 
 
 def lets_run(word: int, *, profidrive: bool) -> bool:

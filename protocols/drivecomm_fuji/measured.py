@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm_fuji.words import FULL_SCALE, STATUS_BITS
+from drivecomm_fuji.words import FULL_SCALE, REVERSE, RUN, STATUS_BITS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     from drivecomm.motor import Motor
     from drivecomm_fuji.profiles import Profile
     from drivecomm_fuji.store import Store
 
-_AT_ALARM = {
+AT_ALARM = {
     "M01": "M27",
     "M05": "M31",
     "M06": "M32",
@@ -28,50 +30,56 @@ _MEMORY = ("M16", "M17", "M18", "M19")
 _UNDERVOLTAGE = 10
 
 
-def show_measured(
+def measured(
     store: Store,
     motor: Motor,
     profile: Profile,
     *,
-    reference_hz: float,
-    command: int,
-    linked: bool,
-    busy: bool,
-) -> None:
-    """Put what the motor does into the M codes."""
-    per_hz = FULL_SCALE / motor.maximum_hz
-    backwards = bool(command & 2) and not command & 1
-    reference = -reference_hz if backwards else reference_hz
-    for function, value in (
-        ("M01", reference * per_hz),
-        ("M02", motor.torque_percent),
-        ("M03", motor.torque_percent),
-        ("M05", abs(reference_hz)),
-        ("M06", motor.output_hz * per_hz),
-        ("M07", motor.torque_percent),
-        ("M08", motor.torque_percent),
-        ("M10", motor.power_kw / motor.rated_kw * 100),
-        ("M11", motor.current_a / motor.rated_a * 100),
-        ("M12", motor.voltage_v),
-        ("M13", command),
-        ("M14", _status(motor, profile, backwards=backwards, linked=linked, busy=busy)),
-        ("M15", store.held("S07")),
-        ("M20", motor.running_s // 3600),
-        ("M21", motor.dc_link_v),
-    ):
-        store.show(function, value)
+    reference_hz: Callable[[], float],
+    command: Callable[[], int],
+    linked: Callable[[], bool],
+    busy: Callable[[], bool],
+) -> dict[str, Callable[[], float]]:
+    """Return what each M code that shows a measured value gets it from when it is read."""
     # An inverter that never sends the sign character shows the magnitude; M14 tells the direction.
     signed = "M09" in profile.sign_functions
-    store.show("M09", motor.output_hz if signed else abs(motor.output_hz), sign_character=signed)
+
+    def per_hz() -> float:
+        return FULL_SCALE / motor.maximum_hz
+
+    def backwards() -> bool:
+        return command() & RUN == REVERSE
+
+    def status() -> int:
+        return _status(motor, profile, backwards=backwards(), linked=linked(), busy=busy())
+
+    return {
+        "M01": lambda: (-reference_hz() if backwards() else reference_hz()) * per_hz(),
+        "M02": lambda: motor.torque_percent,
+        "M03": lambda: motor.torque_percent,
+        "M05": lambda: abs(reference_hz()),
+        "M06": lambda: motor.output_hz * per_hz(),
+        "M07": lambda: motor.torque_percent,
+        "M08": lambda: motor.torque_percent,
+        "M09": lambda: motor.output_hz if signed else abs(motor.output_hz),
+        "M10": lambda: motor.power_kw / motor.rated_kw * 100,
+        "M11": lambda: motor.current_a / motor.rated_a * 100,
+        "M12": lambda: motor.voltage_v,
+        "M13": command,
+        "M14": status,
+        "M15": lambda: store.held("S07"),
+        "M20": lambda: motor.running_s // 3600,
+        "M21": lambda: motor.dc_link_v,
+    }
 
 
-def shift_alarms(store: Store, code: int) -> None:
+def shift_alarms(store: Store, code: int, latest: Mapping[str, float]) -> None:
     """Enter an alarm into the memory, newest first, and keep what was measured last."""
     for newer, older in zip(_MEMORY[-2::-1], _MEMORY[:0:-1], strict=True):
         store.copy(newer, older)
     store.set("M16", code)
-    for live, kept in _AT_ALARM.items():
-        store.copy(live, kept)
+    for live, kept in AT_ALARM.items():
+        store.keep(live, latest.get(live), kept)
 
 
 def _status(motor: Motor, profile: Profile, *, backwards: bool, linked: bool, busy: bool) -> int:

@@ -11,6 +11,8 @@ from drivecomm_fuji.formats import PLAIN, Format, current_format
 from drivecomm_fuji.parameters import format_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     from drivecomm.models import Model, ParameterInfo
     from drivecomm_fuji.options import FujiOptions
 
@@ -24,35 +26,44 @@ class Refusal(Exception):  # noqa: N818 - an answer of the inverter, not an erro
 
 
 class Store:
-    """The functions of one inverter, as unsigned words; a live value with a sign character is kept negative."""
+    """The functions of one inverter, as unsigned words; a live value with a sign character is kept negative.
+
+    measured: what gives the physical value of a function that shows one; it is asked when the function is read, so that
+    nothing set there is ever seen.
+    """
 
     def __init__(self, model: Model, options: FujiOptions) -> None:
         self._infos = dict(model.parameters)
         self._formats = {function: _format(info, options) for function, info in self._infos.items()}
         self._sign_functions = options.generation.sign_functions
+        self._factors = {function: float(known.factor) for function, known in self._formats.items()}
         self._words: dict[str, int] = {}
+        self._numbers: dict[str, float] = {}
+        self.measured: Mapping[str, Callable[[], float]] = {}
         self.initialise()
 
     def initialise(self, types: str = "") -> None:
         """Give the functions of these types their start values, all functions if none is named."""
         for function, info in self._infos.items():
             if not types or function[0] in types:
-                self._words[function] = self._start(info)
+                self._put(function, self._start(info))
 
     def read(self, function: str) -> int:
         """Return a word as it is read, negative where a sign character stands before it. Raises Refusal."""
         if function not in self._infos or "r" not in self._infos[function].access:
             raise Refusal(FUNCTION_ERROR)
-        return self._words[function]
+        return self.word(function)
 
     def word(self, function: str) -> int:
         """Return a word, whoever may read it. Raises ParameterAddressError for a function that does not exist."""
         if function not in self._infos:
-            raise ParameterAddressError(f"the virtual drive holds no parameter {function!r}")
+            raise _unknown(function)
+        if function in self.measured:
+            return self._shown(function, self.measured[function]())
         return self._words[function]
 
     def held(self, function: str) -> int:
-        """Return a word, 0 where the inverter does not have this function."""
+        """Return a word that was set, 0 where the inverter does not have this function."""
         return self._words.get(function, 0)
 
     def check(self, function: str, data: int, *, running: bool) -> None:
@@ -73,40 +84,55 @@ class Store:
 
     def poke(self, function: str, raw: int) -> None:
         """Set a word without asking. Raises ParameterAddressError for a function that the inverter does not have."""
-        self.word(function)
-        self._words[function] = raw
+        if function not in self._infos:
+            raise _unknown(function)
+        self._put(function, raw)
 
     def set(self, function: str, raw: int) -> None:
         """Set a word if the inverter has this function."""
         if function in self._infos:
-            self._words[function] = raw
+            self._put(function, raw)
 
     def copy(self, source: str, destination: str) -> None:
         """Set a word to what another function holds, if the inverter has both."""
         if source in self._infos:
-            kept = self._words[source]
-            self.set(destination, kept if destination in self._sign_functions else abs(kept))
+            self._keep(destination, self._words[source])
 
-    def show(self, function: str, physical: float, *, sign_character: bool = False) -> None:
-        """Put a measured value into the function that shows it, if there is one, within what four digits can hold."""
-        if function not in self._infos:
-            return
-        known = self._formats[function]
-        steps = round(physical / float(known.factor))
-        if sign_character:
-            self._words[function] = max(-0xFFFF, min(0xFFFF, steps))
-        else:
-            lowest, highest = (-0x8000, 0x7FFF) if known.signed else (0, 0xFFFF)
-            self._words[function] = max(lowest, min(highest, steps)) % 0x10000
+    def keep(self, source: str, physical: float | None, destination: str) -> None:
+        """Set a word to what another function showed for this value, if the inverter has both; None copies its word."""
+        if source in self._infos:
+            self._keep(destination, self._words[source] if physical is None else self._shown(source, physical))
 
     def number(self, function: str, otherwise: float = 0.0) -> float:
         """Return a physical value; the other one where the function or its format is not known."""
+        if function in self._numbers:
+            return self._numbers[function]
         if function not in self._infos or not self._formats[function].known or not self._formats[function].name:
             return otherwise
-        return float(self._formats[function].value(self._words[function]))
+        number = self._numbers[function] = float(self._formats[function].value(self._words[function]))
+        return number
+
+    def _put(self, function: str, raw: int) -> None:
+        self._words[function] = raw
+        self._numbers.pop(function, None)
+
+    def _keep(self, function: str, word: int) -> None:
+        self.set(function, word if function in self._sign_functions else abs(word))
+
+    def _shown(self, function: str, physical: float) -> int:
+        """Return the word that shows a value, within what four digits can hold."""
+        steps = round(physical / self._factors[function])
+        if function in self._sign_functions:
+            return max(-0xFFFF, min(0xFFFF, steps))
+        lowest, highest = (-0x8000, 0x7FFF) if self._formats[function].signed else (0, 0xFFFF)
+        return max(lowest, min(highest, steps)) % 0x10000
 
     def _start(self, info: ParameterInfo) -> int:
         return self._formats[info.address].raw(info.start, info.address) if isinstance(info.start, Decimal) else 0
+
+
+def _unknown(function: str) -> ParameterAddressError:
+    return ParameterAddressError(f"the virtual drive holds no parameter {function!r}")
 
 
 def _format(info: ParameterInfo, options: FujiOptions) -> Format:

@@ -15,7 +15,7 @@ from drivecomm.protocol import VirtualReply
 from drivecomm_fuji import words
 from drivecomm_fuji.errorcodes import COMMAND_ERROR, DATA_ERROR, FUNCTION_ERROR, LINK_PRIORITY, WRITE_BUSY
 from drivecomm_fuji.hearing import Ear, complaint
-from drivecomm_fuji.measured import shift_alarms, show_measured
+from drivecomm_fuji.measured import AT_ALARM, measured, shift_alarms
 from drivecomm_fuji.parameters import target
 from drivecomm_fuji.store import Refusal, Store
 from drivecomm_fuji.telegrams import BROADCAST, Poll, Select, Standard
@@ -51,11 +51,22 @@ class VirtualFujiDrive:
         self._profile = options.generation
         self.codec = Ear(self._profile)
         self.store = Store(model, options)
+        self.store.measured = measured(
+            self.store,
+            self.motor,
+            self._profile,
+            reference_hz=self._reference_hz,
+            command=lambda: self._run_command() & ~words.RESET,
+            linked=lambda: self._has_right(COMMAND) or self._has_right(FREQUENCY),
+            busy=lambda: self._now < self._busy_until,
+        )
         self._options = options
         self._model = model
         self._alarm = False
         self._command = 0
         self._busy_until = 0.0
+        self._now = 0.0
+        self._latest: dict[str, float] = {}
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a request: silence for a wrong sum and at station 99, a NAK for what is refused."""
@@ -88,6 +99,8 @@ class VirtualFujiDrive:
         function = target(parameter, self._model, self._options).function
         number = int(raw)
         self.store.poke(function, number if function in self._profile.sign_functions else number % 0x10000)
+        # An alarm before anything else is heard keeps what was set here.
+        self._latest.pop(function, None)
 
     def trip(self, code: int, now: float) -> None:
         """Trip with this alarm code: output off, memory M16 to M19 moved on, values at the alarm kept."""
@@ -199,22 +212,15 @@ class VirtualFujiDrive:
     # What turns
 
     def _live(self, now: float) -> None:
-        """Let the motor turn as commanded, and put what is measured into the functions that show it."""
+        """Let the motor turn as commanded, note an alarm, and note what an alarm would keep."""
+        self._now = now
         self.motor.advance(now)
         if self.motor.fault and not self._alarm:
             self._note_alarm()
         self._alarm = bool(self.motor.fault)
         self._set_ramps()
         self._turn(now)
-        show_measured(
-            self.store,
-            self.motor,
-            self._profile,
-            reference_hz=self._reference_hz(),
-            command=self._run_command() & ~words.RESET,
-            linked=self._has_right(COMMAND) or self._has_right(FREQUENCY),
-            busy=now < self._busy_until,
-        )
+        self._latest = {function: self.store.measured[function]() for function in AT_ALARM}
 
     def _turn(self, now: float) -> None:
         word = self._run_command()
@@ -255,5 +261,5 @@ class VirtualFujiDrive:
         self._live(now)
 
     def _note_alarm(self) -> None:
-        shift_alarms(self.store, self.motor.fault)
+        shift_alarms(self.store, self.motor.fault, self._latest)
         self._alarm = True

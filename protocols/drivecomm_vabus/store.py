@@ -20,6 +20,8 @@ from drivecomm_vabus.errorcodes import (
 from drivecomm_vabus.telegrams import data_of, number_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     from drivecomm.models import Model, ParameterInfo
 
 
@@ -35,11 +37,16 @@ class Refusal(Exception):  # noqa: N818 - an answer of the drive, not an error o
 
 
 class Store:
-    """The parameters of one drive, as data characters by number and data set (0 for those that exist once)."""
+    """The parameters of one drive, as data characters by number and data set (0 for those that exist once).
+
+    measured: what gives the raw value of a parameter that shows one; it is asked when the parameter is read, so that
+    nothing set there is ever seen.
+    """
 
     def __init__(self, model: Model, *, ram_datasets: bool) -> None:
         self._infos: dict[int, ParameterInfo] = {int(info.address): info for info in model.parameters.values()}
         self._ram_datasets = ram_datasets
+        self.measured: Mapping[int, Callable[[], float]] = {}
         self._eeprom = {
             (number, dataset): _start(info) for number, info in self._infos.items() for dataset in _datasets(info)
         }
@@ -48,10 +55,6 @@ class Store:
     def power_cycle(self) -> None:
         """Forget what was written to RAM only."""
         self._ram = dict(self._eeprom)
-
-    def __contains__(self, number: int) -> bool:
-        """Whether there is a parameter with this number."""
-        return number in self._infos
 
     def info(self, number: int) -> ParameterInfo:
         """Return what is known of a parameter. Raises Refusal for one that does not exist."""
@@ -64,11 +67,14 @@ class Store:
         info = self.info(number)
         if "r" not in info.access:
             raise Refusal(NOT_READABLE)
-        if dataset > 4 or (dataset and _datasets(info) == (0,)):
+        datasets = _datasets(info)
+        if dataset > 4 or (dataset and datasets == (0,)):
             raise Refusal(DATASET_NOT_PERMITTED)
-        if dataset or _datasets(info) == (0,):
+        if number in self.measured:
+            return _shown(self.measured[number](), info.type)
+        if dataset or datasets == (0,):
             return self._ram[number, dataset]
-        values = {self._ram[number, each] for each in _datasets(info)}
+        values = {self._ram[number, each] for each in datasets}
         if len(values) > 1:
             raise Refusal(DATASETS_DIFFER)
         return values.pop()
@@ -94,12 +100,6 @@ class Store:
         for each in (dataset,) if dataset else _datasets(self.info(number)):
             self._ram[number, each] = data
 
-    def show(self, number: int, raw: int) -> None:
-        """Put a measured value into a parameter, as far as the parameter's type reaches."""
-        kind = self._infos[number].type
-        lowest, highest = _LIMITS[kind]
-        self.poke(number, 0, data_of(max(lowest, min(highest, raw)), kind))  # type: ignore[arg-type]
-
     def number(self, number: int) -> int:
         """Return a numeric parameter's raw value in the first data set that it has, 0 if it does not exist."""
         if number not in self._infos:
@@ -117,6 +117,12 @@ def _start(info: ParameterInfo) -> str:
         return str(info.start or " ")
     start = info.start if isinstance(info.start, Decimal) else info.minimum or Decimal(0)
     return data_of(int(start / info.factor), info.type)  # type: ignore[arg-type]
+
+
+def _shown(value: float, type: str) -> str:
+    """Return the data characters of a measured value, as far as the parameter's type reaches."""
+    lowest, highest = _LIMITS[type]
+    return data_of(max(lowest, min(highest, round(value))), type)  # type: ignore[arg-type]
 
 
 def _check(info: ParameterInfo, data: str) -> None:

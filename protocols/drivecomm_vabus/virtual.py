@@ -28,6 +28,8 @@ from drivecomm_vabus.telegrams import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from drivecomm.models import Model
     from drivecomm_vabus.options import VabusOptions
 
@@ -44,6 +46,7 @@ class VirtualVabusDrive:
         self.gap_s = 0.050
         self.motor = Motor()
         self.store = Store(model, ram_datasets=options.ram_datasets)
+        self.store.measured = self._measured()
         self.error_register = 0
         self.locked = False
         self._model = model
@@ -170,28 +173,30 @@ class VirtualVabusDrive:
         return self.store.number(480) / 100 + percent
 
     def _live(self, now: float) -> None:
-        """Let the motor turn and put what is measured into the parameters that show it."""
+        """Let the motor turn, and the state follow a motor that has tripped or stopped."""
         motor = self.motor
         motor.advance(now)
         if motor.fault and self._state is not State.FAULT:
             self._state, self._tripped_at = State.FAULT, now
         if self._state is State.QUICK_STOP_ACTIVE and not motor.running:
             self._state = State.SWITCH_ON_DISABLED
-        for number, value in (
-            (210, motor.output_hz * 100),
-            (211, motor.current_a * 10),
-            (213, motor.power_kw * 10),
-            (228, motor.target_hz * 100),
-            (230, self.store.number(520)),
-            (241, motor.shaft_hz * 100),
-            (260, motor.fault),
-            (270, 1 if motor.warning else 0),
-            (282, self.store.number(480)),
-            (283, self._reference_hz() * 100),
-            (states.STATE_WORD, self._state_word()),
-        ):
-            if number in self.store:
-                self.store.show(number, round(value))
+
+    def _measured(self) -> dict[int, Callable[[], float]]:
+        """Return what each parameter that shows a measured value gets it from when it is read."""
+        motor, number = self.motor, self.store.number
+        return {
+            210: lambda: motor.output_hz * 100,
+            211: lambda: motor.current_a * 10,
+            213: lambda: motor.power_kw * 10,
+            228: lambda: motor.target_hz * 100,
+            230: lambda: number(520),
+            241: lambda: motor.shaft_hz * 100,
+            states.CURRENT_FAULT: lambda: motor.fault,
+            270: lambda: motor.warning,
+            282: lambda: number(480),
+            283: lambda: self._reference_hz() * 100,
+            states.STATE_WORD: self._state_word,
+        }
 
     def _state_word(self) -> int:
         word = states.STATE_BITS[self._state][1] | 1 << states.VOLTAGE_BIT

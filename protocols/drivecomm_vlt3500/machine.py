@@ -13,6 +13,8 @@ from drivecomm.motor import Command
 from drivecomm_vlt3500 import words
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from drivecomm.motor import Motor
     from drivecomm_vlt3500.store import Store
 
@@ -84,7 +86,9 @@ class Machine:
         """Return the status word."""
         motor, tripped = self._motor, bool(self._motor.fault)
         ready = self.word & _ALL_OFF == _ALL_OFF and not tripped
-        warning = motor.warning or not self._in_range() or self._over_current() or self._bad_voltage() or self._hot()
+        in_range, over_current, bad_voltage = self._in_range(), self._over_current(), self._bad_voltage()
+        hot = motor.temperature_c > _HOT_C
+        warning = motor.warning or not in_range or over_current or bad_voltage or hot
         bits = (
             (words.CONTROL_READY | words.DRIVE_READY, ready),
             (words.ENABLED, ready and self.word & words.NO_COAST),
@@ -95,33 +99,34 @@ class Machine:
             (words.WARNING, warning),
             (words.AT_REFERENCE, motor.at_reference),
             (words.BUS_CONTROL, not self._is_local()),
-            (words.IN_RANGE, self._in_range()),
+            (words.IN_RANGE, in_range),
             (words.RUNNING, motor.running),
             (words.OVERLOAD, self.overloaded),
-            (words.VOLTAGE, self._bad_voltage()),
-            (words.CURRENT, self._over_current()),
-            (words.TIMERS, self._hot()),
+            (words.VOLTAGE, bad_voltage),
+            (words.CURRENT, over_current),
+            (words.TIMERS, hot),
         )
-        return sum(bit for bit, active in bits if active)
+        return sum([bit for bit, active in bits if active])
 
-    def show(self) -> None:
-        """Put what is measured into the actual values of 502, by the numbering of a VLT 2000."""
-        motor, status = self._motor, self.status()
-        torque, temperature = motor.torque_percent, motor.temperature_c
-        shown = (self._store.number(516), motor.output_hz, motor.output_hz, motor.current_a, torque, motor.power_kw)
-        for index, value in enumerate(shown):
-            self._store.show(502, index, value)
-        for index, value in (
-            (8, motor.voltage_v),
-            (9, motor.dc_link_v),
-            (10, temperature),
-            (11, temperature),
-            (15, 1.0 if status & words.WARNING else 0.0),
-            (16, float(self.word)),
-            (17, float(status)),
-            (18, float(self._alarm)),
-        ):
-            self._store.show(502, index, value)
+    def measured(self) -> dict[tuple[int, ...], Callable[[], float]]:
+        """Return what each actual value of 502 gets its value from when it is read, by the numbering of a VLT 2000."""
+        motor = self._motor
+        return {
+            (0,): lambda: self._store.number(516),
+            (1,): lambda: motor.output_hz,
+            (2,): lambda: motor.output_hz,
+            (3,): lambda: motor.current_a,
+            (4,): lambda: motor.torque_percent,
+            (5,): lambda: motor.power_kw,
+            (8,): lambda: motor.voltage_v,
+            (9,): lambda: motor.dc_link_v,
+            (10,): lambda: motor.temperature_c,
+            (11,): lambda: motor.temperature_c,
+            (15,): lambda: 1 if self.status() & words.WARNING else 0,
+            (16,): lambda: self.word,
+            (17,): self.status,
+            (18,): lambda: self._alarm,
+        }
 
     def _drive(self, now: float) -> None:
         motor, store = self._motor, self._store
@@ -174,6 +179,3 @@ class Machine:
     def _bad_voltage(self) -> bool:
         low, high = _VOLTAGE_LIMITS
         return not low * _RATED_V <= self._motor.dc_link_v / 2**0.5 <= high * _RATED_V
-
-    def _hot(self) -> bool:
-        return self._motor.temperature_c > _HOT_C

@@ -19,9 +19,13 @@ from drivecomm_vlt3500.causes import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     from drivecomm.models import Model, ParameterInfo
 
 _ELEMENT = re.compile(r"(\d+)\[(\d+)(?:,(\d+))?\]", re.ASCII)
+
+_ACTUAL_VALUES = 502
 
 LARGEST = 99_999
 
@@ -37,13 +41,16 @@ class Refusal(Exception):  # noqa: N818 - an answer of the drive, not an error o
 class Store:
     """The parameters of one drive as exact decimals. Their start values in the model say with how many decimals.
 
-    factory_setup: while it is active nothing can be written (VLT 3500 manual, page 92, cause 04).
+    factory_setup: while it is active nothing can be written (VLT 3500 manual, page 92, cause 04). measured: what gives
+    an actual value, by its index; it is asked when the element is read, which has the decimals of what was set there.
     """
 
     def __init__(self, model: Model) -> None:
         self.factory_setup = False
+        self.measured: Mapping[tuple[int, ...], Callable[[], float]] = {}
         self._infos: dict[int, ParameterInfo] = {}
         self._values: dict[int, Decimal] = {}
+        self._numbers: dict[int, float] = {}
         self._elements: dict[int, dict[tuple[int, ...], Decimal]] = {}
         elements = []
         for info in model.parameters.values():
@@ -60,7 +67,7 @@ class Store:
         self._infos[number] = info
         sizes = info.extra.get("indexed")
         if sizes is None:
-            self._values[number] = _start(info)
+            self._put(number, _start(info))
         else:
             # One dimension: only the elements that the model names. Two: all of them.
             every = product(*map(range, sizes)) if len(sizes) > 1 else ()
@@ -82,7 +89,7 @@ class Store:
             raise Refusal(NOT_INDEXED)
         if index not in self._elements[number]:
             raise Refusal(NO_SUCH_INDEX)
-        return _sendable(self._elements[number][index])
+        return _sendable(self._element(number, index))
 
     def write(self, number: int, value: Decimal, *, running: bool) -> Decimal:
         """Take a value as U brings it, rounded to the parameter's decimals, and return it. Raises Refusal."""
@@ -98,7 +105,7 @@ class Store:
         taken = self._rounded(number, value)
         if taken.adjusted() - int(taken.as_tuple().exponent) > 4 and taken:
             raise Refusal(OUT_OF_RANGE)
-        self._values[number] = taken
+        self._put(number, taken)
         return taken
 
     def poke(self, number: int, index: tuple[int, ...] | None, value: Decimal) -> None:
@@ -108,17 +115,11 @@ class Store:
             if number in self._elements:
                 raise Refusal(NO_SUCH_INDEX)
             rounded = self._rounded(number, value)
-            self._values[number] = rounded if rounded == value else value
+            self._put(number, rounded if rounded == value else value)
         else:
             before = self.read_index(number, index)
             rounded = value.quantize(before, ROUND_HALF_UP)
             self._elements[number][index] = rounded if rounded == value else value
-
-    def show(self, number: int, index: int, value: float) -> None:
-        """Put something that is measured into an element, as far as the drive has it."""
-        elements = self._elements.get(number, {})
-        if (index,) in elements:
-            elements[index,] = Decimal(repr(value)).quantize(elements[index,], ROUND_HALF_UP)
 
     def remember(self, number: int, code: int, hours: Decimal) -> None:
         """Put a fault in front of the others in the fault memory, elements (n, 0); (n, 1) is when it was."""
@@ -132,12 +133,22 @@ class Store:
 
     def number(self, number: int, default: float = 0.0) -> float:
         """Return a parameter for the drive's own use; the default where it does not exist."""
-        return float(self._values.get(number, default))
+        return self._numbers.get(number, default)
 
     def decimals(self, number: int, decimals: int) -> None:
         """Let a parameter have this many decimals from now on."""
         if number in self._values:
-            self._values[number] = self._values[number].quantize(Decimal((0, (1,), -decimals)), ROUND_HALF_UP)
+            self._put(number, self._values[number].quantize(Decimal((0, (1,), -decimals)), ROUND_HALF_UP))
+
+    def _put(self, number: int, value: Decimal) -> None:
+        self._values[number] = value
+        self._numbers[number] = float(value)
+
+    def _element(self, number: int, index: tuple[int, ...]) -> Decimal:
+        held = self._elements[number][index]
+        if number != _ACTUAL_VALUES or index not in self.measured:
+            return held
+        return Decimal(repr(self.measured[index]())).quantize(held, ROUND_HALF_UP)
 
     def _info(self, number: int) -> ParameterInfo:
         if number not in self._infos:

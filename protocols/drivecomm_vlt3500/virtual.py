@@ -53,6 +53,7 @@ class VirtualVltDrive:
         if options.start_inhibit:
             self.store.poke(_FUNCTION, None, Decimal(11))
         self.machine = Machine(self.motor, self.store, dc_brake=options.dc_brake)
+        self.store.measured = self.machine.measured()
         self._model = model
         self._options = options
 
@@ -72,7 +73,6 @@ class VirtualVltDrive:
     def peek(self, parameter: str, now: float) -> str:
         """Return the value as a reading would show it, with the decimals that the drive sends."""
         self.machine.live(now)
-        self.machine.show()
         wanted = target(parameter, self._model)
         try:
             if wanted.index is None:
@@ -118,14 +118,14 @@ class VirtualVltDrive:
             value = self._value(message)
         except Refusal as refusal:
             code = refusal.code
-        self.machine.live(now)
+        if isinstance(message, Update):
+            self.machine.live(now)
         return self._reply(message, value, code)
 
     def _value(self, message: Update | Read | ReadIndex) -> Decimal:
         if isinstance(message, Read):
             return self.store.read(message.parameter)
         if isinstance(message, ReadIndex):
-            self.machine.show()
             return self.store.read_index(message.parameter, message.index)
         return self.store.write(message.parameter, Decimal(message.value), running=self.motor.running)
 

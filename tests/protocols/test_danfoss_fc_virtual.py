@@ -95,6 +95,9 @@ class TestParameters:
     def test_poke_and_peek(self, bench):
         bench.virtual.poke("16-14", 524)
         assert bench.drive.read("16-14").value == Decimal("5.24")
+        bench.drive.start()
+        bench.virtual.power_cycle(bench.line.time)
+        assert bench.drive.read("16-14").value == Decimal("5.24")
         bench.virtual.poke("3-02", -50000)
         assert bench.virtual.peek("3-02", 0) == 0xFFFF3CB0
         assert bench.drive.read("3-02").value == -50

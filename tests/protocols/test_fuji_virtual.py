@@ -300,6 +300,25 @@ def test_first_generation_ignores_what_it_has_no_right_to():
 
 
 @pytest.mark.parametrize("model", MODELS)
+def test_a_motor_that_trips_by_itself_leaves_what_was_measured_before(model):
+    inverter, line, drive = meet(model, maximum_frequency_hz=50)
+    drive.set_reference(hz=30)
+    drive.start()
+    line.advance(20.0)
+    before = drive.read("M06").value, drive.read("M11").value
+    assert before[0] == 12000
+    inverter.motor.trip(3, line.time)
+    assert (drive.read("M32").value, drive.read("M37").value) == before
+    assert (drive.read("M06").value, drive.read("M11").value, drive.read("M16").raw) == (0, 0, 3)
+
+
+def test_what_is_measured_cannot_be_set():
+    inverter, line, drive = meet()
+    inverter.poke("M09", 1234)
+    assert drive.read("M09").value == inverter.peek("M09", line.time) == 0
+
+
+@pytest.mark.parametrize("model", MODELS)
 def test_alarm_and_reset(model):
     inverter, line, drive = meet(model, maximum_frequency_hz=50)
     drive.set_reference(hz=30)

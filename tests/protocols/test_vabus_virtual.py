@@ -226,6 +226,16 @@ class TestParameters:
         with pytest.raises(ParameterAddressError):
             virtual_one.peek("999", 0)
 
+    def test_what_is_measured_cannot_be_set(self, virtual):
+        line, virtual_one, drive = virtual
+        drive.set_reference(hz=40)
+        drive.start()
+        line.advance(10)
+        virtual_one.poke("210", 777)
+        drive.write("17", "0021000230")
+        assert virtual_one.peek("210", line.time) == "00000FA0"
+        assert drive.read("19").value == "00000FA0" + drive.read("520").raw
+
 
 class TestTelegrams:
     def test_the_lock_keeps_the_first_code(self):

@@ -410,6 +410,8 @@ class TestStore:
         virtual.poke("502[12]", 5)
         virtual.poke("602[10,2]", "4")
         assert (virtual.peek("502[12]", 0.0), virtual.peek("602[10,2]", 0.0)) == ("5", "4")
+        virtual.poke("502[1]", "7.25")
+        assert virtual.peek("502[1]", 0.0) == "0.00"
         for parameter in ("999", "502", "516[1]", "602[11,0]"):
             with pytest.raises(ParameterAddressError):
                 virtual.peek(parameter, 0.0)
