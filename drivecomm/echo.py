@@ -8,36 +8,22 @@ Echo: TypeAlias = Literal["off", "expect", "auto"]
 """off: none comes, one that does is an error. expect: it comes, whole, in part, or disturbed. auto: see by itself."""
 
 
-# Of a disturbed echo most characters are right.
-_ALIKE = 0.85
-# A shorter telegram says nothing of where it came from.
-_TELLING = 8
+def in_place_of_echo(telegram: bytes, place: int, excused: int) -> bool:
+    """Tell whether a telegram stands where the echo should be, which is then not known to be whole.
 
-
-def remains_of_echo(telegram: bytes, place: int, sent: bytes, excused: int) -> bool:
-    """Tell whether a telegram could be a disturbed echo of what was sent, or lie in one.
-
-    place: how many bytes came before it. excused: how many bytes may belong to such an echo. What looks otherwise is
-    taken for a reply whose echo lost characters, or did not come at all.
+    It may be a disturbed echo that passes for a reply: of those whose check is one XOR, one in 256 does. place: how
+    many bytes came before it. excused: how many bytes may belong to such an echo. A reply whose echo lost characters
+    reaches beyond them.
     """
-    if place >= excused:
-        return False
-    if len(telegram) < _TELLING:
-        return place > 0
-    shifts = range(len(sent) - len(telegram) + 1)
-    return any(_alike(telegram, sent[shift : shift + len(telegram)]) for shift in shifts)
-
-
-def _alike(telegram: bytes, sent: bytes) -> bool:
-    return sum(map(int.__eq__, telegram, sent)) >= _ALIKE * len(sent)
+    return place + len(telegram) <= excused
 
 
 class EchoFilter:
     """Drops the echo of each request from what comes after it.
 
     An echo is dropped where it is exactly what was sent, or begins so and ends there. Anything else goes on to the
-    framer, which passes over it: an echo that lost or changed a character is mostly no telegram, and `remains_of_echo`
-    are not believed. `excused` says how many bytes may be such remains.
+    framer, which passes over it: an echo that lost or changed a character is mostly no telegram, and one that stands
+    `in_place_of_echo` is not believed. `excused` says how many bytes may belong to the echo.
     """
 
     def __init__(self, mode: Echo) -> None:

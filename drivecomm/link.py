@@ -14,7 +14,7 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias, TypeVar
 
-from drivecomm.echo import Echo, EchoFilter, remains_of_echo
+from drivecomm.echo import Echo, EchoFilter, in_place_of_echo
 from drivecomm.errors import DamagedReplyError, DeadlineError, NoReplyError, NotAnsweringError, ReplyError
 from drivecomm.exchange import Ask, Pause
 from drivecomm.framing import Damaged, Framed, Framer, Noise
@@ -381,7 +381,7 @@ class Link:
             taken += len(came)
             for find in framer.flush() if quiet else framer.feed(came):
                 if isinstance(find, Framed):
-                    if find.data == data or remains_of_echo(find.data, place, data, echo.excused):
+                    if find.data == data or in_place_of_echo(find.data, place, echo.excused):
                         reason = "echo"
                     else:
                         reason = party.mismatch(ask.message, find.message)
@@ -390,7 +390,10 @@ class Link:
                         return find.message
                     place += len(find.data)
                     self._stray(party, partner, find, reason)
-                    stray = _ECHO if reason == "echo" else f"the reply that came differs in {reason}"
+                    if reason != "echo":
+                        stray = f"the reply that came differs in {reason}"
+                    else:
+                        stray = _IN_PLACE_OF_ECHO if echo.looking else _ECHO
                 else:
                     wrong = self._garbage(party, partner, find)
                     if taken > echo.excused:
@@ -568,6 +571,7 @@ _NOW = Wait(0.0)
 _LONGEST_TELEGRAM = 257
 _OPEN = "; whether the drive acted on it is not known"
 _ECHO = "the adapter hands back what it sends, and no other reply came; open the port with echo on"
+_IN_PLACE_OF_ECHO = "what came may be a disturbed echo; if this adapter has none, open the port with echo off"
 
 
 def _times(attempts: int) -> str:

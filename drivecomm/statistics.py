@@ -24,7 +24,7 @@ COUNTERS = {
     "checksum errors": "telegrams in which the check was wrong",
     "field errors": "telegrams in which a field held what it may not",
     "strays": "sound telegrams that did not answer what was asked: late, repeated, or for somebody else",
-    "echoes": "whole requests that came back although no echo was expected",
+    "echoes": "telegrams that were not believed: requests that came back, or what stood in place of an expected echo",
     "echo bytes": "own bytes that came back",
     "echoes missing": "replies before which the echo that was expected did not come whole",
     "noise bytes": "bytes within a reply time that were part of no telegram",
