@@ -63,10 +63,8 @@ class Conversation:
         """Whether the word that is repeated lets the motor run."""
         return self._lets_run(self.word)
 
-    def process(
-        self, word: int, *, attempts: int | None = None, acts: bool = False, nameless: bool = False
-    ) -> Exchange[ProcessReply]:
-        """Send a process block to one drive and return its reply."""
+    def process(self, word: int, *, attempts: int | None = None, acts: bool = False) -> Exchange[ProcessReply]:
+        """Send a process block to one drive and return its reply, which says nothing of what it answers."""
         valid = words.has(word, words.VALID_BIT)
         request = ProcessRequest(
             address_format=self._format,
@@ -75,7 +73,7 @@ class Conversation:
             reference=self.reference if valid else 0,
         )
         reply: ProcessReply = yield Ask(
-            message=request, attempts=attempts, acts=acts, nameless=nameless, urgent=acts and not self._lets_run(word)
+            message=request, attempts=attempts, acts=acts, nameless=True, urgent=acts and not self._lets_run(word)
         )
         self._notice(reply)
         return reply

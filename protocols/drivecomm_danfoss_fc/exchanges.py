@@ -331,7 +331,7 @@ class DanfossFcOperations:
             return None
 
     def _probe(self) -> Exchange[None]:
-        yield from self._talk.process(words.IGNORED, attempts=1, nameless=True)
+        yield from self._talk.process(words.IGNORED, attempts=1)
 
     def _identify(self) -> Exchange[Mapping[str, str]]:
         if self._model is not None:

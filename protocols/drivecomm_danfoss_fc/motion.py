@@ -76,7 +76,7 @@ class Motion:
 
     def status_word(self) -> Exchange[tuple[int, int]]:
         """Ask for status word and actual value, commanding nothing that is not commanded already."""
-        reply = yield from self._talk.process(self._talk.word, nameless=True)
+        reply = yield from self._talk.process(self._talk.word)
         return reply.status_word, reply.main_actual
 
     def start(self, *, reverse: bool) -> Exchange[None]:

@@ -60,13 +60,17 @@ _KEPT = 512
 
 _CLOSING = Tell(message=Eot(), pause_s=0.0)
 
+# In this time a drive has answered a stop that was told without waiting for its answer: two bytes after its delay.
+_ANSWERED_S = 0.05
+
 
 class VabusOperations:
     """The verbs of one VABus drive, or of all drives at address 32.
 
     After a NAK the drive refuses every write until its error register is read, so every NAK is followed by reading it
     (short description section 6.5). When that could not be done, or when it is open whether a select was refused, the
-    register is read before the next select.
+    register is read before the next select. A NAK does not say what it refuses: the first one after a request that was
+    not answered may be that one's, so the question is put once more before it is believed.
     """
 
     def __init__(self, address: int, options: VabusOptions, model: Model | None) -> None:
@@ -74,6 +78,7 @@ class VabusOperations:
         self._options = options
         self._model = model
         self._maybe_locked = False
+        self._unanswered = False
         # Model and options of a drive do not change, so that an address always means the same.
         self._known = lru_cache(_KEPT)(lambda name, kind: target(name, model, kind, None))
         self._enquiry = lru_cache(_KEPT, typed=True)(self._new_enquiry)
@@ -177,13 +182,18 @@ class VabusOperations:
     def _enquire(self, number: int, dataset: int, name: str) -> Exchange[Value]:
         enquiry = self._enquiry(number, dataset)
         for last in (False, True):
-            reply = yield enquiry
+            try:
+                reply = yield enquiry
+            except ReplyError:
+                self._unanswered = True
+                raise
             if self._options.trailing_eot:
                 yield _CLOSING
             if isinstance(reply, Value):
                 return reply
+            doubtful, self._unanswered = self._unanswered, False
             code = yield from self._error_register()
-            if last or code not in LINE_FAULTS:
+            if last or not (doubtful or code in LINE_FAULTS):
                 raise _refused(name, code)
         raise AssertionError  # pragma: no cover
 
@@ -197,21 +207,26 @@ class VabusOperations:
         if self._address == BROADCAST:
             yield Tell(message=select)
             return
-        locked = self._maybe_locked
-        if locked and not urgent:
+        if self._maybe_locked:
+            if urgent:
+                yield Tell(message=select, pause_s=_ANSWERED_S)
             yield from self._error_register()
+            if urgent:
+                # It acts now; that it did is confirmed when a late reply to something else can no longer be taken for
+                # its own.
+                yield Tell(message=select, pause_s=_ANSWERED_S)
+                urgent = False
         for last in (False, True):
             try:
                 reply = yield Ask(message=select, attempts=attempts, acts=True, nameless=True, urgent=urgent)
             except ReplyError:
-                self._maybe_locked = True
+                self._maybe_locked = self._unanswered = True
                 raise
             yield from self._close()
             if isinstance(reply, Ack):
                 return
             code = yield from self._error_register()
-            # What goes out before the register is read meets the lock of an earlier refusal.
-            if last or (not (urgent and locked) and (code not in LINE_FAULTS or attempts == 1)):
+            if last or code not in LINE_FAULTS or attempts == 1:
                 raise _refused(str(number), code)
 
     def _error_register(self) -> Exchange[int | None]:
@@ -285,7 +300,12 @@ class VabusOperations:
         for goal, control in path:
             if state is None or state < goal:
                 yield from self._command(control)
-                state = yield from self._await(goal, f"0x{control:04X}")
+                try:
+                    state = yield from self._await(goal, f"0x{control:04X}")
+                except ReplyError as error:
+                    if goal is not State.OPERATION_ENABLED:
+                        raise
+                    raise type(error)(f"{error}; the drive had been told to run before") from None
 
     def _reset(self) -> Exchange[None]:
         word = yield from self._state_word()

@@ -4,10 +4,12 @@ from decimal import Decimal
 
 import pytest
 
+import drivecomm
 from drivecomm.errors import NoReplyError, NotSupported, StateError, UsageError, ValueRefusedError
 from drivecomm.models import load_model
 from drivecomm.runners.script import play
 from drivecomm.status import DriveState, Stop
+from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_danfoss_fc import words
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
 from drivecomm_danfoss_fc.messages import ParameterReply, ParameterRequest, ProcessReply, ProcessRequest
@@ -513,3 +515,23 @@ def test_what_the_drive_can_be_asked_to_do():
 )
 def test_names_of_control_words(word, name):
     assert words.command_of(word) == name
+
+
+def test_a_late_reply_to_a_start_confirms_no_stop():
+    """Replies to process blocks all look alike."""
+    virtual = virtual_drive("danfoss-fc", 3)
+    line = VirtualLine([virtual])
+    reply = ProcessReply(address_format="1-126", address=3, status_word=0x0F07, main_actual=0)
+
+    def cut_off(event):
+        if event.what == "sent" and event.message.control_word == 0x047C:
+            line.power_off(virtual)
+
+    with drivecomm.open_bus(line.port, trace=cut_off) as bus:
+        drive = bus.drive("danfoss-fc", 3)
+        drive.set_reference(percent=50)
+        with pytest.raises(NoReplyError, match="whether the drive acted on it is not known"):
+            drive.start()
+        line.call_at(line.time + 0.03, lambda: line.inject(virtual.codec.encode(reply)))
+        with pytest.raises(NoReplyError):
+            drive.stop()

@@ -90,6 +90,21 @@ class TestRead:
         with pytest.raises(ParameterAddressError):
             operations().read(text)
 
+    def test_the_first_refusal_after_silence_may_be_of_what_was_not_answered(self):
+        drive = operations()
+        with pytest.raises(NoReplyError):
+            play(drive.read("999"), [(enquiry(999), NoReplyError("silence"))])
+        assert play(drive.read("481"), [*refused(enquiry(481), 11), *asked(481, "000003E8")]).raw == "000003E8"
+        with pytest.raises(RefusedError):
+            play(drive.read("481"), refused(enquiry(481), 11))
+
+    def test_a_refusal_that_comes_twice_is_one(self):
+        drive = operations()
+        with pytest.raises(NoReplyError):
+            play(drive.write("480", 1, type="uint"), [(select(480, "0001", 5), NoReplyError("silence"))])
+        with pytest.raises(RefusedError):
+            play(drive.read("999"), [*refused(enquiry(999), 11), *refused(enquiry(999), 11)])
+
     def test_data_set_named_twice(self):
         with pytest.raises(UsageError):
             operations().read("480[1]", dataset=2)
@@ -315,7 +330,16 @@ class TestControl:
         drive = operations()
         with pytest.raises(NoReplyError):
             play(drive.write("480", 1, type="uint"), [(select(480, "0001", 5), NoReplyError("silence"))])
-        play(drive.stop(), [*refused(select(410, "0007"), 1), *told(410, "0007")])
+        stop = (select(410, "0007"), None)
+        play(drive.stop(), [stop, *asked(11, "0000"), stop, *told(410, "0007")])
+
+    def test_silence_after_the_last_step_of_a_start_says_that_it_was_made(self):
+        silence = (enquiry(411), NoReplyError("silence"))
+        with pytest.raises(NoReplyError, match="silence; the drive had been told to run before"):
+            play(operations().start(), [*asked(411, "0023"), *told(410, "000F"), silence])
+        with pytest.raises(NoReplyError) as caught:
+            play(operations().start(), [*asked(411, "0031"), *told(410, "0007"), silence])
+        assert "told to run" not in str(caught.value)
 
     def test_any_control_word(self):
         play(operations().extra["control_word"](word=0x0F), told(410, "000F"))
