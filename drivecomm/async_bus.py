@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
+    from drivecomm.capture.recording import Record
     from drivecomm.echo import Echo
     from drivecomm.exchange import Exchange
     from drivecomm.health import Health
@@ -44,12 +45,15 @@ class AsyncBus:
     """The master's side of one line, an asynchronous context manager; may be used by many tasks of one event loop.
 
     open_port: opens the port, on entering and again after it was lost; it may block, and does so in a thread. roster:
-    the drives and what holds for all of them.
+    the drives and what holds for all of them. on_close: called when the bus has been closed.
     """
 
-    def __init__(self, open_port: Callable[[], Port], roster: Roster) -> None:
+    def __init__(
+        self, open_port: Callable[[], Port], roster: Roster, on_close: Callable[[], None] | None = None
+    ) -> None:
         self._open_port = open_port
         self._roster = roster
+        self._on_close = on_close
         self._turns = AsyncTurns()
         self._owner: asyncio.Task[Any] | None = None
         self._closed = False
@@ -178,6 +182,8 @@ class AsyncBus:
         try:
             self._closed = True
             self._let_go()
+            if self._on_close is not None:
+                self._on_close()
         finally:
             self._give_back()
 
@@ -275,6 +281,7 @@ def open_bus_async(
     rs485: bool = False,
     low_latency: bool | None = None,
     trace: Callable[[TraceEvent], None] | None = None,
+    record: Record | None = None,
     **facts: float | None,
 ) -> AsyncBus:
     """Return the bus of a line for `async with`, which opens it; the arguments are those of `open_bus`.
@@ -291,4 +298,12 @@ def open_bus_async(
         **facts,
     }
     roster = Roster(overrides=line_overrides(given), trace=trace, echo=echo_mode(echo), guard_s=guard_s)
-    return AsyncBus(port_opener(port, rs485=rs485, low_latency=low_latency), roster)
+    opener = port_opener(port, rs485=rs485, low_latency=low_latency)
+    if record is None:
+        return AsyncBus(opener, roster)
+    # Files and their formats are for those who record.
+    from drivecomm.capture.recording import Recording  # noqa: PLC0415
+
+    name = port if isinstance(port, str) else ""
+    recording = Recording(opener, record, name=name, echo=echo_mode(echo), drives=roster.names)
+    return AsyncBus(recording.open_port, roster, recording.close)

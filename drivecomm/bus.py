@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
+    from drivecomm.capture.recording import Record
     from drivecomm.echo import Echo
     from drivecomm.exchange import Exchange
     from drivecomm.health import Health
@@ -45,11 +46,15 @@ class Bus:
     """The master's side of one line. Runs one exchange at a time, whoever asks; may be used from many threads.
 
     open_port: opens the port, at once and again after it was lost. roster: the drives and what holds for all of them.
+    on_close: called when the bus has been closed.
     """
 
-    def __init__(self, open_port: Callable[[], Port], roster: Roster) -> None:
+    def __init__(
+        self, open_port: Callable[[], Port], roster: Roster, on_close: Callable[[], None] | None = None
+    ) -> None:
         self._open_port = open_port
         self._roster = roster
+        self._on_close = on_close
         self._turns = Turns()
         self._owner = 0
         self._closed = False
@@ -188,6 +193,8 @@ class Bus:
             if self._port is not None:
                 self._port.close()
                 self._port = None
+            if self._on_close is not None:
+                self._on_close()
         finally:
             self._give_back()
 
@@ -259,6 +266,7 @@ def open_bus(
     rs485: bool = False,
     low_latency: bool | None = None,
     trace: Callable[[TraceEvent], None] | None = None,
+    record: Record | None = None,
     **facts: float | None,
 ) -> Bus:
     """Open a line and return its bus, a context manager.
@@ -268,8 +276,9 @@ def open_bus(
     attempts: for all drives, instead of their protocols' defaults. echo: whether the adapter hands back what it sends:
     "off", "expect" (also True), or "auto" to see by itself. guard_s: quiet time after a change of line settings. rs485:
     let the driver of the port switch the transmitter. low_latency: whether a USB adapter shall hand bytes over at once;
-    None does so where it can be set. trace: called for everything that happens on the line. facts: further timing for
-    all drives, by the names of `Timing`, such as gap_s or turnaround_s.
+    None does so where it can be set. trace: called for everything that happens on the line. record: a file that gets
+    every byte sent and received, .jsonl or .pcapng, or an object with `add(piece)`. facts: further timing for all
+    drives, by the names of `Timing`, such as gap_s or turnaround_s.
 
     Raises PortError when the port does not exist, is in use, or has not what was asked for, UsageError for a name that
     is no line fact.
@@ -284,7 +293,15 @@ def open_bus(
         **facts,
     }
     roster = Roster(overrides=line_overrides(given), trace=trace, echo=echo_mode(echo), guard_s=guard_s)
-    return Bus(port_opener(port, rs485=rs485, low_latency=low_latency), roster)
+    opener = port_opener(port, rs485=rs485, low_latency=low_latency)
+    if record is None:
+        return Bus(opener, roster)
+    # Files and their formats are for those who record.
+    from drivecomm.capture.recording import Recording  # noqa: PLC0415
+
+    name = port if isinstance(port, str) else ""
+    recording = Recording(opener, record, name=name, echo=echo_mode(echo), drives=roster.names)
+    return Bus(recording.open_port, roster, recording.close)
 
 
 def port_opener(

@@ -171,6 +171,8 @@ class Protocol:
     blind_spots: positions in a telegram where the protocol cannot notice a single wrong bit.
     forms: the forms of all its telegrams by title, for documentation, drawings and checks.
     parameter_examples: parameter addresses that show the forms of this protocol.
+    only_asks: whether a request neither commands nor writes, whatever state its drive is in, so that anybody may send
+    it again; None where nobody has said so, and then every request counts as a command.
     """
 
     name: str
@@ -191,3 +193,4 @@ class Protocol:
     blind_spots: Callable[[bytes, Direction], frozenset[int]]
     forms: Callable[[], Mapping[str, Form[Any]]]
     parameter_examples: tuple[str, ...] = field(default=())
+    only_asks: Callable[[Message], bool] | None = None

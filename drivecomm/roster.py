@@ -123,6 +123,10 @@ class Roster:
         with self._guard:
             self._drives.add(drive)
 
+    def names(self) -> set[str]:
+        """Return the drives that there are objects for, as PROTOCOL:ADDRESS."""
+        return {drive.party.name for drive in self._all()}
+
     def _forget(self, name: str) -> None:
         """Let all objects for this drive forget what they commanded: it may have lost it, and must not get it back."""
         for drive in self._all():

@@ -15,6 +15,10 @@ Source: TypeAlias = Literal["master", "drive", "unknown"]
 """Who sent a piece, where whoever captured it could know."""
 
 
+LONGEST_S = 3_000_000_000
+"""Longer than any line is listened to, and short enough for times since 1970 in 64 bits of nanoseconds."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Piece:
     """Bytes that came together.
@@ -50,7 +54,11 @@ class Provenance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Capture:
-    """A whole capture: where it comes from, and its pieces in the order of their times."""
+    """A whole capture: where it comes from, and its pieces in the order of their times.
+
+    remarks: what its reader had to leave out, in sentences for people, such as a last line that is cut off.
+    """
 
     provenance: Provenance
     pieces: Sequence[Piece]
+    remarks: tuple[str, ...] = ()

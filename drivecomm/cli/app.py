@@ -12,10 +12,11 @@ from drivecomm.cli.doctor import doctor
 from drivecomm.cli.forecast import forecast
 from drivecomm.cli.line_options import LineCommand, on_a_line
 from drivecomm.cli.poll import poll
+from drivecomm.cli.replay import replay
 from drivecomm.cli.scan import scan
 from drivecomm.cli.simulate import simulate
 from drivecomm.cli.stats import stats
-from drivecomm.cli.vectors import check
+from drivecomm.cli.vectors import check, from_capture
 from drivecomm.version import __version__
 
 app = typer.Typer(
@@ -28,6 +29,7 @@ app = typer.Typer(
 )
 vectors = typer.Typer(name="vectors", help="Test vectors: the packaged ones and a stranger's.", no_args_is_help=True)
 vectors.command("check")(check)
+vectors.command("from-capture")(from_capture)
 
 _NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
 
@@ -65,4 +67,5 @@ app.command(cls=LineCommand)(on_a_line(drives.call))
 app.command(cls=LineCommand)(on_a_line(poll))
 app.command(cls=LineCommand)(on_a_line(forecast))
 app.command()(simulate)
+app.command(cls=LineCommand)(on_a_line(replay))
 app.add_typer(vectors)

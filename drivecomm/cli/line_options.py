@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import wraps
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
@@ -63,6 +64,12 @@ class LineOptions:
     trace: Annotated[
         bool, typer.Option("--trace", rich_help_panel=_LINE, help="Show every telegram, decoded, with its time.")
     ] = False
+    record: Annotated[
+        Path | None,
+        typer.Option(
+            "--record", rich_help_panel=_LINE, help="A file for every byte sent and received: .jsonl or .pcapng."
+        ),
+    ] = None
     json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False
 
     @contextmanager
@@ -74,6 +81,8 @@ class LineOptions:
     @contextmanager
     def opened(self) -> Iterator[Port]:
         """Open the port alone for the time of the block; errors then name it."""
+        if self.record is not None:
+            raise UsageError("this command uses the port itself and records nothing; leave --record out")
         with self._named_in_errors():
             port = buses.port_opener(self.named_port, rs485=self.rs485, low_latency=self.low_latency)()
             try:
@@ -123,6 +132,7 @@ class LineOptions:
             rs485=self.rs485,
             low_latency=self.low_latency,
             trace=tell_all(self.shown_trace, listener),
+            record=self.record,
             **self.facts,
         )
 

@@ -52,8 +52,10 @@ def poll(
 
 def _open(stack: ExitStack, line: LineOptions, ports: Iterable[str]) -> dict[str, Bus]:
     """Open all lines of a plan. Raises LinkError for the first that cannot be opened."""
-    buses = {}
+    buses: dict[str, Bus] = {}
     for port in ports:
+        if buses and line.record is not None:
+            raise UsageError(f"--record is for one line, and this plan has several; poll {port} by itself")
         if not port:
             raise UsageError("some drives have no port: give --port, or name ports in the plan")
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -57,9 +58,9 @@ def stats(
 
 
 def _scanned(line: LineOptions) -> list[DriveName]:
-    """Return the drives on the line; on a bus of its own, so that its questions are not counted."""
+    """Return the drives on the line; on a bus of its own, so that its questions are not counted, nor recorded."""
     sys.stderr.write("drivecomm: no drive named, so the line is scanned first\n")
-    with line.bus() as bus:
+    with replace(line, record=None).bus() as bus:
         found = [one for one in bus.scan() if one.sound]
     if not found:
         sys.stderr.write("drivecomm: no drive found; name one, or check the line with drivecomm doctor\n")

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from drivecomm.cli.drive_names import parse_settings
 from drivecomm.cli.output import complain, emit, say
-from drivecomm.errors import FileFormatError
+from drivecomm.cli.telegrams import Options
+from drivecomm.drive_options import option_names
+from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.registry import installed
 
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object per line.")]
@@ -47,3 +51,39 @@ def check(
             say(f"{name}: {len(report.passed)} checks passed, {len(report.failed)} failed")
         code = code or (1 if report.failed else 0)
     return code
+
+
+def from_capture(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A capture, .jsonl or .pcapng.")],
+    protocol: Annotated[str, typer.Option("--protocol", help="The protocol whose telegrams are wanted.")],
+    output: Annotated[Path | None, typer.Option("--output", help="The vector file; printed if absent.")] = None,
+    option: Options = None,
+) -> int:
+    """Turn a capture into vectors: each sound telegram of a protocol once, replies with their requests.
+
+    They say what was on the line and what drivecomm makes of it today: look at the fields before you rely on them.
+    """
+    from drivecomm.capture.files import read_capture  # noqa: PLC0415 - only this command needs captures
+    from drivecomm.capture.vector_text import vectors_text  # noqa: PLC0415
+
+    plugin = installed[protocol]
+    options = parse_settings(option or [])
+    if unknown := sorted(set(options) - option_names(plugin)):
+        known = ", ".join(sorted(option_names(plugin)))
+        raise UsageError(f"{protocol} has no option {unknown[0]!r}; it has {known}")
+    capture = read_capture(file)
+    for remark in capture.remarks:
+        sys.stderr.write(f"drivecomm: {remark}\n")
+    text = vectors_text(capture, plugin, name=file.name, options=options)
+    count = text.count("[[vector]]")
+    if not count:
+        raise UsageError(f"{file}: no telegram of {protocol} is in this capture; check --protocol and its options")
+    if output is None:
+        sys.stdout.write(text)
+        return 0
+    try:
+        output.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"{output}: cannot be written ({error.strerror or error}); choose another file") from error
+    say(f"{count} vectors in {output}")
+    return 0

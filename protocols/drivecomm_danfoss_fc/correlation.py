@@ -1,10 +1,18 @@
-"""Which reply belongs to which request (specification, section 6.2)."""
+"""Which reply belongs to which request (specification, section 6.2), and which requests only ask."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm_danfoss_fc.messages import REPLIES, REQUESTS, ProcessReply, ProcessRequest, TextRequest
+from drivecomm_danfoss_fc.messages import (
+    REPLIES,
+    REQUESTS,
+    ParameterRequest,
+    ProcessReply,
+    ProcessRequest,
+    TextRequest,
+)
+from drivecomm_danfoss_fc.words import VALID_BIT, has
 
 if TYPE_CHECKING:
     from drivecomm.telegram import Message
@@ -25,6 +33,21 @@ _REFUSALS = frozenset([0, 7])
 _LISTED_RESPONSES = frozenset([0, 1, 2, 3, 7, 15])
 _LOW_BYTE_OF_IND = frozenset([1, 2, 3, 13, 14])
 """Commands that use IND as an array index; its high byte then says nothing (specification, section 18)."""
+
+_READING = frozenset([0, 1, 4])
+"""Commands that change nothing: none, read a value, read an element of the description."""
+_TEXT = 15
+_READING_TEXT = frozenset([0x00, 0x04])
+"""High bytes of IND with which a text is read and not written (specification, section 8)."""
+
+
+def only_asks(request: Message) -> bool:
+    """Whether a request neither commands nor writes: the drive ignores its control word, and AK reads at most."""
+    if not isinstance(request, ProcessRequest | ParameterRequest) or has(request.control_word, VALID_BIT):
+        return False
+    if isinstance(request, ProcessRequest) or request.ak in _READING:
+        return True
+    return request.ak == _TEXT and request.ind >> 8 in _READING_TEXT
 
 
 def mismatch(request: Message, reply: Message) -> str:

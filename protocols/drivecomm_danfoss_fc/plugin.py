@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from drivecomm.line import LineFacts, LineSettings, Timing
 from drivecomm.protocol import Protocol
 from drivecomm_danfoss_fc.conversation import BROADCAST
-from drivecomm_danfoss_fc.correlation import mismatch
+from drivecomm_danfoss_fc.correlation import mismatch, only_asks
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
 from drivecomm_danfoss_fc.options import DanfossFcOptions
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, blind_spots, message_from, titled_forms
@@ -61,4 +61,5 @@ protocol = Protocol(
     blind_spots=blind_spots,
     forms=titled_forms,
     parameter_examples=("16-14", "3-10[3]", "1614", "520", "615[1]"),
+    only_asks=only_asks,
 )

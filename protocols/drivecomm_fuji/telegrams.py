@@ -285,6 +285,11 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
 _MESSAGES = (Standard, Select, Poll)
 
 
+def only_asks(request: Message) -> bool:
+    """Whether a request neither commands nor writes: R of the standard frame, and the polling frames."""
+    return isinstance(request, Poll) or (isinstance(request, Standard) and request.command == "R")
+
+
 def mismatch(request: Message, reply: Message) -> str:
     """Name the first field in which a sound reply does not belong to a request; nothing when it belongs.
 

@@ -15,6 +15,7 @@ from drivecomm_vabus.telegrams import (
     blind_spots,
     message_from,
     mismatch,
+    only_asks,
     titled_forms,
 )
 from drivecomm_vabus.virtual import VirtualVabusDrive
@@ -66,4 +67,5 @@ protocol = Protocol(
     blind_spots=blind_spots,
     forms=titled_forms,
     parameter_examples=("481", "520[2]", "C00"),
+    only_asks=only_asks,
 )

@@ -369,6 +369,11 @@ def _block_length(head: bytes, start: int) -> int:
 _ANSWERED, _ANSWERS = (Enquiry, Select), (Value, Ack, Nak)
 
 
+def only_asks(request: Message) -> bool:
+    """Whether a request neither commands nor writes: in VABus only a select does."""
+    return isinstance(request, Enquiry | Eot)
+
+
 def mismatch(request: Message, reply: Message) -> str:
     """Name the first field in which a sound reply does not belong to a request; nothing when it belongs.
 

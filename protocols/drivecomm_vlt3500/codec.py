@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
 from drivecomm.schema import Written
-from drivecomm_vlt3500 import telegrams
+from drivecomm_vlt3500 import telegrams, words
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, START, UNCHECKED
 from drivecomm_vlt3500.values import number
@@ -109,6 +109,14 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     except (TypeError, ValueError) as error:
         raise TelegramError("field", f"{kind} telegram: {error}") from None
     return message
+
+
+def only_asks(request: Message) -> bool:
+    """Whether a request neither commands nor writes: it is no update, and bit 10 of its control word is given as 0."""
+    if not isinstance(request, Read | ReadIndex | Control):
+        return False
+    given = request.control_mask is None or bool(request.control_mask & words.VALID)
+    return given and not request.control_word & words.VALID
 
 
 def mismatch(request: Message, reply: Message) -> str:

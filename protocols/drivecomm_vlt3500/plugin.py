@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.line import LineFacts, LineSettings, Timing
 from drivecomm.protocol import Protocol
-from drivecomm_vlt3500.codec import VltCodec, blind_spots, message_from, mismatch, titled_forms
+from drivecomm_vlt3500.codec import VltCodec, blind_spots, message_from, mismatch, only_asks, titled_forms
 from drivecomm_vlt3500.exchanges import VltOperations
 from drivecomm_vlt3500.options import VltOptions
 from drivecomm_vlt3500.telegrams import ADDRESSES, BROADCAST
@@ -59,4 +59,5 @@ protocol = Protocol(
     blind_spots=blind_spots,
     forms=titled_forms,
     parameter_examples=("516", "502[17]", "602[13,5]"),
+    only_asks=only_asks,
 )

@@ -1,0 +1,146 @@
+"""Captures as files: JSON Lines (.jsonl) and pcapng (.pcapng).
+
+with CaptureWriter("pumps.jsonl", Provenance(began=datetime.now(UTC), port="/dev/ttyUSB0")) as writer:
+    writer.add(Piece(time_s=0.009, data=b"...", source="master"))
+capture = read_capture("pumps.jsonl")
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from threading import Lock
+from typing import TYPE_CHECKING, BinaryIO, Protocol, Self
+
+from drivecomm.capture.json_lines import JsonLines, read_json_lines
+from drivecomm.capture.pcapng_fields import MAGIC
+from drivecomm.capture.pcapng_reading import read_pcapng
+from drivecomm.capture.pcapng_writing import Pcapng
+from drivecomm.capture.pieces import LONGEST_S
+from drivecomm.errors import FileFormatError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from types import TracebackType
+
+    from drivecomm.capture.pieces import Capture, Piece, Provenance
+
+_PCAP = (b"\xa1\xb2\xc3\xd4", b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\x3c\x4d", b"\x4d\x3c\xb2\xa1")
+
+
+class Form(Protocol):
+    """A file format while a file of it grows."""
+
+    def opening(self) -> bytes:
+        """Return what the file begins with."""
+        ...
+
+    def piece(self, piece: Piece) -> bytes:
+        """Return what a piece adds to it."""
+        ...
+
+
+_FORMS: Mapping[str, type[JsonLines | Pcapng]] = {".jsonl": JsonLines, ".pcapng": Pcapng}
+
+
+def read_capture(path: str | Path) -> Capture:
+    """Return what a capture file holds, in either format, whatever its name; pieces in the order of their times.
+
+    A last line or block that is cut off, because its program was killed, is left out and named in `remarks`. Raises
+    FileFormatError that names the file, the place in it and what is wrong there.
+    """
+    place = Path(path)
+    try:
+        content = place.read_bytes()
+    except OSError as error:
+        raise FileFormatError(f"{place}: cannot be read as a capture ({error.strerror or error})") from error
+    if content.startswith(MAGIC):
+        return read_pcapng(place, content)
+    if content.startswith(_PCAP):
+        raise FileFormatError(f"{place}: it is a pcap file; save it as pcapng, with Wireshark for example")
+    return read_json_lines(place, content)
+
+
+def check_place(path: Path) -> None:
+    """Raise UsageError unless a capture can be written there; an existing one is left as it is."""
+    _form_of(path)
+    existed = path.exists()
+    try:
+        path.open("ab").close()
+        if not existed:
+            path.unlink()
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+
+
+class CaptureWriter:
+    """Writes a capture file; a context manager. An existing file is replaced.
+
+    path: its suffix says the format, .jsonl or .pcapng. provenance: where the capture comes from. May be used from many
+    threads. Each piece is handed to the operating system at once, so that a program that is killed loses none that was
+    added, and at most breaks off the one that it was adding. Raises UsageError for another suffix or when the file
+    cannot be made.
+    """
+
+    def __init__(self, path: str | Path, provenance: Provenance) -> None:
+        self._path = Path(path)
+        self._form: Form = _form_of(self._path)(provenance)
+        self._lock = Lock()
+        opening = self._form.opening()
+        try:
+            # Not buffered: what is written is in the hands of the operating system.
+            self._file: BinaryIO | None = self._path.open("wb", buffering=0)
+        except OSError as error:
+            raise _cannot_write(self._path, error) from error
+        try:
+            self._write(opening)
+        except BaseException:
+            self.close()
+            raise
+
+    def add(self, piece: Piece) -> None:
+        """Append a piece; one without bytes is left out.
+
+        Raises UsageError for a time before the beginning, and when the file cannot be written.
+        """
+        if not 0 <= piece.time_s <= LONGEST_S:
+            raise UsageError(f"a time of {piece.time_s} s is not between the beginning of a capture and 3e9 s after it")
+        if not piece.data:
+            return
+        with self._lock:
+            if self._file is None:
+                raise UsageError(f"{self._path}: the capture is closed")
+            self._write(self._form.piece(piece))
+
+    def close(self) -> None:
+        """Close the file; may be called again."""
+        with self._lock:
+            if self._file is not None:
+                self._file.close()
+                self._file = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _write(self, data: bytes) -> None:
+        left = memoryview(data)
+        try:
+            while left and self._file is not None:
+                left = left[self._file.write(left) :]
+        except OSError as error:
+            raise _cannot_write(self._path, error) from error
+
+
+def _form_of(path: Path) -> type[JsonLines | Pcapng]:
+    form = _FORMS.get(path.suffix.lower())
+    if form is None:
+        raise UsageError(f"{path} is no capture file; name it .jsonl, or .pcapng for Wireshark")
+    return form
+
+
+def _cannot_write(path: Path, error: OSError) -> UsageError:
+    return UsageError(f"{path}: the capture cannot be written ({error.strerror or error}); choose another file")

@@ -1,0 +1,100 @@
+"""Captures written as pcapng, block by block; `drivecomm.capture.pcapng_fields` says how they look."""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import TYPE_CHECKING
+
+from drivecomm.capture.headers import header_of
+from drivecomm.capture.pcapng_fields import (
+    BYTE_ORDER,
+    COMMENT,
+    DESCRIPTION,
+    DIRECTIONS,
+    END,
+    EPOCH,
+    FLAGS,
+    INTERFACE,
+    LATEST,
+    NAME,
+    PACKET,
+    RESOLUTION,
+    RTAC_HEADER,
+    RTAC_SERIAL,
+    SECOND_NS,
+    SECTION,
+    SPEED,
+    USER_APPLICATION,
+    nanoseconds,
+)
+from drivecomm.errors import UsageError
+
+if TYPE_CHECKING:
+    from drivecomm.capture.pieces import Piece, Provenance, Source
+    from drivecomm.line import LineSettings
+
+_TRANSMIT, _RECEIVE = 1, 2
+# Whoever listens receives everything.
+_EVENTS: dict[Source, int] = {"master": _TRANSMIT, "drive": _RECEIVE, "unknown": _RECEIVE}
+_NANOSECONDS = 9
+_LONGEST_OPTION = 0xFFFF
+
+
+class Pcapng:
+    """A capture as it is written, block by block."""
+
+    def __init__(self, provenance: Provenance) -> None:
+        self._provenance = provenance
+        if provenance.began is not None and not EPOCH <= provenance.began <= LATEST:
+            raise UsageError(f"a pcapng file has no room for a capture of {provenance.began:%Y}; write a .jsonl file")
+        self._began_ns = 0 if provenance.began is None else nanoseconds(provenance.began)
+        self._interfaces: dict[tuple[str, LineSettings | None], int] = {}
+
+    def opening(self) -> bytes:
+        """Return what the file begins with."""
+        about = json.dumps(header_of(self._provenance), ensure_ascii=False)
+        options = _option(COMMENT, about.encode())
+        if self._provenance.tool:
+            options += _option(USER_APPLICATION, self._provenance.tool.encode())
+        # Its length is not known while it grows.
+        return _block(SECTION, struct.pack("<IHHq", BYTE_ORDER, 1, 0, -1) + options + _option(END))
+
+    def piece(self, piece: Piece) -> bytes:
+        """Return what a piece adds to it: an interface where it is the first on one, and a packet."""
+        before, place = b"", (piece.line, piece.settings)
+        if place not in self._interfaces:
+            before = self._interface(piece.line, piece.settings)
+            self._interfaces[place] = len(self._interfaces)
+        time_ns = self._began_ns + round(piece.time_s * SECOND_NS)
+        seconds, rest_ns = divmod(time_ns, SECOND_NS)
+        # The packet's own seconds end in 2106; the block's time does not.
+        data = RTAC_HEADER.pack(seconds & 0xFFFFFFFF, rest_ns // 1000, _EVENTS[piece.source], 0, 0) + piece.data
+        head = struct.pack("<IIIII", self._interfaces[place], time_ns >> 32, time_ns & 0xFFFFFFFF, len(data), len(data))
+        flags = _option(FLAGS, struct.pack("<I", DIRECTIONS[piece.source]))
+        return before + _block(PACKET, head + _padded(data) + flags + _option(END))
+
+    def _interface(self, line: str, settings: LineSettings | None) -> bytes:
+        known = settings or self._provenance.settings
+        words = " at ".join(part for part in (str(known) if known else "", self._provenance.port) if part)
+        options = _option(NAME, line.encode()) if line else b""
+        options += _option(DESCRIPTION, words.encode()) if words else b""
+        # Without it the settings are those of the capture.
+        options += _option(SPEED, struct.pack("<Q", settings.baudrate)) if settings is not None else b""
+        options += _option(RESOLUTION, bytes([_NANOSECONDS])) + _option(END)
+        return _block(INTERFACE, struct.pack("<HHI", RTAC_SERIAL, 0, 0) + options)
+
+
+def _block(kind: int, body: bytes) -> bytes:
+    length = struct.pack("<I", 12 + len(body))
+    return struct.pack("<I", kind) + length + body + length
+
+
+def _option(code: int, value: bytes = b"") -> bytes:
+    if len(value) > _LONGEST_OPTION:
+        raise UsageError(f"a text of {len(value)} bytes is too long for a pcapng file; it has room for 65535")
+    return struct.pack("<HH", code, len(value)) + _padded(value)
+
+
+def _padded(data: bytes) -> bytes:
+    return data + bytes(-len(data) % 4)

@@ -1,0 +1,60 @@
+"""--record: the drive commands write what is sent and received to a file."""
+
+import pytest
+
+from drivecomm.capture.conversation import exchanged
+from drivecomm.capture.files import read_capture
+from drivecomm.virtual import virtual_drive
+
+
+@pytest.mark.parametrize("suffix", [".jsonl", ".pcapng"])
+def test_commands_record(shell, tmp_path, suffix):
+    shell.line()
+    path = tmp_path / f"a{suffix}"
+    assert shell("read", "vabus:1", "481", "--record", str(path)) == 0
+    capture = read_capture(path)
+    assert capture.provenance.port == "line"
+    assert capture.provenance.drives == ("vabus:1",)
+    assert exchanged(capture)[0].request == bytes.fromhex("04 41 30 30 34 38 31 05")
+    assert exchanged(capture)[0].reply
+
+
+def test_scans_and_statistics_record(shell, tmp_path):
+    shell.line()
+    path = tmp_path / "a.jsonl"
+    assert shell("scan", "--protocol", "vabus", "--addresses", "1-3", "--record", str(path)) == 0
+    assert {each.request[1:2] for each in exchanged(read_capture(path))} >= {b"A", b"B", b"C"}
+    assert shell("stats", "vabus:1", "--for", "1", "--record", str(path)) == 0
+    assert {each.request[1:2] for each in exchanged(read_capture(path))} <= {b"A", b""}
+
+
+def test_a_wrong_file_is_one_sentence(shell, tmp_path):
+    shell.line()
+    assert shell("read", "vabus:1", "481", "--record", str(tmp_path / "a.txt")) == 2
+    assert shell.err.count("\n") == 1
+    assert "name it .jsonl, or .pcapng for Wireshark" in shell.err
+
+
+def test_who_does_not_record_says_so(shell, tmp_path):
+    shell.line()
+    path = tmp_path / "a.jsonl"
+    assert shell("doctor", "--record", str(path)) == 2
+    assert "records nothing" in shell.err
+    assert not path.exists()
+
+
+def test_one_file_is_for_one_line(shell, tmp_path):
+    shell.line(virtual_drive("vabus", 1), name="one")
+    shell.line(virtual_drive("vabus", 2), name="two")
+    plan = tmp_path / "plan.toml"
+    plan.write_text(
+        "format = 1\n"
+        '[[drive]]\nname = "a"\ndrive = "vabus:1"\nport = "one"\n'
+        '[[drive]]\nname = "b"\ndrive = "vabus:2"\nport = "two"\n'
+        '[[poll]]\ndrive = "a"\nparameters = ["481"]\n'
+        '[[poll]]\ndrive = "b"\nparameters = ["481"]\n'
+    )
+    poll = ["poll", "--plan", str(plan), "--cycles", "1"]
+    assert shell(*poll, port=None) == 0
+    assert shell(*poll, "--record", str(tmp_path / "a.jsonl"), port=None) == 2
+    assert "--record is for one line" in shell.err

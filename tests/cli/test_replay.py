@@ -1,0 +1,192 @@
+"""replay and vectors from-capture: a recorded file answers, asks, and becomes vectors."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from drivecomm.capture.files import CaptureWriter, read_capture
+from drivecomm.capture.pieces import Piece, Provenance
+from drivecomm.cli import main
+from drivecomm.motor import Command
+from drivecomm.virtual import virtual_drive
+
+posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")
+
+
+@pytest.fixture
+def session(shell, tmp_path):
+    """A recorded session with a drive: a read, a command, another read."""
+    shell.line(virtual_drive("danfoss-fc", 3))
+    path = tmp_path / "session.jsonl"
+    parts = []
+    for number, words in enumerate((["read", "danfoss-fc:3", "16-30"], ["start", "danfoss-fc:3"])):
+        part = tmp_path / f"{number}.jsonl"
+        assert shell(*words, "--record", str(part)) == 0
+        parts += [read_capture(part)]
+    with CaptureWriter(path, parts[0].provenance) as writer:
+        for number, part in enumerate(parts):
+            for piece in part.pieces:
+                writer.add(Piece(time_s=piece.time_s + 10 * number, data=piece.data, source=piece.source))
+    return path
+
+
+def test_the_same_line_answers_the_same(shell, session):
+    line = shell.line(virtual_drive("danfoss-fc", 3))
+    assert shell("replay", str(session)) == 0
+    assert "0 answered differently" in shell.out
+    assert "--commands sends them, too" in shell.out
+    assert line.drives[0].motor.command is Command.OFF
+
+
+def test_commands_are_sent_when_they_are_wanted(shell, session):
+    line = shell.line(virtual_drive("danfoss-fc", 3))
+    assert shell("replay", str(session), "--commands", "--faster", "2") == 0
+    assert "--commands" not in shell.out
+    assert line.drives[0].motor.command is Command.RUN
+
+
+def test_differences_are_a_table(shell, session):
+    line = shell.line(virtual_drive("danfoss-fc", 3))
+    line.drives[0].poke("16-30", 321)
+    assert shell("replay", str(session)) == 1
+    assert "1 answered differently" in shell.out
+    assert "danfoss-fc:3 parameter" in shell.out
+    assert "is 321" in shell.out
+
+
+def test_differences_as_objects(shell, session):
+    line = shell.line(virtual_drive("danfoss-fc", 3))
+    line.drives[0].poke("16-30", 321)
+    assert shell("replay", str(session), "--json") == 1
+    *outcomes, end = shell.objects
+    assert end == {"asked": sum(each["sent"] for each in outcomes), "different": 1, "left_out": end["left_out"]}
+    assert end["left_out"] == sum(not each["sent"] for each in outcomes) > 0
+    assert [bool(each["difference"]) for each in outcomes].count(True) == 1
+
+
+def test_other_line_settings(shell, session):
+    shell.line(virtual_drive("danfoss-fc", 3, baudrate=19200))
+    assert shell("replay", str(session), "--timeout", "0.1") == 1
+    assert "nothing came" in shell.out
+    assert shell("replay", str(session), "--baudrate", "19200") == 0
+
+
+def test_what_is_cut_off_is_said(shell, session):
+    shell.line(virtual_drive("danfoss-fc", 3))
+    content = session.read_bytes()
+    session.write_bytes(content[:-10])
+    assert shell("replay", str(session)) == 0
+    assert "is cut off and left out" in shell.err
+
+
+def test_calls_that_cannot_be(shell, session, tmp_path):
+    shell.line()
+    for words, what in [
+        (["replay", str(tmp_path / "absent.jsonl")], "cannot be read"),
+        (["replay", str(session), "--faster", "0"], "is no speed"),
+        (["replay", str(session), "--listen", "pty:x", "--commands"], "without --listen"),
+        (["replay", str(session), "--listen", "nowhere"], "cannot listen"),
+        (["replay", str(session), "--record", str(tmp_path / "b.jsonl")], "records nothing"),
+    ]:
+        assert shell(*words) == 2, words
+        assert what in shell.err
+        assert shell.err.count("\n") == 1
+    assert shell("replay", str(session), port=None) == 2
+    assert "give --port" in shell.err
+
+
+def test_a_tap_does_not_say_who_spoke(shell, session, tmp_path):
+    """It is found out by the protocols, so that its capture replays as any other."""
+    recorded, path = read_capture(session), tmp_path / "tap.pcapng"
+    with CaptureWriter(path, recorded.provenance) as writer:
+        for piece in recorded.pieces:
+            writer.add(Piece(time_s=piece.time_s, data=piece.data))
+    line = shell.line(virtual_drive("danfoss-fc", 3))
+    assert shell("replay", str(path)) == 0
+    said = shell.out
+    assert shell("replay", str(session)) == 0
+    assert shell.out == said
+    assert line.drives[0].motor.command is Command.OFF
+
+
+@posix
+def test_a_recording_answers_other_programs(session, tmp_path):
+    place = tmp_path / "line"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "drivecomm", "replay", str(session), "--listen", f"pty:{place}", "--json"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        told = json.loads(process.stdout.readline())
+        assert told["listening"] == str(place)
+        assert told["requests"] > 2
+        done = subprocess.run(
+            [
+                sys.executable,
+                "-m",
+                "drivecomm",
+                "replay",
+                str(session),
+                "--port",
+                str(place),
+                "--commands",
+                "--faster=5",
+            ],
+            capture_output=True,
+            text=True,
+            timeout=30,
+            check=False,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "0 answered differently" in done.stdout
+        read = subprocess.run(
+            [sys.executable, "-m", "drivecomm", "read", "danfoss-fc:3", "16-30", "--port", str(place)],
+            capture_output=True,
+            text=True,
+            timeout=30,
+            check=False,
+        )
+        assert read.returncode == 0, read.stderr
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == 0
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_captures_become_vectors(shell, session, tmp_path):
+    path = tmp_path / "captured.toml"
+    assert shell("vectors", "from-capture", str(session), "--protocol", "danfoss-fc", port=None) == 0
+    printed = shell.out
+    output = ["--output", str(path)]
+    assert shell("vectors", "from-capture", str(session), "--protocol", "danfoss-fc", *output, port=None) == 0
+    assert path.read_text() == printed
+    assert shell.out == f"{printed.count('[[vector]]')} vectors in {path}\n"
+    assert main(["vectors", "check", str(path)]) == 0
+
+
+def test_vectors_that_cannot_be(shell, session, tmp_path):
+    for words, what in [
+        (["--protocol", "vabus"], "no telegram of vabus"),
+        (["--protocol", "modbus"], "no installed protocol"),
+        (["--protocol", "danfoss-fc", "--option", "colour=red"], "no option 'colour'"),
+        (["--protocol", "danfoss-fc", "--output", str(tmp_path)], "cannot be written"),
+    ]:
+        assert shell("vectors", "from-capture", str(session), *words, port=None) == 2
+        assert what in shell.err
+
+
+def test_a_cut_off_capture_becomes_vectors_and_says_so(shell, tmp_path):
+    path = tmp_path / "a.pcapng"
+    with CaptureWriter(path, Provenance()) as writer:
+        for time_s in range(2):
+            writer.add(Piece(time_s=time_s, data=bytes.fromhex("04 41 30 30 34 38 31 05")))
+    path.write_bytes(path.read_bytes()[:-4])
+    assert shell("vectors", "from-capture", str(path), "--protocol", "vabus", port=None) == 0
+    assert "cut off" in shell.err
+    assert shell.out.count("[[vector]]") == 1
