@@ -15,6 +15,7 @@ from drivecomm.cli.poll import poll
 from drivecomm.cli.replay import replay
 from drivecomm.cli.scan import scan
 from drivecomm.cli.simulate import simulate
+from drivecomm.cli.sniff.command import sniff
 from drivecomm.cli.stats import stats
 from drivecomm.cli.vectors import check, from_capture
 from drivecomm.version import __version__
@@ -68,4 +69,5 @@ app.command(cls=LineCommand)(on_a_line(poll))
 app.command(cls=LineCommand)(on_a_line(forecast))
 app.command()(simulate)
 app.command(cls=LineCommand)(on_a_line(replay))
+app.command()(sniff)
 app.add_typer(vectors)

@@ -22,13 +22,18 @@ def heard(data: bytes, sender: LineSettings, receiver: LineSettings) -> bytes:
     return _sampled(data, sender, receiver)
 
 
+def received(data: bytes, sender: LineSettings, receiver: LineSettings) -> list[tuple[int, bool]]:
+    """Return the same characters as `heard`, each with whether its parity and its stop bit are right."""
+    return list(_characters(list(_levels(data, sender)), sender.baudrate / receiver.baudrate, receiver))
+
+
 _SEVEN_BITS = bytes(byte & 0x7F for byte in range(256))
 
 
 @lru_cache(maxsize=4096)
 def _sampled(data: bytes, sender: LineSettings, receiver: LineSettings) -> bytes:
     levels = list(_levels(data, sender))
-    return bytes(_characters(levels, sender.baudrate / receiver.baudrate, receiver))
+    return bytes(character for character, _ in _characters(levels, sender.baudrate / receiver.baudrate, receiver))
 
 
 def _levels(data: bytes, sender: LineSettings) -> Iterator[int]:
@@ -38,14 +43,18 @@ def _levels(data: bytes, sender: LineSettings) -> Iterator[int]:
         yield 0
         yield from bits
         if sender.parity != "N":
-            yield {"E": sum(bits) % 2, "O": 1 - sum(bits) % 2, "M": 1, "S": 0}[sender.parity]
+            yield _parity(bits, sender)
         yield 1
         if sender.stopbits > 1:
             yield 1
 
 
-def _characters(levels: list[int], step: float, receiver: LineSettings) -> Iterator[int]:
-    """Yield characters; step is the receiver's bit time in bit times of the sender."""
+def _parity(bits: list[int], settings: LineSettings) -> int:
+    return {"E": sum(bits) % 2, "O": 1 - sum(bits) % 2, "M": 1, "S": 0}[settings.parity]
+
+
+def _characters(levels: list[int], step: float, receiver: LineSettings) -> Iterator[tuple[int, bool]]:
+    """Yield characters and whether they are right; step is the receiver's bit time in bit times of the sender."""
     at = 0.0
     length = receiver.bytesize + (receiver.parity != "N")
     while True:
@@ -57,7 +66,9 @@ def _characters(levels: list[int], step: float, receiver: LineSettings) -> Itera
             return
         middle = at + step / 2
         samples = [_level(levels, middle + step * bit) for bit in range(1, length + 2)]
-        yield sum(bit << place for place, bit in enumerate(samples[: receiver.bytesize]))
+        bits = samples[: receiver.bytesize]
+        right = receiver.parity == "N" or samples[receiver.bytesize] == _parity(bits, receiver)
+        yield sum(bit << place for place, bit in enumerate(bits)), right and bool(samples[length])
         at = middle + step * (length + 1)
         if not samples[length]:
             at += step / 2

@@ -1,0 +1,239 @@
+"""The sniff command: listen to a line, or read a capture, and show what is said on it."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import closing, nullcontext
+from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drivecomm.capture.files import CaptureWriter, read_capture
+from drivecomm.capture.pieces import Provenance
+from drivecomm.cli.drive_names import parse_drive
+from drivecomm.cli.output import emit, say
+from drivecomm.cli.sniff.lines import emit_event, say_event
+from drivecomm.cli.sniff.naming import Naming
+from drivecomm.cli.sniff.sources import Ear, is_file, opened, pieces_from, with_settings
+from drivecomm.cli.sniff.table import LiveTable, emit_summary, print_summary
+from drivecomm.errors import LinkError, UsageError
+from drivecomm.line import LineSettings
+from drivecomm.registry import installed
+from drivecomm.sniffer import Watch, detect
+from drivecomm.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+
+    from drivecomm.capture.pieces import Piece
+    from drivecomm.cli.sniff.naming import Meaning
+    from drivecomm.protocol import Protocol
+    from drivecomm.sniffer import Detected, Event
+    from drivecomm.statistics import Statistics
+    from drivecomm.transport.listening import ListeningPort
+
+_LINE = "Line"
+
+
+def sniff(
+    place: Annotated[
+        str, typer.Argument(metavar="PORT|FILE", help="A port, socket://HOST:PORT, or a capture (.jsonl, .pcapng).")
+    ],
+    drives: Annotated[
+        list[str] | None,
+        typer.Option("--drive", metavar="DRIVE", help="A drive that may be heard: vabus:1,model=agile; repeatable."),
+    ] = None,
+    protocols: Annotated[
+        list[str] | None, typer.Option("--protocol", help="Look for this protocol only; repeatable. If absent: all.")
+    ] = None,
+    names: Annotated[
+        bool, typer.Option("--names", help="Take other drives for their protocol's usual model, to name parameters.")
+    ] = False,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", metavar="DRIVE", help="Show this drive or protocol only; repeatable.")
+    ] = None,
+    errors: Annotated[bool, typer.Option("--errors", help="Show only what should not have happened.")] = False,
+    table: Annotated[bool, typer.Option("--table", help="A table of the drives instead of single telegrams.")] = False,
+    write: Annotated[str | None, typer.Option("--write", metavar="FILE", help="Keep it as a capture.")] = None,
+    find: Annotated[
+        bool, typer.Option("--detect", help="Find baud rate, parity and protocol first, by listening.")
+    ] = False,
+    seconds: Annotated[float | None, typer.Option("--for", metavar="SECONDS", help="End after this time.")] = None,
+    baudrate: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="Bits per second.")] = None,
+    bytesize: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="Data bits, 7 or 8.")] = None,
+    parity: Annotated[str | None, typer.Option(rich_help_panel=_LINE, help="N, E, O, M or S.")] = None,
+    stopbits: Annotated[float | None, typer.Option(rich_help_panel=_LINE, help="1, 1.5 or 2.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
+) -> int:
+    """Listen to a line on which others talk, without ever sending, or read a capture; Ctrl-C ends with a summary."""
+    if table and as_json:
+        raise UsageError("--table is for people and --json for scripts; choose one")
+    naming = Naming([parse_drive(text) for text in drives or []], everybody=names)
+    given = {"baudrate": baudrate, "bytesize": bytesize, "parity": parity and parity.upper(), "stopbits": stopbits}
+    job = Job(
+        protocols=_protocols(protocols, naming),
+        naming=naming,
+        given={name: value for name, value in given.items() if value is not None},
+        chosen=frozenset(only or ()),
+        errors_only=errors,
+    )
+    output = _output(job, table=table, as_json=as_json)
+    if is_file(place):
+        if find or seconds is not None:
+            raise UsageError("--detect and --for are for ports; a capture holds what was heard with its settings")
+        job.read(place, write, output)
+    else:
+        tell = _emit_detected if as_json else _say_detected
+        job.listen(place, write, output, told=tell if find else None, seconds=seconds)
+    return 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Output:
+    """How events are shown: each one, and at the beginning and the end."""
+
+    begin: Callable[[], None]
+    show: Callable[[Event, Meaning], None]
+    end: Callable[[], None]
+
+
+@dataclass(slots=True, kw_only=True)
+class Job:
+    """One call of the command."""
+
+    protocols: list[Protocol]
+    naming: Naming
+    given: dict[str, object]
+    chosen: frozenset[str]
+    errors_only: bool
+    _watches: dict[str, Watch] = field(default_factory=dict)
+
+    def counted(self) -> Mapping[str, Mapping[str, Statistics]]:
+        """Return what was counted by now, by line."""
+        return {name: watch.statistics for name, watch in list(self._watches.items())}
+
+    def read(self, place: str, write: str | None, output: Output) -> None:
+        """Show what a capture holds."""
+        capture = read_capture(place)
+        settings = self._settings(None) if self.given or capture.provenance.settings is None else None
+        for remark in capture.remarks:
+            sys.stderr.write(f"drivecomm: {remark}\n")
+        pieces = (with_settings(piece, settings) for piece in capture.pieces)
+        self._show(pieces, settings or capture.provenance.settings, write, capture.provenance, output)
+
+    def listen(
+        self,
+        place: str,
+        write: str | None,
+        output: Output,
+        *,
+        told: Callable[[str, Detected], None] | None,
+        seconds: float | None,
+    ) -> None:
+        """Show what is said at a port. told: the line settings are found by listening, and it is told."""
+        settings = self._settings(self.naming.settings)
+        with closing(opened(place, settings)) as port:
+            if told is not None:
+                settings = _found_settings(place, port, self.protocols, told)
+            note = port.configure(settings)
+            where = f"listening at {place}" + (f" ({note})" if note else f" with {settings}")
+            sys.stderr.write(f"drivecomm: {where}; stop with Ctrl-C\n")
+            provenance = Provenance(
+                began=datetime.now(UTC), tool=f"drivecomm {__version__}", port=place, settings=settings
+            )
+            self._show(pieces_from(port, settings, seconds), settings, write, provenance, output)
+
+    def _settings(self, of_drives: LineSettings | None) -> LineSettings:
+        facts = self.protocols[0].facts if len(self.protocols) == 1 else None
+        known = of_drives or (facts.settings if facts else LineSettings())
+        return replace(known, **self.given)  # type: ignore[arg-type]
+
+    def _show(
+        self,
+        pieces: Iterable[Piece],
+        settings: LineSettings | None,
+        write: str | None,
+        provenance: Provenance,
+        output: Output,
+    ) -> None:
+        output.begin()
+        try:
+            with CaptureWriter(write, provenance) if write else nullcontext() as writer:
+                for event in self._events(pieces, settings, writer):
+                    if self._is_wanted(event):
+                        output.show(event, self.naming.meaning(event))
+        except KeyboardInterrupt:
+            # The usual way to end it.
+            pass
+        finally:
+            output.end()
+
+    def _events(
+        self, pieces: Iterable[Piece], settings: LineSettings | None, writer: CaptureWriter | None
+    ) -> Iterator[Event]:
+        try:
+            for piece in pieces:
+                if writer is not None:
+                    writer.add(piece)
+                watch = self._watch(piece.line, settings)
+                yield from watch.feed(piece) if piece.data else watch.flush(piece.time_s)
+        finally:
+            # Also after Ctrl-C or when the port is lost: what is half decided is counted.
+            left = [event for watch in self._watches.values() for event in watch.finish()]
+        yield from left
+
+    def _watch(self, line: str, settings: LineSettings | None) -> Watch:
+        if line not in self._watches:
+            self._watches[line] = Watch(self.protocols, name=line, settings=settings, options=self.naming.options)
+        return self._watches[line]
+
+    def _is_wanted(self, event: Event) -> bool:
+        if self.errors_only and not event.wrong:
+            return False
+        return not self.chosen or event.drive in self.chosen or event.drive.partition(":")[0] in self.chosen
+
+
+def _protocols(chosen: list[str] | None, naming: Naming) -> list[Protocol]:
+    """Return those that are looked for. Raises UsageError, also for a drive with a model or option that is none."""
+    naming.check()
+    return [installed[name] for name in dict.fromkeys(chosen)] if chosen else list(installed.working())
+
+
+def _output(job: Job, *, table: bool, as_json: bool) -> Output:
+    if table:
+        live = LiveTable(job.counted)
+        return Output(begin=live.start, show=live.show, end=live.stop)
+    if as_json:
+        return Output(begin=_nothing, show=emit_event, end=lambda: emit_summary(job.counted()))
+    return Output(begin=_nothing, show=say_event, end=lambda: print_summary(job.counted()))
+
+
+def _nothing() -> None:
+    """Begin without a word."""
+
+
+def _say_detected(place: str, found: Detected) -> None:
+    say(
+        f"{place}: {found.settings}, {', '.join(found.protocols)}; {found.telegrams} telegrams, "
+        f"{found.understood:.0%} of the characters understood, {found.spoilt:.0%} with a wrong parity or stop bit"
+    )
+
+
+def _emit_detected(place: str, found: Detected) -> None:
+    emit(what="detected", port=place, **asdict(found))
+
+
+def _found_settings(
+    place: str, port: ListeningPort, protocols: list[Protocol], tell: Callable[[str, Detected], None]
+) -> LineSettings:
+    if note := port.configure(LineSettings()):
+        raise UsageError(f"{place}: there is nothing to detect ({note}); leave --detect")
+    found = detect(Ear(port), protocols)
+    if found is None:
+        raise LinkError(
+            f"{place}: with no usual line settings was anything understood; check that somebody talks on this line"
+        )
+    tell(place, found)
+    return found.settings

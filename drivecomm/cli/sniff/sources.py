@@ -1,0 +1,75 @@
+"""Where the bytes come from: a capture file, or a port that only listens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivecomm.capture.pieces import Piece
+from drivecomm.sniffer.detection import Overheard
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from drivecomm.line import LineSettings
+    from drivecomm.transport.listening import ListeningPort
+
+_SUFFIXES = (".jsonl", ".pcapng")
+# How long a silence is noticed at the latest.
+_TICK_S = 0.05
+# An adapter hands over what it has every 16 ms; a shorter silence shows only between them.
+_SILENCE_S = 0.005
+_SILENCE_CHARACTERS = 3
+_NO_LONGER_THAN_S = 4.0
+
+
+def is_file(place: str) -> bool:
+    """Whether this is a capture file and not a port."""
+    return Path(place).suffix.lower() in _SUFFIXES or Path(place).is_file()
+
+
+def pieces_from(port: ListeningPort, settings: LineSettings, seconds: float | None) -> Iterator[Piece]:
+    """Yield what comes, and empty pieces while nothing does; times count from now. seconds: None for without end."""
+    began = port.now()
+    until = None if seconds is None else began + seconds
+    while until is None or port.now() < until:
+        tick = port.now() + _TICK_S
+        data = port.read(tick if until is None else min(tick, until))
+        yield Piece(time_s=port.now() - began, data=data, settings=settings)
+
+
+@dataclass(slots=True)
+class Ear:
+    """Listens to a port with any settings, for the detection."""
+
+    port: ListeningPort
+
+    def listen(self, settings: LineSettings, telegrams: int) -> Overheard:
+        """Return what came until so many silences, at the longest for 4 s."""
+        self.port.configure(settings)
+        began, spoilt = self.port.now(), self.port.spoilt
+        silence_s = max(_SILENCE_S, settings.wire_s(_SILENCE_CHARACTERS))
+        pieces: list[Piece] = []
+        bursts, last_s = 0, began
+        while bursts < telegrams and self.port.now() - began < _NO_LONGER_THAN_S:
+            data = self.port.read(self.port.now() + silence_s)
+            now = self.port.now()
+            if data:
+                pieces.append(Piece(time_s=now - began, data=data))
+            elif pieces and now - last_s >= silence_s:
+                bursts += pieces[-1].time_s + began > last_s
+                last_s = max(last_s, pieces[-1].time_s + began)
+        return Overheard(pieces=pieces, spoilt=self.port.spoilt - spoilt)
+
+
+def opened(name: str, settings: LineSettings) -> ListeningPort:
+    """Open a port that can only listen, see `listening_port`."""
+    from drivecomm.transport.listening import listening_port  # noqa: PLC0415 - loads pyserial's list of ports
+
+    return listening_port(name, settings)
+
+
+def with_settings(piece: Piece, settings: LineSettings | None) -> Piece:
+    """Return a piece of a capture with the settings that the caller says, where it says some."""
+    return piece if settings is None else replace(piece, settings=settings)

@@ -1,0 +1,311 @@
+"""Who is speaking: what the earlier telegrams of a protocol say about the direction of the next one.
+
+Requests and replies of some protocols look alike. Then these count, each with a weight:
+
+- a reply comes soon after a request that it answers (the protocol's `mismatch` says so), or late after one that had no
+  answer;
+- a request is repeated, byte for byte; a reply may be, too;
+- without a request that it could answer, it is rather a request itself;
+- after a silence longer than the reply time, a request is due;
+- in the bytes that were always different in this drive's requests and its replies lately, it is like one of them.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field, replace
+from math import inf
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from drivecomm.protocol import Protocol
+    from drivecomm.sniffer.readings import Reading
+    from drivecomm.telegram import Direction, Message
+
+_ANSWERS_NOW, _ANSWERS_LATE = 4, 2
+_REPEATED = 3
+_NOTHING_ASKED = 2
+_AFTER_SILENCE = 3
+_ALIKE, _MOST_ALIKE = 2, 6
+
+_KEPT_REQUESTS = 8
+_KEPT_EXAMPLES = 6
+_KEPT_ENDS = 4
+_CLEARLY_BETTER = 2
+_LONGEST_DOUBT = 16
+_AGREED = 4
+
+
+def is_broadcast(protocol: Protocol, message: Message) -> bool:
+    """Whether a request is for all drives."""
+    address = getattr(message, "address", None)
+    if getattr(message, "broadcast", False):
+        return True
+    return address is not None and address == protocol.broadcast_address
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What was on the line: the ways to read it, one for each direction that it may have, and when."""
+
+    readings: Sequence[Reading]
+    began_s: float
+    ended_s: float
+    silence_s: float
+
+    def reading(self, direction: Direction) -> Reading | None:
+        """Return how it reads in this direction."""
+        return next((reading for reading in self.readings if reading.direction == direction), None)
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    message: Message
+    data: bytes
+    ended_s: float
+    answered: bool = False
+
+
+@dataclass(slots=True)
+class Conversation:
+    """What has been said in one protocol on one line."""
+
+    protocol: Protocol
+    _asked: deque[_Asked] = field(default_factory=lambda: deque(maxlen=_KEPT_REQUESTS))
+    _examples: dict[tuple[object, int, Direction], deque[bytes]] = field(default_factory=dict)
+    _ends: dict[type[Message], deque[bool]] = field(default_factory=dict)
+    certain: bool = False
+    """Whether it is known who speaks when."""
+    spoken: bool = False
+    """Whether anything has been said in this protocol."""
+    _just_answered: type[Message] | None = None
+    _misheard_s: float = -inf
+
+    def copy(self) -> Conversation:
+        """Return one that goes its own way from here."""
+        examples = {key: deque(known, maxlen=_KEPT_EXAMPLES) for key, known in self._examples.items()}
+        return Conversation(
+            self.protocol,
+            deque(self._asked, maxlen=_KEPT_REQUESTS),
+            examples,
+            {kind: deque(known, maxlen=_KEPT_ENDS) for kind, known in self._ends.items()},
+            self.certain,
+            self.spoken,
+            self._just_answered,
+            self._misheard_s,
+        )
+
+    def direction_of(self, heard: Heard) -> Direction | None:
+        """Return the likelier direction of a telegram; None when both are equally likely."""
+        request, reply = heard.reading("request"), heard.reading("reply")
+        if request is None or reply is None:
+            return "reply" if request is None else "request"
+        balance = self._weight_of_replying(heard, reply) - self._weight_of_asking(heard, request)
+        if balance == 0:
+            return None
+        return "reply" if balance > 0 else "request"
+
+    def take(self, reading: Reading, ended_s: float) -> None:
+        """Note what was said."""
+        self.spoken = True
+        if reading.short and reading.direction == "request":
+            return
+        address = getattr(reading.message, "address", None)
+        examples = self._examples.setdefault(
+            (address, len(reading.data), reading.direction), deque(maxlen=_KEPT_EXAMPLES)
+        )
+        if reading.data not in examples:
+            examples.append(reading.data)
+        if reading.direction == "request":
+            # What is asked again has one answer, not two.
+            kept = [asked for asked in self._asked if asked.answered or asked.data != reading.data]
+            self._asked = deque([*kept, _Asked(reading.message, reading.data, ended_s)], maxlen=_KEPT_REQUESTS)
+            self._end(closed=False)
+            return
+        self._just_answered = type(self._asked[-1].message) if self._asked else None
+        if (place := self._answered_by(reading.message, ended_s)) is not None:
+            self._asked[place] = replace(self._asked[place], answered=True)
+
+    def awaits(self, reply: Message, began_s: float) -> bool:
+        """Whether this is what the last request waits for."""
+        last = self._asked[-1] if self._asked else None
+        return last is not None and not last.answered and self._may_answer(last, reply, began_s)
+
+    def may_come(self, reading: Reading, began_s: float) -> bool:
+        """Whether this reply answers a request that has none, or a damaged one, or says again what it has just said."""
+        timeout_s = self.protocol.facts.timing.reply_timeout_s
+        if began_s - self._misheard_s <= timeout_s and self._knows(reading.message):
+            return True
+        return any(
+            (not asked.answered or reading.data in self._known(reading))
+            and self._may_answer(asked, reading.message, began_s)
+            for asked in self._asked
+        )
+
+    def awaited(self, now_s: float) -> Message | None:
+        """Return the request whose reply is due now."""
+        last = self._asked[-1] if self._asked else None
+        late = last is None or last.answered or now_s - last.ended_s > self.protocol.facts.timing.reply_timeout_s
+        return None if late or last is None or is_broadcast(self.protocol, last.message) else last.message
+
+    def leaves_unanswered(self, request: Reading) -> bool:
+        """Whether the last request has no answer and this one is another."""
+        last = self._asked[-1] if self._asked else None
+        if last is None or last.answered or is_broadcast(self.protocol, last.message):
+            return False
+        return last.data != request.data
+
+    def mishear(self, ended_s: float) -> None:
+        """Note a request that was damaged: its drive may refuse it."""
+        self._misheard_s = ended_s
+
+    def close(self) -> None:
+        """Note that a telegram of one character, which may also be a broken request, followed the last reply."""
+        self._end(closed=True)
+
+    @property
+    def closes_often(self) -> bool:
+        """Whether such a telegram is due: half of the conversations like the last one ended with it, or none is known.
+
+        Of another kind of conversation it is known as soon as of one.
+        """
+        if self._just_answered is None:
+            return False
+        ends = self._ends.get(self._just_answered) or [end for known in self._ends.values() for end in known]
+        return sum(ends) * 2 >= len(ends)
+
+    @property
+    def closes_always(self) -> bool:
+        """Whether such a telegram is due, and none of the conversations like the last one went without it."""
+        ends = () if self._just_answered is None else self._ends.get(self._just_answered, ())
+        return len(ends) == _KEPT_ENDS and all(ends)
+
+    def plausibility(self, heard: Heard) -> int:
+        """Return how well a telegram fits into the conversation: 2 it answers, 1 its drive is known, 0 neither."""
+        reply = heard.reading("reply")
+        if reply is not None and self.awaits(reply.message, heard.began_s):
+            return 2
+        return 1 if any(self._knows(reading.message) for reading in heard.readings) else 0
+
+    def _knows(self, message: Message) -> bool:
+        """Whether its drive has been heard of."""
+        named = getattr(message, "address", None)
+        return any(address == named for address, _, _ in self._examples)
+
+    def _end(self, *, closed: bool) -> None:
+        if self._just_answered is not None:
+            self._ends.setdefault(self._just_answered, deque(maxlen=_KEPT_ENDS)).append(closed)
+        self._just_answered = None
+
+    def _weight_of_replying(self, heard: Heard, reply: Reading) -> int:
+        weight = 0
+        timing = self.protocol.facts.timing
+        for asked in reversed(self._asked):
+            if asked.answered or asked.data == reply.data:
+                continue
+            if self._may_answer(asked, reply.message, heard.began_s):
+                soon = asked is self._asked[-1] and heard.began_s - asked.ended_s <= timing.reply_timeout_s
+                weight += _ANSWERS_NOW if soon else _ANSWERS_LATE
+                break
+        weight += _REPEATED * (reply.data in self._known(reply))
+        return weight + max(0, -self._likeness(reply))
+
+    def _weight_of_asking(self, heard: Heard, request: Reading) -> int:
+        as_reply = heard.reading("reply")
+        waited_for = as_reply is not None and self.awaits(as_reply.message, heard.began_s)
+        weight = 0 if waited_for else _NOTHING_ASKED
+        weight += _REPEATED * (request.data in self._known(request))
+        weight += _AFTER_SILENCE * (heard.silence_s > self.protocol.facts.timing.reply_timeout_s)
+        return weight + max(0, self._likeness(request))
+
+    def _answered_by(self, reply: Message, ended_s: float) -> int | None:
+        for place in range(len(self._asked) - 1, -1, -1):
+            asked = self._asked[place]
+            if not asked.answered and self._may_answer(asked, reply, ended_s):
+                return place
+        return None
+
+    def _may_answer(self, asked: _Asked, reply: Message, now_s: float) -> bool:
+        timing = self.protocol.facts.timing
+        in_time = now_s - asked.ended_s <= timing.reply_timeout_s + timing.late_s
+        return in_time and not self.protocol.mismatch(asked.message, reply)
+
+    def _known(self, reading: Reading) -> deque[bytes]:
+        address = getattr(reading.message, "address", None)
+        return self._examples.get((address, len(reading.data), reading.direction)) or deque()
+
+    def _likeness(self, reading: Reading) -> int:
+        """Return how much it is like this drive's requests, below 0 like its replies, 0 when that does not show."""
+        address, length = getattr(reading.message, "address", None), len(reading.data)
+        requests = self._examples.get((address, length, "request"))
+        replies = self._examples.get((address, length, "reply"))
+        if not requests or not replies:
+            return 0
+        like_requests = like_replies = 0
+        # The check says nothing of its own.
+        for byte, asked, answered in zip(
+            reading.data[:-1], zip(*requests, strict=True), zip(*replies, strict=True), strict=False
+        ):
+            if set(asked).isdisjoint(answered):
+                like_requests += byte in asked
+                like_replies += byte in answered
+        return max(-_MOST_ALIKE, min(_MOST_ALIKE, _ALIKE * (like_requests - like_replies)))
+
+
+class Beginning:
+    """Telegrams from before it was known who speaks when.
+
+    Whoever begins to listen may do so at a reply. Both beginnings are played through until one explains clearly more.
+    """
+
+    def __init__(self, conversation: Conversation) -> None:
+        self._conversation = conversation
+        self.heard: list[Heard] = []
+
+    def add(self, heard: Heard) -> None:
+        """Take the next telegram."""
+        self.heard.append(heard)
+
+    @property
+    def too_long(self) -> bool:
+        """Whether waiting for more would help nobody."""
+        return len(self.heard) >= _LONGEST_DOUBT
+
+    def settled(self, margin: int = _CLEARLY_BETTER) -> list[Direction | None] | None:
+        """Return the directions of all telegrams if one beginning explains so much more; None otherwise."""
+        if not self.heard:
+            return []
+        asking, as_asked = self._play("request")
+        answering, as_answered = self._play("reply")
+        if abs(asking - answering) >= margin:
+            return as_asked if asking > answering else as_answered
+        agreed = [one if one == other else None for one, other in zip(as_asked, as_answered, strict=True)]
+        # How it began may stay open for ever when both lead to the same.
+        lately = agreed[-_AGREED:]
+        return (
+            agreed
+            if len(agreed) > _AGREED and "request" in lately and "reply" in lately and None not in lately
+            else None
+        )
+
+    def _play(self, first: Direction) -> tuple[int, list[Direction | None]]:
+        """Return how much is explained when the first telegram has this direction: pairs, less what fits nowhere."""
+        state = self._conversation.copy()
+        score = 0
+        directions: list[Direction | None] = []
+        for number, heard in enumerate(self.heard):
+            direction = first if number == 0 and heard.reading(first) else state.direction_of(heard)
+            directions.append(direction)
+            reading = heard.reading(direction) if direction else None
+            if reading is None:
+                score -= 1
+                continue
+            if direction == "reply":
+                if number or heard.silence_s > state.protocol.facts.timing.reply_timeout_s:
+                    score += 1 if state.awaits(reading.message, heard.began_s) else -1
+            elif state.leaves_unanswered(reading):
+                score -= 1
+            state.take(reading, heard.ended_s)
+        return score, directions

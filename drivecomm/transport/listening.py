@@ -1,0 +1,255 @@
+"""Ports that only listen: what is opened here has no way to send.
+
+A terminal is opened for reading only (O_RDONLY), so that the operating system itself refuses every write, and RTS,
+which switches the transmitter of simple RS-485 adapters, is taken back. Of a serial server's raw connection
+(`socket://`) nothing is used but what comes from it. RFC 2217 cannot be done without sending and is refused.
+"""
+
+from __future__ import annotations
+
+import array
+import contextlib
+import errno
+import os
+import socket
+import sys
+import time
+from typing import TYPE_CHECKING, Any, Protocol
+from urllib.parse import urlsplit
+
+from drivecomm.errors import LinkDownError, PortError, UsageError
+from drivecomm.transport.opening import cannot_open, error_number
+from drivecomm.transport.readiness import Readable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.line import LineSettings
+
+if sys.platform != "win32":
+    import fcntl
+    import termios
+
+_CHUNK = 4096
+_CONNECT_S = 5.0
+# Linux, asm-generic/termbits.h; termios has no name for it.
+_STICK_PARITY = 0o10000000000
+_ESCAPE, _SPOILT = 0xFF, 0x00
+
+
+class ListeningPort(Protocol):
+    """A port that is listened to. spoilt: how many characters with a wrong parity or stop bit have come."""
+
+    spoilt: int
+
+    def configure(self, settings: LineSettings) -> str:
+        """Set the line settings; returns what the port cannot carry, empty if nothing. Raises PortError."""
+        ...
+
+    def read(self, until: float) -> bytes:
+        """Return what has come as soon as there is anything; nothing at `until`. Raises LinkDownError."""
+        ...
+
+    def now(self) -> float:
+        """Return the time of the port's clock, in seconds."""
+        ...
+
+    def close(self) -> None:
+        """Give the port back."""
+        ...
+
+
+def listening_port(name: str, settings: LineSettings) -> ListeningPort:
+    """Open a port for listening: a terminal's name or `socket://HOST:PORT`.
+
+    Raises PortError when it does not open, UsageError for a port that cannot be listened to without sending.
+    """
+    if name.startswith("socket://"):
+        return SocketListener(name)
+    if "://" in name:
+        raise UsageError(
+            f"{name} cannot be listened to without sending; use the port's own name, or socket://HOST:PORT"
+        )
+    if sys.platform == "win32":
+        raise UsageError(f"{name} cannot be opened for listening only on Windows; use socket://HOST:PORT")
+    return TtyListener(name, settings)
+
+
+class TtyListener:
+    """A terminal that cannot be written to.
+
+    Characters with a wrong parity or stop bit are counted and delivered all the same: on a line with drives of several
+    formats they are right for others. A pseudo-terminal has neither.
+    """
+
+    def __init__(self, name: str, settings: LineSettings) -> None:
+        self._name = name
+        self.spoilt = 0
+        self._marks = MarkedCharacters()
+        try:
+            self.descriptor = os.open(name, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        except OSError as error:
+            raise cannot_open(name, error) from error
+        try:
+            self._pseudo = _is_pseudo(self.descriptor)
+            self.configure(settings)
+        except BaseException:
+            os.close(self.descriptor)
+            raise
+        with contextlib.suppress(OSError):
+            fcntl.ioctl(self.descriptor, termios.TIOCMBIC, array.array("i", [termios.TIOCM_RTS]))
+        self._readable = Readable(self.descriptor)
+
+    def configure(self, settings: LineSettings) -> str:
+        """Set the line settings; what came before is thrown away. Raises PortError."""
+        try:
+            termios.tcsetattr(self.descriptor, termios.TCSANOW, self._attributes(settings))
+            termios.tcflush(self.descriptor, termios.TCIOFLUSH)
+        except termios.error as error:
+            raise self._refused(settings, error) from error
+        self._marks = MarkedCharacters()
+        return "pseudo-terminal: settings are not carried, characters pass as they are" if self._pseudo else ""
+
+    def read(self, until: float) -> bytes:
+        """Return what has come, see `ListeningPort`."""
+        if not self._readable.wait(until):
+            return b""
+        try:
+            data = os.read(self.descriptor, _CHUNK)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._gone() from error
+        if not data:
+            raise self._gone()
+        if self._pseudo:
+            return data
+        plain, spoilt = self._marks.feed(data)
+        self.spoilt += spoilt
+        return plain
+
+    def now(self) -> float:
+        """Return the monotonic clock."""
+        return time.monotonic()
+
+    def close(self) -> None:
+        """Give the port back."""
+        os.close(self.descriptor)
+
+    def _attributes(self, settings: LineSettings) -> list[Any]:
+        attributes: list[Any] = termios.tcgetattr(self.descriptor)
+        speed = getattr(termios, f"B{settings.baudrate}", None)
+        if speed is None:
+            raise UsageError(f"{self._name} cannot be listened to with {settings.baudrate} baud; use a standard rate")
+        control = termios.CREAD | termios.CLOCAL | termios.CS8
+        marking = 0
+        if not self._pseudo:
+            control = termios.CREAD | termios.CLOCAL | (termios.CS7 if settings.bytesize == 7 else termios.CS8)
+            control |= _parity_flags(settings) | (termios.CSTOPB if settings.stopbits > 1 else 0)
+            marking = termios.INPCK | termios.PARMRK
+        characters = attributes[6]
+        characters[termios.VMIN], characters[termios.VTIME] = 1, 0
+        return [marking, 0, control, 0, speed, speed, characters]
+
+    def _refused(self, settings: LineSettings, error: termios.error) -> PortError:
+        if error_number(error) in (errno.ENOTTY, errno.ENODEV, errno.ENXIO):
+            return cannot_open(self._name, error)
+        return PortError(f"port {self._name} refuses {settings} ({error.args[-1]}); choose other line settings")
+
+    def _gone(self) -> LinkDownError:
+        return LinkDownError(f"port {self._name} is gone: it was unplugged, or its other end was closed")
+
+
+class SocketListener:
+    """A connection to a serial server of which only the receiving half is used; the server has its own settings."""
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+        self.spoilt = 0
+        try:
+            parts = urlsplit(url)
+            self._socket = socket.create_connection((parts.hostname or "", parts.port or 0), timeout=_CONNECT_S)
+        except (OSError, ValueError) as error:
+            raise cannot_open(url, error) from error
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        self._readable = Readable(self._socket.fileno())
+
+    def configure(self, settings: LineSettings) -> str:
+        """Change nothing."""
+        return f"raw TCP: {settings} is not carried, the server has its own line settings"
+
+    def read(self, until: float) -> bytes:
+        """Return what has come, see `ListeningPort`."""
+        if not self._readable.wait(until):
+            return b""
+        try:
+            data = self._socket.recv(_CHUNK)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise LinkDownError(f"port {self._url}: the connection broke ({error.strerror or error})") from error
+        if not data:
+            raise LinkDownError(f"port {self._url}: the server closed the connection")
+        return data
+
+    def now(self) -> float:
+        """Return the monotonic clock."""
+        return time.monotonic()
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._socket.close()
+
+
+class MarkedCharacters:
+    """Takes the kernel's marks out of received bytes (termios, PARMRK).
+
+    FFH 00H stands before a spoilt character, FFH FFH for a sound FFH.
+    """
+
+    def __init__(self) -> None:
+        self._begun = b""
+
+    def feed(self, data: bytes) -> tuple[bytes, int]:
+        """Return the characters, and how many of them are spoilt."""
+        if not self._begun and _ESCAPE not in data:
+            return data, 0
+        data = self._begun + data
+        plain, spoilt, place = bytearray(), 0, 0
+        while place < len(data):
+            if data[place] != _ESCAPE:
+                length = 1
+                plain.append(data[place])
+            else:
+                length = 3 if data[place + 1 : place + 2] == bytes([_SPOILT]) else 2
+                if place + length > len(data):
+                    break
+                plain.append(data[place + length - 1])
+                spoilt += length == 3
+            place += length
+        self._begun = data[place:]
+        return bytes(plain), spoilt
+
+
+_PARITY_FLAGS: dict[str, Callable[[], int]] = {
+    "N": lambda: 0,
+    "E": lambda: termios.PARENB,
+    "O": lambda: termios.PARENB | termios.PARODD,
+    "M": lambda: termios.PARENB | termios.PARODD | _STICK_PARITY,
+    "S": lambda: termios.PARENB | _STICK_PARITY,
+}
+
+
+def _parity_flags(settings: LineSettings) -> int:
+    return _PARITY_FLAGS[settings.parity]()
+
+
+def _is_pseudo(descriptor: int) -> bool:
+    # Majors 136 to 143 are the far ends of pseudo-terminals (Linux, Documentation/admin-guide/devices.txt).
+    if sys.platform == "linux":
+        return os.major(os.fstat(descriptor).st_rdev) in range(136, 144)
+    try:
+        return os.ttyname(descriptor).startswith(("/dev/pts/", "/dev/ttys"))
+    except OSError:
+        return False

@@ -1,0 +1,317 @@
+"""`drivecomm sniff`: captures and ports, as lines, objects and a table."""
+
+import json
+import os
+import socket
+import threading
+
+import pytest
+
+from drivecomm.capture.files import CaptureWriter, read_capture
+from drivecomm.capture.pieces import Piece, Provenance
+from drivecomm.cli import main
+from drivecomm.cli.sniff import command
+from drivecomm.decoding import encode
+from drivecomm.errors import LinkDownError
+from drivecomm.line import LineSettings
+from drivecomm.virtual.uart import received
+
+SETTINGS = LineSettings(baudrate=19200, bytesize=7, parity="E")
+ENQUIRY = bytes.fromhex("0441303034383105")
+VALUE = encode("vabus", {"kind": "value", "address": 1, "parameter": 481, "data": "000003E8"}, direction="reply")
+READ = encode("fuji", {"kind": "request", "address": 5, "command": "R", "function": "F03"}, direction="request")
+BROKEN = VALUE[:-1] + b"\x00"
+TALK = ((0.01, ENQUIRY), (0.04, VALUE), (0.10, READ), (0.70, ENQUIRY), (0.73, BROKEN), (1.3, ENQUIRY), (1.33, VALUE))
+
+
+class Played:
+    """A port at which others talk, in virtual time; then Ctrl-C is pressed, or what else ends it."""
+
+    def __init__(self, talk, settings=SETTINGS, ends_with=KeyboardInterrupt):
+        self._talk = list(talk)
+        self._sent = settings
+        self._heard = settings
+        self._ends_with = ends_with
+        self._now = 100.0
+        self.spoilt = 0
+        self.closed = False
+
+    def configure(self, settings):
+        self._heard = settings
+        return ""
+
+    def now(self):
+        return self._now
+
+    def read(self, until):
+        if not self._talk:
+            raise self._ends_with
+        if self._talk[0][0] + 100 > until:
+            self._now = max(self._now, until)
+            return b""
+        time_s, data = self._talk.pop(0)
+        self._now = max(self._now, time_s + 100)
+        characters = received(data, self._sent, self._heard)
+        self.spoilt += sum(not sound for _, sound in characters)
+        return bytes(character for character, _ in characters)
+
+    def close(self):
+        self.closed = True
+
+
+@pytest.fixture
+def at_port(monkeypatch):
+    def play(port):
+        monkeypatch.setattr(command, "opened", lambda *_: port)
+        return port
+
+    return play
+
+
+@pytest.fixture
+def capture(tmp_path):
+    path = tmp_path / "talk.jsonl"
+    with CaptureWriter(path, Provenance(settings=SETTINGS)) as writer:
+        for time_s, data in TALK:
+            writer.add(Piece(time_s=time_s, data=data))
+    return str(path)
+
+
+@pytest.fixture
+def run(capsys):
+    def call(*arguments):
+        code = main(["sniff", *arguments])
+        return code, capsys.readouterr()
+
+    return call
+
+
+def objects(output):
+    return [json.loads(line) for line in output.out.splitlines()]
+
+
+def test_a_capture_is_shown_line_by_line_with_a_summary(run, capture):
+    code, output = run(capture, "--drive", "vabus:1,model=agile")
+    lines = output.out.splitlines()
+    assert code == 0
+    assert lines[0].split(maxsplit=3)[:3] == ["0.0100", "->", "vabus:1"]
+    assert lines[0].endswith("481 fixed_frequency_2")
+    assert lines[1].endswith("481 fixed_frequency_2 = 10.00 Hz  [30.0 ms]")
+    assert any("--" in line and "no reply to request" in line for line in lines)
+    assert any("!!" in line and "damaged reply" in line for line in lines)
+    assert any("[retry 1]" in line for line in lines)
+    assert any(line.startswith("| vabus:1 ") for line in lines)
+
+
+def test_objects_say_all_of_it(run, capture):
+    code, output = run(capture, "--json", "--names")
+    found = objects(output)
+    assert code == 0
+    kinds = [one["what"] for one in found if one["what"] != "statistics"]
+    assert kinds == [
+        "request", "reply", "request", "unanswered", "request", "damaged", "unanswered", "request", "reply",
+    ]  # fmt: skip
+    reply = found[1]
+    assert (reply["drive"], reply["protocol"], reply["outcome"]) == ("vabus:1", "vabus", "answered")
+    assert (reply["parameter"], reply["name"], reply["value"], reply["unit"]) == (
+        "481", "fixed_frequency_2", "10.00", "Hz",
+    )  # fmt: skip
+    assert reply["reply_time_ms"] == 30.0
+    assert reply["data"] == VALUE.hex(" ").upper()
+    assert reply["fields"]["data"] == "000003E8"
+    counted = {one["drive"]: one["counters"] for one in found if one["what"] == "statistics"}
+    assert counted == {
+        "fuji:5": {"requests": 1, "timeouts": 1},
+        "vabus:1": {"requests": 2, "replies": 2, "retries": 1, "damaged": 1, "checksum errors": 1},
+    }
+
+
+def test_only_errors_of_one_drive_are_shown(run, capture):
+    _, output = run(capture, "--json", "--errors", "--only", "vabus:1")
+    assert [one["what"] for one in objects(output) if one["what"] != "statistics"] == [
+        "damaged",
+        "unanswered",
+        "request",
+    ]
+    _, output = run(capture, "--json", "--only", "fuji")
+    assert {one["drive"] for one in objects(output) if one["what"] != "statistics"} == {"fuji:5"}
+
+
+def test_the_table_has_the_last_value_of_each_drive(run, capture):
+    code, output = run(capture, "--table", "--names")
+    assert code == 0
+    assert "last value" in output.out
+    assert "fixed_frequency_2 = 10.00 Hz" in output.out
+    assert "->" not in output.out
+
+
+def test_only_the_protocols_that_are_named_are_looked_for(run, capture):
+    _, output = run(capture, "--json", "--protocol", "fuji")
+    assert {one["what"] for one in objects(output)} == {"request", "unknown", "unanswered", "statistics"}
+
+
+def test_ctrl_c_at_a_port_ends_with_a_summary_and_exit_code_0(run, at_port):
+    port = at_port(Played(TALK))
+    code, output = run("/dev/ttyUSB9", "--json", "--baudrate", "19200", "--bytesize", "7", "--parity", "e")
+    assert code == 0
+    assert "listening at /dev/ttyUSB9 with 19200 7E1" in output.err
+    assert port.closed
+    assert [one["what"] for one in objects(output)].count("reply") == 2
+    assert {one["drive"] for one in objects(output) if one["what"] == "statistics"} == {"vabus:1", "fuji:5"}
+
+
+def test_what_is_heard_is_written_and_can_be_read_again(run, at_port, tmp_path):
+    kept = tmp_path / "kept.jsonl"
+    at_port(Played(TALK))
+    _, live = run("/dev/ttyUSB9", "--json", "--write", str(kept), "--drive", "vabus:1,model=agile")
+    capture = read_capture(kept)
+    assert (capture.provenance.port, capture.provenance.settings) == ("/dev/ttyUSB9", SETTINGS)
+    assert [piece.data for piece in capture.pieces] == [data for _, data in TALK]
+    _, again = run(str(kept), "--json", "--drive", "vabus:1,model=agile")
+    kinds = ("request", "reply", "damaged", "unknown")
+    assert [one["data"] for one in objects(again) if one["what"] in kinds] == [
+        one["data"] for one in objects(live) if one["what"] in kinds
+    ]
+
+
+def test_a_port_that_is_lost_is_an_error_after_the_summary(run, at_port):
+    at_port(Played(TALK, ends_with=LinkDownError("port /dev/ttyUSB9 is gone")))
+    code, output = run("/dev/ttyUSB9", "--json")
+    assert code == 3
+    assert "is gone" in output.err
+    assert any(one.get("what") == "statistics" for one in objects(output))
+
+
+def test_the_line_settings_are_found_by_listening(run, at_port):
+    talk = [(number * 0.1 + part, data) for number in range(60) for part, data in ((0.0, ENQUIRY), (0.03, VALUE))]
+    at_port(Played([(time_s + 0.5, data) for time_s, data in talk]))
+    code, output = run("/dev/ttyUSB9", "--json", "--detect")
+    found = objects(output)
+    assert code == 0
+    assert found[0]["what"] == "detected"
+    assert found[0]["protocols"] == ["vabus"]
+    assert found[0]["settings"] == {"baudrate": 19200, "bytesize": 7, "parity": "E", "stopbits": 1}
+    assert "reply" in {one["what"] for one in found[1:]}
+
+
+def test_a_line_that_is_not_understood_is_an_error(run, at_port):
+    at_port(Played([(1000.0, b"never")]))
+    code, output = run("/dev/ttyUSB9", "--detect")
+    assert code == 3
+    assert output.err.startswith("drivecomm: /dev/ttyUSB9: with no usual line settings")
+
+
+def test_where_settings_are_not_carried_there_is_nothing_to_detect(run):
+    near, far = os.openpty()
+    code, output = run(os.ttyname(far), "--detect")
+    os.close(near)
+    os.close(far)
+    assert code == 2
+    assert "nothing to detect" in output.err
+
+
+def test_a_serial_server_is_listened_to_and_gets_nothing(run):
+    got = []
+
+    def serve(door):
+        server, _ = door.accept()
+        with server:
+            server.settimeout(5)
+            server.sendall(ENQUIRY)
+            got.append(server.recv(100))
+
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        # A command that does not connect fails the test and does not hold it up.
+        door.settimeout(5)
+        thread = threading.Thread(target=serve, args=(door,))
+        thread.start()
+        code, output = run(f"socket://127.0.0.1:{door.getsockname()[1]}", "--json", "--for", "0.3")
+        thread.join()
+    assert code == 0
+    assert objects(output)[0]["data"] == ENQUIRY.hex(" ").upper()
+    assert got == [b""]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["nothing.jsonl"], "nothing.jsonl"),
+        (["/dev/ttyUSB9", "--table", "--json"], "choose one"),
+        (["/dev/ttyUSB9", "--protocol", "modbus"], "modbus"),
+        (["/dev/ttyUSB9", "--drive", "vabus"], "PROTOCOL:ADDRESS"),
+        (["/dev/ttyUSB9", "--parity", "X"], "parity 'X'"),
+        (["/dev/ttyUSB9", "--drive", "vabus:99"], "no drive at address 99"),
+        (["/dev/ttyUSB9", "--drive", "vabus:1,model=none"], "no model 'none'"),
+        (["/dev/ttyUSB9", "--drive", "vabus:1,colour=red"], "no option 'colour'"),
+        (["rfc2217://127.0.0.1:1"], "without sending"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(run, arguments, text):
+    code, output = run(*arguments)
+    assert code == 2
+    assert text in output.err
+    assert output.err.count("\n") == 1
+
+
+def test_a_capture_needs_no_detection(run, capture):
+    code, output = run(capture, "--detect")
+    assert code == 2
+    assert "--detect" in output.err
+
+
+FC = {"kind": "parameter", "address_format": "1-31", "address": 3, "pnu": 341, "ind": 0}
+WRITE = encode("danfoss-fc", {**FC, "ak": 13, "pwe": 300, "control_word": 0, "reference": 0}, direction="request")
+REFUSAL = encode("danfoss-fc", {**FC, "ak": 7, "pwe": 17, "status_word": 0x607, "main_actual": 0}, direction="reply")
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Return a function that writes a capture of several lines: line, time, bytes."""
+
+    def write(*pieces):
+        path = tmp_path / "lines.jsonl"
+        with CaptureWriter(path, Provenance(settings=SETTINGS)) as writer:
+            for line, time_s, data in sorted(pieces, key=lambda each: each[1]):
+                writer.add(Piece(time_s=time_s, data=data, line=line))
+        return str(path)
+
+    return write
+
+
+def test_several_lines_of_a_capture_are_kept_apart(run, written):
+    path = written(("west", 1.0, ENQUIRY), ("east", 1.01, READ), ("west", 1.03, VALUE))
+    _, output = run(path)
+    lines = output.out.splitlines()
+    assert [line.split()[0] for line in lines[:3]] == ["west", "east", "west"]
+    assert lines[2].endswith("[30.0 ms]")
+    _, output = run(path, "--json")
+    counted = {(one["line"], one["drive"]) for one in objects(output) if one["what"] == "statistics"}
+    assert counted == {("west", "vabus:1"), ("east", "fuji:5")}
+
+
+def test_a_refusal_is_shown_with_its_reason(run, written):
+    path = written(("", 5.0, WRITE), ("", 5.02, REFUSAL))
+    _, output = run(path, "--names")
+    assert "3-41 ramp_1_up_time: the drive refused parameter 3-41 with code 17" in output.out
+    _, output = run(path, "--names", "--json")
+    assert "code 17" in objects(output)[1]["refusal"]
+
+
+def test_late_replies_and_those_that_nobody_asked_for_are_marked(run, written):
+    other = encode("vabus", {"kind": "value", "address": 9, "parameter": 7, "data": "0001"}, direction="reply")
+    path = written(("", 0.0, ENQUIRY), ("", 0.7, READ), ("", 0.9, VALUE), ("", 5.0, other))
+    _, output = run(path, "--errors")
+    lines = output.out.splitlines()
+    assert lines[1].endswith("[900.0 ms]  [late]")
+    assert any(line.endswith("[not asked for]") for line in lines)
+
+
+def test_what_is_not_understood_is_shown_as_bytes(run, written):
+    path = written(("", 1.0, b"hello"), ("", 9.0, WRITE[:8] + b"\x00"), ("", 20.0, ENQUIRY), ("", 20.3, b"\x04"))
+    _, output = run(path, "--errors")
+    assert "~~" in output.out
+    assert "68 65 6C 6C 6F" in output.out
+    assert "??" in output.out
+    _, output = run(path, "--json")
+    ambiguous = next(one for one in objects(output) if one["what"] == "ambiguous")
+    assert ambiguous["readings"] == [{"protocol": "vabus", "direction": "request", "fields": {"kind": "eot"}}]

@@ -1,0 +1,245 @@
+"""Telegrams out of one stream of bytes, of several protocols and both directions."""
+
+from collections import Counter
+from dataclasses import replace
+from math import ceil
+from random import Random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from traffic import ALL, DIRECTIONS, PROTOCOLS, Meant, Traffic, heard, plant, sniffed, telegrams, told
+
+from drivecomm.capture.pieces import Piece
+from drivecomm.decoding import encode
+from drivecomm.line import LineSettings
+from drivecomm.registry import installed
+from drivecomm.sniffer import AmbiguousTelegram, HeardTelegram, Sniffer, UnknownBytes
+from drivecomm.virtual.uart import heard as as_heard
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return plant(40, seed=1)
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    return plant(60, seed=2, rate=0.1)
+
+
+def characters(pieces, size):
+    """Cut pieces into smaller ones that come when their last character is there."""
+    for piece in pieces:
+        length, character_s, at = len(piece.data), piece.settings.character_s, 0
+        while at < length:
+            end = min(length, at + size())
+            yield replace(piece, data=piece.data[at:end], time_s=piece.time_s - (length - end) * character_s)
+            at = end
+
+
+# The mixed traffic of the issue
+
+
+def test_an_hour_of_mixed_traffic_with_noise_is_understood():
+    traffic = plant(3600, seed=1, rate=0.01, pauses=(0.0, 0.03, 0.4, 1.5, 3.0))
+    found = sniffed(traffic.pieces())
+    sound = heard(found)
+    undamaged = traffic.undamaged
+    assert undamaged.total() > 5000
+    assert {one.protocol for one in telegrams(found)} == {"vabus", "danfoss-fc", "vlt3500", "fuji"}
+    assert (undamaged - sound).total() <= undamaged.total() * 0.001
+    assert not sound - traffic.on_the_wire
+    # What was changed on its way and still is a sound telegram is one that has no check, and says so.
+    changed = sound - undamaged
+    assert not [
+        one for one in telegrams(found) if one.guarded and changed[one.direction, one.data, round(one.time_s, 6)]
+    ]
+
+
+def test_without_noise_nothing_is_missed(clean):
+    found = sniffed(clean.pieces())
+    assert heard(found) == clean.undamaged == clean.on_the_wire
+    assert len(telegrams(found)) == len(found)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_on_a_very_bad_line_nothing_is_reported_that_was_not_there(seed):
+    traffic = plant(60, seed=seed, rate=0.2)
+    found = sniffed(traffic.pieces())
+    assert not heard(found) - traffic.on_the_wire
+    assert (traffic.undamaged - heard(found)).total() <= 0.03 * traffic.undamaged.total()
+
+
+# How the bytes come
+
+
+def test_pieces_of_any_size_give_the_same_telegrams(noisy):
+    whole = heard(sniffed(noisy.pieces()))
+    random = Random(1)
+    for size in (lambda: 1, lambda: random.randint(1, 7)):
+        cut = sorted(characters(noisy.pieces(), size), key=lambda piece: piece.time_s)
+        assert heard(sniffed(cut)) == whole
+
+
+def test_an_adapter_that_hands_over_every_sixteen_milliseconds_hides_no_telegram(clean):
+    handed = {}
+    for piece in sorted(characters(clean.pieces(), lambda: 1), key=lambda piece: piece.time_s):
+        handed.setdefault(ceil(piece.time_s / 0.016) * 0.016, bytearray()).extend(piece.data)
+    found = sniffed([Piece(time_s=time_s, data=bytes(data)) for time_s, data in handed.items()])
+    wanted = Counter((direction, data) for direction, data, _ in heard(sniffed(clean.pieces())).elements())
+    assert Counter((one.direction, one.data) for one in telegrams(found)) == wanted
+
+
+def test_findings_come_in_the_order_of_the_line(noisy):
+    found = sniffed(noisy.pieces())
+    assert [one.time_s for one in found] == sorted(one.time_s for one in found)
+
+
+def test_no_byte_is_lost_and_none_is_told_twice(noisy):
+    found = sniffed(noisy.pieces())
+    assert b"".join(one.data for one in found) == b"".join(piece.data for piece in noisy.pieces())
+
+
+def test_who_sends_is_believed_where_a_capture_says_it(clean):
+    pieces = [Piece(time_s=one.ended, data=one.data, settings=one.settings, source=one.source) for one in clean.sent]
+    # Beginning with a reply leaves nothing open.
+    found = sniffed(pieces[1:])
+    assert not heard(found) - clean.on_the_wire
+    assert not [one for one in found if isinstance(one, AmbiguousTelegram) and one.data != b"\x04"]
+
+
+def test_beginning_in_the_middle_does_not_turn_requests_into_replies(clean):
+    for first in range(1, 12):
+        rest = Traffic(clean.sent[first:])
+        found = heard(sniffed(rest.pieces()))
+        assert not found - rest.on_the_wire
+        # Its first telegrams may be ambiguous, or answer what was not heard.
+        assert (rest.undamaged - found).total() <= 3
+
+
+def test_a_drive_with_seven_data_bits_is_heard_among_others_with_eight():
+    listener = LineSettings()
+    traffic = plant(20, seed=3, settings={"baudrate": 9600})
+    pieces = [
+        Piece(time_s=one.ended, data=as_heard(one.data, one.settings, listener), settings=listener)
+        for one in traffic.sent
+        if one.settings.parity == "N" or one.settings.bytesize == 7
+    ]
+    wanted = Counter(told(one) for one in traffic.sent if one.settings.parity == "N" or one.settings.bytesize == 7)
+    found = heard(sniffed(pieces))
+    assert found == wanted
+    assert {"vabus", "fuji", "vlt3500"} == {one.protocol for one in telegrams(sniffed(pieces))}
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_drives_that_each_have_their_own_line_settings_are_understood(seed):
+    """As a capture tells it that was taken by the master itself."""
+    traffic = plant(20, seed=seed, settings={})
+    assert heard(sniffed(traffic.pieces())) == traffic.on_the_wire
+
+
+# What is not certain
+
+
+def test_a_master_that_does_not_close_its_conversations_sends_no_single_characters():
+    """On such a line a single EOT is what came of a broken request."""
+    enquiry = bytes.fromhex("0441303034383105")
+    value = encode("vabus", {"kind": "value", "address": 1, "parameter": 481, "data": "000003E8"}, direction="reply")
+    talk = [(number + part, data) for number in range(6) for part, data in ((0.0, enquiry), (0.05, value))]
+    found = sniffed([Piece(time_s=time_s, data=data) for time_s, data in [*talk, (5.5, b"\x04")]])
+    assert isinstance(found[-1], AmbiguousTelegram)
+    assert len(telegrams(found)) == len(talk)
+    with_eot = sorted([*talk, *((time_s + 0.01, b"\x04") for time_s, data in talk if data == value)])
+    assert len(telegrams(sniffed([Piece(time_s=time_s, data=data) for time_s, data in with_eot]))) == len(with_eot)
+
+
+def test_telegrams_that_could_go_either_way_are_called_ambiguous():
+    data = encode(
+        "danfoss-fc",
+        {"kind": "process", "address_format": "1-31", "address": 3, "control_word": 1, "reference": 0},
+        direction="request",
+    )
+    (found,) = sniffed([Piece(time_s=0.01, data=data)])
+    assert isinstance(found, AmbiguousTelegram)
+    assert [(protocol, direction) for protocol, direction, _ in found.readings] == [
+        ("danfoss-fc", "request"),
+        ("danfoss-fc", "reply"),
+    ]
+
+
+def test_after_a_long_silence_it_is_a_request():
+    fields = {"kind": "process", "address_format": "1-31", "address": 3}
+    request = encode("danfoss-fc", {**fields, "control_word": 0x47C, "reference": 0}, direction="request")
+    reply = encode("danfoss-fc", {**fields, "status_word": 0xF07, "main_actual": 0}, direction="reply")
+    found = sniffed([Piece(time_s=5.0, data=request), Piece(time_s=5.02, data=reply)])
+    assert [one.direction for one in found] == ["request", "reply"]
+
+
+def test_an_acknowledge_that_nobody_waits_for_is_no_telegram():
+    assert sniffed([Piece(time_s=1.0, data=b"\x41\x06")]) == [UnknownBytes(time_s=1.0, data=b"\x41\x06")]
+
+
+def test_a_wrong_check_is_a_damaged_reply_of_the_drive_that_was_asked():
+    enquiry = bytes.fromhex("0441303034383105")
+    value = encode("vabus", {"kind": "value", "address": 1, "parameter": 481, "data": "000003E8"}, direction="reply")
+    pieces = [Piece(time_s=0.0, data=enquiry), Piece(time_s=0.03, data=value[:-1] + bytes([value[-1] ^ 1]))]
+    request, damaged = sniffed(pieces)
+    assert isinstance(request, HeardTelegram)
+    assert not request.guarded
+    assert (damaged.protocol, damaged.direction, damaged.drive) == ("vabus", "reply", "vabus:1")
+    assert damaged.error.category == "checksum"
+
+
+def test_damage_is_ascribed_to_no_protocol_that_is_not_spoken():
+    assert isinstance(sniffed([Piece(time_s=0.0, data=b"<01R")])[0], UnknownBytes)
+
+
+def test_a_select_is_not_taken_for_the_reply_that_stands_in_it():
+    fields = {"address": 1, "parameter": 480, "data": "00000BB8"}
+    select = encode("vabus", {"kind": "select", **fields}, direction="request")
+    assert select[1:] == encode("vabus", {"kind": "value", **fields}, direction="reply")
+    (found,) = sniffed([Piece(time_s=1.0, data=select)])
+    assert (found.direction, found.data) == ("request", select)
+
+
+def test_silence_ends_what_has_begun():
+    sniffer = Sniffer(PROTOCOLS, settings=LineSettings())
+    assert sniffer.feed(Piece(time_s=1.0, data=bytes.fromhex("04413030"))) == []
+    assert sniffer.flush(1.01) == []
+    (found,) = sniffer.flush(1.2)
+    assert found.data == bytes.fromhex("04413030")
+    assert sniffer.finish() == []
+
+
+def test_a_broadcast_is_for_all_and_expects_nothing():
+    data = encode("vabus", {"kind": "select", "address": 32, "parameter": 480, "data": "00000BB8"}, direction="request")
+    (found,) = sniffed([Piece(time_s=1.0, data=data)])
+    assert (found.drive, found.broadcast, found.expects_reply, found.guarded) == ("vabus:all", True, False, False)
+
+
+@given(st.binary(max_size=400))
+def test_noise_is_never_a_checked_telegram_and_never_an_error(data):
+    found = sniffed([Piece(time_s=1.0, data=data)])
+    assert b"".join(one.data for one in found) == data
+
+
+@given(st.lists(st.tuples(st.binary(min_size=1, max_size=30), st.floats(0, 0.2)), max_size=20))
+def test_bytes_at_any_time_are_all_told(parts):
+    pieces, now = [], 0.0
+    for data, pause in parts:
+        now += pause
+        pieces.append(Piece(time_s=now, data=data))
+    assert b"".join(one.data for one in sniffed(pieces)) == b"".join(data for data, _ in parts)
+
+
+def test_a_protocol_that_is_not_looked_for_is_not_found(clean):
+    only = [installed["fuji"]]
+    assert {one.protocol for one in telegrams(sniffed(clean.pieces(), only))} == {"fuji"}
+
+
+def test_the_traffic_marks_what_happened_to_it():
+    traffic = plant(20, seed=3, rate=0.5, names=ALL[:1])
+    spoilt = [one for one in traffic.sent if not isinstance(one.data, Meant)]
+    assert spoilt
+    assert {one.source for one in traffic.sent} == set(DIRECTIONS)
