@@ -14,6 +14,7 @@ from drivecomm.status import Stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from typing import Literal, TypeAlias
 
     from drivecomm.exchange import Exchange
     from drivecomm.framing import Codec, Damaged, Framed
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from drivecomm.schema import Form
     from drivecomm.status import DriveStatus
     from drivecomm.telegram import Direction, Message
+
+    Purpose: TypeAlias = Literal["read", "write", "command"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,6 +176,8 @@ class Protocol:
     parameter_examples: parameter addresses that show the forms of this protocol.
     only_asks: whether a request neither commands nor writes, whatever state its drive is in, so that anybody may send
     it again; None where nobody has said so, and then every request counts as a command.
+    purpose: what a request is for: to read or to write a parameter, or a command without one; None where a package does
+    not tell, and what asks for it cannot be had.
     """
 
     name: str
@@ -194,3 +199,4 @@ class Protocol:
     forms: Callable[[], Mapping[str, Form[Any]]]
     parameter_examples: tuple[str, ...] = field(default=())
     only_asks: Callable[[Message], bool] | None = None
+    purpose: Callable[[Message], Purpose] | None = None

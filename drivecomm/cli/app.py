@@ -11,6 +11,7 @@ from drivecomm.cli.demo import demo
 from drivecomm.cli.doctor import doctor
 from drivecomm.cli.forecast import forecast
 from drivecomm.cli.line_options import LineCommand, on_a_line
+from drivecomm.cli.plant import plant
 from drivecomm.cli.poll import poll
 from drivecomm.cli.replay import replay
 from drivecomm.cli.scan import scan
@@ -70,4 +71,5 @@ app.command(cls=LineCommand)(on_a_line(forecast))
 app.command()(simulate)
 app.command(cls=LineCommand)(on_a_line(replay))
 app.command()(sniff)
+app.add_typer(plant)
 app.add_typer(vectors)

@@ -2,46 +2,53 @@
 
 from __future__ import annotations
 
-import signal
-from threading import Event
+from functools import partial
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from drivecomm.cli.drive_names import parse_drive
-from drivecomm.cli.output import emit, say
-from drivecomm.virtual.drives import virtual_drive
+from drivecomm.cli.output import say
+from drivecomm.errors import UsageError
 
 
 def simulate(
+    plant: Annotated[
+        Path | None, typer.Argument(metavar="[PLANT]", help="A plant file: lines, drives, faults.")
+    ] = None,
     drive: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option("--drive", "-d", metavar="DRIVE", help="PROTOCOL:ADDRESS[,model=...]; repeat it for more."),
-    ],
-    listen: Annotated[str, typer.Option("--listen", "-l", help="pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT.")],
+    ] = None,
+    listen: Annotated[str, typer.Option("--listen", "-l", help="pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT.")] = "",
     echo: Annotated[bool, typer.Option("--echo", help="Hand back what the master sends, as some adapters do.")] = False,
     paced: Annotated[bool, typer.Option("--paced", help="Characters take their time on the line.")] = False,
+    speed: Annotated[
+        float, typer.Option("--speed", metavar="N", help="Motors and faults go N times as fast; the lines do not.")
+    ] = 1.0,
+    control: Annotated[
+        str,
+        typer.Option("--control", metavar="PLACE", help="HOST:PORT or unix:PATH for drivecomm plant."),
+    ] = "",
     json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
 ) -> int:
-    """Serve virtual drives until Ctrl-C or SIGTERM. A master connects to them as to a real line."""
-    # pyserial is loaded only where a port is served.
-    from drivecomm.virtual.listeners import parse_listen  # noqa: PLC0415
-    from drivecomm.virtual.serving import Server  # noqa: PLC0415
+    """Serve virtual drives until Ctrl-C or SIGTERM. A master connects to them as to a real line.
 
-    names = [parse_drive(text) for text in drive]
-    drives = [virtual_drive(name.protocol, name.address, **name.options) for name in names]
-    stop = Event()
-    previous = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        with Server(drives, parse_listen(listen), echo=echo, paced=paced) as server:
-            if json:
-                emit(listening=server.address, drives=[str(name) for name in names])
-            else:
-                say(f"{', '.join(str(name) for name in names)} on {server.address}; stop with Ctrl-C")
-            server.run(stop)
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+    Either a plant file, or one line with --drive and --listen. A plant file has a control socket in any case, at a
+    free port of this machine unless --control says where.
+    """
+    # Plants, sockets and pyserial are loaded only where something is served.
+    from drivecomm.cli import simulation  # noqa: PLC0415
+
+    if plant is None:
+        server = simulation.server_of_drives(drive or [], listen, echo=echo, paced=paced, speed=speed, control=control)
+        simulation.serve(server, ready=simulation.tell_drives_as_json if json else simulation.tell_drives)
+    elif drive or listen or echo or paced:
+        raise UsageError("a plant file says drives, places, echo and pacing itself; leave these options away")
+    else:
+        server = simulation.server_of_file(plant, speed=speed, control=control)
+        tell = simulation.tell_plant_as_json if json else simulation.tell_plant
+        simulation.serve(server, ready=partial(tell, path=plant))
     if not json:
         say("stopped")
     return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.drive_options import sort_out
@@ -10,10 +11,55 @@ from drivecomm.models import load_model
 from drivecomm.registry import installed
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
+    from drivecomm.line import LineFacts
     from drivecomm.models import Model
-    from drivecomm.protocol import VirtualDrive
+    from drivecomm.protocol import Protocol, VirtualDrive
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveType:
+    """All that a virtual drive is made from. options: of its protocol. facts: of its line."""
+
+    plugin: Protocol
+    address: int
+    model: Model
+    options: Any
+    facts: LineFacts
+
+    def new(self) -> VirtualDrive:
+        """Return a drive in its factory state, with these line facts."""
+        drive = self.plugin.virtual(self.address, self.options, self.model)
+        drive.settings = self.facts.settings
+        drive.gap_s = self.facts.gap_s
+        return drive
+
+    @property
+    def factory_facts(self) -> LineFacts:
+        """The line facts that its protocol and its model give it."""
+        return sort_out(self.plugin, self.model, {})[0]
+
+
+def drive_type(
+    protocol: str,
+    address: int,
+    *,
+    model: str | Path | Model | None = None,
+    options: Mapping[str, Any],
+    for_all: Mapping[str, Any] | None = None,
+) -> DriveType:
+    """Return what is to be made of options as `virtual_drive` takes them, behind what holds for all drives of a line.
+
+    Raises UsageError for anything that cannot be.
+    """
+    plugin = installed[protocol]
+    if address not in plugin.addresses:
+        raise AddressError(f"{protocol} has no drive at address {address}")
+    known = load_model(plugin.package, protocol, model or plugin.default_model)
+    facts, chosen = sort_out(plugin, known, options, for_all=for_all)
+    return DriveType(plugin=plugin, address=address, model=known, options=chosen, facts=facts)
 
 
 def virtual_drive(
@@ -24,12 +70,4 @@ def virtual_drive(
     model: its parameters and start values, the protocol's own default if absent. options: its line settings (baudrate,
     parity, ...), its gap_s, and the protocol's drive options. Raises UsageError for anything that cannot be.
     """
-    plugin = installed[protocol]
-    if address not in plugin.addresses:
-        raise AddressError(f"{protocol} has no drive at address {address}")
-    known = load_model(plugin.package, protocol, model or plugin.default_model)
-    facts, chosen = sort_out(plugin, known, options)
-    drive = plugin.virtual(address, chosen, known)
-    drive.settings = facts.settings
-    drive.gap_s = facts.gap_s
-    return drive
+    return drive_type(protocol, address, model=model, options=options).new()

@@ -134,22 +134,35 @@ class FaultPlan:
         fault = self._draw(TRANSMISSION_FAULTS)
         if fault is None:
             return [(0.0, data)]
-        if fault is Fault.DROP:
-            return []
-        if fault is Fault.CORRUPT:
-            return [(0.0, self._corrupted(data))]
-        if fault is Fault.TRUNCATE:
-            return [(0.0, data[: self._random.randrange(len(data))])]
         if fault is Fault.DELAY:
             return [(self._random.uniform(0, self.delay_s), data)]
-        return [(0.0, data), (0.0, data)]
+        return disturbed(fault, data, self._random, bits=self.bits)
 
     def _corrupted(self, data: bytes) -> bytes:
-        place = self._random.randrange(len(data))
-        mask = 0
-        for _ in range(self._random.randint(1, self.bits)):
-            mask |= 1 << self._random.randrange(8)
-        return data[:place] + bytes([data[place] ^ mask]) + data[place + 1 :]
+        return _corrupted(data, self._random, self.bits)
+
+
+def disturbed(
+    fault: Fault, data: bytes, random: Random, *, delay_s: float = 0.0, bits: int = 8
+) -> list[tuple[float, bytes]]:
+    """Return what arrives of a transmission to which this happens, as delays and bytes; a late one is delay_s late."""
+    if fault is Fault.DROP:
+        return []
+    if fault is Fault.CORRUPT:
+        return [(0.0, _corrupted(data, random, bits))]
+    if fault is Fault.TRUNCATE:
+        return [(0.0, data[: random.randrange(len(data))])]
+    if fault is Fault.DELAY:
+        return [(delay_s, data)]
+    return [(0.0, data), (0.0, data)]
+
+
+def _corrupted(data: bytes, random: Random, bits: int) -> bytes:
+    place = random.randrange(len(data))
+    mask = 0
+    for _ in range(random.randint(1, bits)):
+        mask |= 1 << random.randrange(8)
+    return data[:place] + bytes([data[place] ^ mask]) + data[place + 1 :]
 
 
 UNDISTURBED = FaultPlan(rate=0.0)

@@ -1,11 +1,16 @@
-"""A virtual line on a virtual clock: several drives of several protocols, character times, echo, faults, power."""
+"""A virtual line on a virtual clock: several drives of several protocols, character times, echo, faults, power.
+
+Whoever owns the line lets its time pass: a master in the same program by waiting (`VirtualPort`), a server by following
+the clock on the wall (`drivecomm.virtual.served_line`).
+"""
 
 from __future__ import annotations
 
 import heapq
 from functools import partial
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+from typing import Protocol as Interface
 
 from drivecomm.errors import UsageError
 from drivecomm.line import LineSettings
@@ -16,11 +21,33 @@ from drivecomm.virtual.station import Station
 from drivecomm.virtual.uart import heard
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     from drivecomm.protocol import VirtualDrive
     from drivecomm.virtual.faults import FaultPlan, PowerCut
     from drivecomm.virtual.medium import Source
+
+# What a master never reads is lost, as in the buffer of a port.
+_ROOM = 65536
+_MOST_AUDIBLE = 256
+
+
+class Disturbance(Interface):
+    """What happens to a transmission on its way, beside the line's `FaultPlan`."""
+
+    def request(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
+        """Return what arrives of a master's transmission, as delays and bytes."""
+        ...
+
+    def reply(self, data: bytes, drive: VirtualDrive, now: float) -> Sequence[tuple[float, bytes]]:
+        """Return what arrives of what this drive sends, as delays and bytes."""
+        ...
+
+
+class _Answer(NamedTuple):
+    time: float
+    data: bytes
+    number: int
 
 
 class VirtualLine:
@@ -33,15 +60,24 @@ class VirtualLine:
     Every drive hears everything on the line, with its own line settings, and ignores what is not for it. Nobody waits
     for anybody: characters that are on the wire at the same time spoil each other for all who hear them. A drive has
     room for one answer: a request that it answers before it has begun with an earlier answer takes that one's place.
-    echo: the master hears itself, as on some two-wire adapters. faults: what goes wrong on the way.
+    echo: the master hears itself, as on some two-wire adapters. faults: what goes wrong on the way. paced: characters
+    take their time; without, a transmission is over when it begins, and nothing ever meets on the wire.
     """
 
     def __init__(
-        self, drives: Iterable[VirtualDrive] = (), *, echo: bool = False, faults: FaultPlan = UNDISTURBED
+        self,
+        drives: Iterable[VirtualDrive] = (),
+        *,
+        echo: bool = False,
+        faults: FaultPlan = UNDISTURBED,
+        paced: bool = True,
     ) -> None:
         self.drives = list(drives)
         self.echo = echo
         self.faults = faults
+        self.paced = paced
+        self.disturbances: list[Disturbance] = []
+        """Further faults, each applied to what the one before it leaves."""
         self.time = 0.0
         self.broken = False
         """Set it to make the port fail as an unplugged adapter does."""
@@ -53,8 +89,12 @@ class VirtualLine:
         self._order = 0
         self._free_at: dict[Station | Source, float] = {}
         self._right_settings: dict[Station, LineSettings] = {}
+        self._answers: dict[Station, _Answer] = {}
+        self._answer_wakes: dict[Station, float] = {}
+        self._agreed = {id(drive): drive.settings for drive in self.drives}
         self._port_free_at = 0.0
-        self._master = LineSettings()
+        self._master: LineSettings | None = LineSettings()
+        self._wire = LineSettings()
         self._audible: list[Transmission] = []
         self._inbox = bytearray()
 
@@ -77,19 +117,38 @@ class VirtualLine:
         self._order += 1
         heapq.heappush(self._events, (time, self._order, action))
 
-    def configure(self, settings: LineSettings) -> None:
-        """Set the master's line settings."""
+    def configure(self, settings: LineSettings | None) -> None:
+        """Set the master's line settings.
+
+        None: they are not known, as over plain TCP. Such a master is taken to speak to each drive with the settings
+        that the drive had when the line was made; its characters last as long as those of the first drive.
+        """
         self._listen()
         self._master = settings
+        self._wire = settings or next(iter(self._agreed.values()), LineSettings())
+
+    @property
+    def backlog_s(self) -> float:
+        """Seconds until everything that the master has handed over is out."""
+        return max(0.0, self._port_free_at - self.time)
+
+    @property
+    def due(self) -> float:
+        """When something next happens on the line, or is heard whole by the master; infinite if nothing will."""
+        first = self._events[0][0] if self._events else inf
+        return min(first, *(sent.ended for sent in self._audible)) if self._audible else first
 
     def transmit(self, data: bytes) -> None:
         """Let the master send."""
         # A port sends one character after the other: what is handed over early waits its turn.
         began = max(self.time, self._port_free_at)
-        self._port_free_at = began + self._master.wire_s(len(data))
+        self._port_free_at = began + self._wire_s(self._wire, len(data))
         if self.echo:
             self._speak_at(began, "echo", self.faults.echo(data))
-        for delay, arriving in self.faults.request(data):
+        arrivals = self.faults.request(data)
+        for disturbance in self.disturbances:
+            arrivals = _then(arrivals, partial(disturbance.request, now=began))
+        for delay, arriving in arrivals:
             self._speak_at(began + delay, "master", arriving)
         self._disturb(began)
 
@@ -136,6 +195,10 @@ class VirtualLine:
             drive.settings = settings
         station.power_on(self.time)
 
+    def has_power(self, drive: VirtualDrive) -> bool:
+        """Whether a drive is switched on."""
+        return self._station(drive).powered
+
     def _station(self, drive: VirtualDrive) -> Station:
         for station in self._stations:
             if station.drive is drive:
@@ -159,13 +222,18 @@ class VirtualLine:
             return
         source: Source = "drive" if isinstance(who, Station) else who
         sender = who.drive if isinstance(who, Station) else None
-        settings = sender.settings if sender is not None else self._master
-        ended = self.time + settings.wire_s(len(data))
-        sent = Transmission(source=source, sender=sender, settings=settings, data=data, began=self.time, ended=ended)
+        settings = sender.settings if sender is not None else self._wire
+        ended = self.time + self._wire_s(settings, len(data))
+        agreed = sender is None and self._master is None
+        sent = Transmission(
+            source=source, sender=sender, settings=settings, data=data, began=self.time, ended=ended, agreed=agreed
+        )
         self._free_at[who] = ended
         self._medium.begin(sent)
         if source != "master":
             self._audible.append(sent)
+            if len(self._audible) > _MOST_AUDIBLE:
+                self._listen()
         if source != "echo":
             self.call_at(ended, partial(self._arrived, sent))
 
@@ -173,25 +241,48 @@ class VirtualLine:
         """Let the drives hear a transmission that is out."""
         if self.monitor is not None:
             self.monitor(sent)
+        sound = sent.sound(0, len(sent.data))
         for station in self._stations:
-            if station.drive is not sent.sender and station.powered:
-                arriving = heard(sent.sound(0, len(sent.data)), sent.settings, station.drive.settings)
-                for answer in station.hear(arriving, sent.began, sent.ended):
-                    station.answering = number = station.answering + 1
-                    self.call_at(sent.ended + answer.delay_s, partial(self._answer, station, answer.data, number))
+            drive = station.drive
+            if drive is not sent.sender and station.powered:
+                spoken = self._agreed[id(drive)] if sent.agreed else sent.settings
+                for answer in station.hear(heard(sound, spoken, drive.settings), sent.began, sent.ended):
+                    station.answering += 1
+                    self._answers[station] = _Answer(sent.ended + answer.delay_s, answer.data, station.answering)
+                    self._wake_to_answer(station, sent.ended + answer.delay_s)
+
+    def _wake_to_answer(self, station: Station, time: float) -> None:
+        """Come back to a drive's answer then; one visit serves all answers that take each other's place before it."""
+        if time < self._answer_wakes.get(station, inf):
+            self._answer_wakes[station] = time
+            self.call_at(time, partial(self._visit, station, time))
+
+    def _visit(self, station: Station, time: float) -> None:
+        if self._answer_wakes.get(station) != time:
+            return
+        del self._answer_wakes[station]
+        answer = self._answers[station]
+        if answer.time > time:
+            self._wake_to_answer(station, answer.time)
+        else:
+            del self._answers[station]
+            self._answer(station, answer.data, answer.number)
 
     def _answer(self, station: Station, answer: bytes, number: int) -> None:
-        """Let a drive answer, unless it has lost power since or a later answer has taken the place of this one.
+        """Let a drive answer, unless it has lost power since.
 
         Nor does it answer when the master speaks again already: what it hears now is what it will answer.
         """
         if station.answering != number or self._free_at.get("master", 0.0) > self.time:
             return
-        for delay, arriving in self.faults.reply(answer):
+        arrivals = self.faults.reply(answer)
+        for disturbance in self.disturbances:
+            arrivals = _then(arrivals, partial(disturbance.reply, drive=station.drive, now=self.time))
+        for delay, arriving in arrivals:
             self._speak_at(self.time + delay, station, arriving)
         self._disturb(self.time)
         if self.faults.rate and (cut := self.faults.power()) is not None:
-            self._cut_power(station, cut, station.drive.settings.wire_s(len(answer)))
+            self._cut_power(station, cut, self._wire_s(station.drive.settings, len(answer)))
 
     def _disturb(self, began: float) -> None:
         if self.faults.rate:
@@ -225,13 +316,15 @@ class VirtualLine:
         for sent in self._audible:
             if sent.ended <= self.time:
                 whole, over = len(sent.data), True
-            elif sent.settings == self._master:
+            elif sent.settings == self._ear_for(sent):
                 whole = sent.out_by(self.time)
             else:
                 # What other settings make of it shows in one piece.
                 continue
             if whole > sent.taken:
-                self._inbox += heard(sent.sound(sent.taken, whole), sent.settings, self._master)
+                sound = sent.sound(sent.taken, whole)
+                self._inbox += sound if sent.agreed else heard(sound, sent.settings, self._ear_for(sent))
+                del self._inbox[_ROOM:]
                 sent.taken = whole
         if over:
             self._audible = [sent for sent in self._audible if sent.ended > self.time]
@@ -248,5 +341,22 @@ class VirtualLine:
         # Of several that speak at once each character counts.
         step = missing if len(self._audible) == 1 else 1
         return min(
-            sent.end_of(sent.taken + step) if sent.settings == self._master else sent.ended for sent in self._audible
+            sent.end_of(sent.taken + step) if sent.settings == self._ear_for(sent) else sent.ended
+            for sent in self._audible
         )
+
+    def _ear_for(self, sent: Transmission) -> LineSettings:
+        """Return the settings with which the master hears this."""
+        if self._master is not None:
+            return self._master
+        return sent.settings if sent.sender is None else self._agreed[id(sent.sender)]
+
+    def _wire_s(self, settings: LineSettings, characters: int) -> float:
+        return settings.wire_s(characters) if self.paced else 0.0
+
+
+def _then(
+    arrivals: Sequence[tuple[float, bytes]], disturb: Callable[[bytes], Sequence[tuple[float, bytes]]]
+) -> list[tuple[float, bytes]]:
+    """Return what is left when another disturbance has had its turn."""
+    return [(delay + more, left) for delay, data in arrivals for more, left in disturb(data)]

@@ -26,6 +26,11 @@ class Listener(Protocol):
         """The line settings that the master has chosen; None where none are carried or it has chosen none."""
         ...
 
+    @property
+    def descriptor(self) -> int | None:
+        """What to watch for a master that comes or sends; None when it is not open. It changes as masters do."""
+        ...
+
     def open(self) -> None:
         """Make it possible to connect. Raises PortError in one sentence when the place cannot be had."""
         ...

@@ -23,7 +23,8 @@ class Transmission:
     data: as they are on the wire; one that met another is shown as NUL and heard by nobody, as receivers drop
     characters with a wrong parity or stop bit. garbled: whether there is such a one, or the sender lost power in the
     middle. sender: the drive, None for the master, its echo and foreign traffic. taken: how many characters the
-    master's port has heard already. spoilt: the places of those that met another, as ranges.
+    master's port has heard already. spoilt: the places of those that met another, as ranges. agreed: every receiver
+    hears it as if the sender had the settings that it shares with this receiver.
     """
 
     source: Source
@@ -34,6 +35,7 @@ class Transmission:
     ended: float
     garbled: bool = False
     taken: int = 0
+    agreed: bool = False
     spoilt: list[tuple[int, int]] = field(default_factory=list)
 
     def sound(self, first: int, last: int) -> bytes:

@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 class VirtualPort:
     """The master's end of a virtual line."""
 
-    paced = True
     real_time = False
     descriptor = None
 
     def __init__(self, line: VirtualLine) -> None:
         self._line = line
+        self.paced = line.paced
         self._check()
 
     def now(self) -> float:

@@ -30,6 +30,11 @@ class PtyListener:
         """The path to open."""
         return str(self._path)
 
+    @property
+    def descriptor(self) -> int | None:
+        """Our side of the pseudo-terminal."""
+        return None if self._ours < 0 else self._ours
+
     def open(self) -> None:
         """Make the pseudo-terminal and the link. Raises PortError."""
         try:

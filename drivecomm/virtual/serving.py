@@ -7,28 +7,155 @@ with Server([virtual_drive("vabus", 1)], parse_listen("tcp:127.0.0.1:0")) as ser
 
 from __future__ import annotations
 
-import heapq
+import selectors
 import time
-from typing import TYPE_CHECKING, Self
+from contextlib import ExitStack
+from math import inf
+from typing import TYPE_CHECKING, Protocol, Self
 
+from drivecomm.virtual.line import VirtualLine
 from drivecomm.virtual.listeners import parse_listen
-from drivecomm.virtual.station import Station
-from drivecomm.virtual.uart import heard
+from drivecomm.virtual.served_line import ServedLine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
     from threading import Event
     from types import TracebackType
 
-    from drivecomm.line import LineSettings
     from drivecomm.protocol import VirtualDrive
     from drivecomm.virtual.listeners import Listener
 
 # How late a stop may be noticed.
 _TICK_S = 0.1
 _MILLISECOND = 0.001
-# A master that asks on and on without listening would fill the memory with replies; a real line has room for one.
-_MOST_REPLIES = 256
+
+
+class Guest(Protocol):
+    """Something beside the lines that a server's only thread attends to, such as a control socket."""
+
+    def open(self) -> None:
+        """Begin. Raises PortError."""
+        ...
+
+    def close(self) -> None:
+        """Leave nothing behind; may be called again."""
+        ...
+
+    @property
+    def descriptors(self) -> Sequence[int]:
+        """What to watch."""
+        ...
+
+    def attend(self, descriptor: int) -> None:
+        """Something can be read there."""
+        ...
+
+
+class LineServer:
+    """Any number of virtual lines, each with its listener, in one thread that wakes for events and bytes only.
+
+    The lines' clocks follow the one on the wall, from the moment in which the server is entered. Entering opens the
+    listeners and guests, and raises PortError when one cannot be.
+    """
+
+    def __init__(self, lines: Sequence[ServedLine], guests: Sequence[Guest] = ()) -> None:
+        self.lines = lines
+        self._guests = guests
+        self._selector: selectors.BaseSelector | None = None
+        self._watched: dict[ServedLine, int | None] = {}
+        self._due = dict.fromkeys(lines, 0.0)
+        self._looked_at = 0.0
+        self._watched_for_guests: dict[int, Guest] = {}
+        self._began = time.monotonic()
+        self._open = ExitStack()
+
+    def now(self) -> float:
+        """Return the time that the lines live in: seconds since the server was entered."""
+        return time.monotonic() - self._began
+
+    def run(self, stop: Event) -> None:
+        """Serve until the event is set, and a tenth of a second at most after it; may be called again."""
+        while not stop.is_set():
+            self._serve_once()
+
+    def __enter__(self) -> Self:
+        with ExitStack() as opened:
+            self._selector = opened.enter_context(selectors.DefaultSelector())
+            for listener in (served.listener for served in self.lines):
+                opened.callback(listener.close)
+                listener.open()
+            for guest in self._guests:
+                opened.callback(guest.close)
+                guest.open()
+            self._open = opened.pop_all()
+        self._watched = dict.fromkeys(self.lines)
+        self._watched_for_guests = {}
+        self._began = time.monotonic()
+        self._looked_at = 0.0
+        for served in self.lines:
+            self._watch(served)
+        self._watch_guests()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._selector = None
+        self._open.close()
+
+    def _serve_once(self) -> None:
+        selector = self._selector
+        if selector is None:
+            return
+        due = min(self._due.values(), default=inf) - self.now()
+        if 0 < due < _MILLISECOND:
+            # What waits for sockets and terminals knows whole milliseconds only.
+            time.sleep(due)
+            due = 0.0
+        whole = max(0.0, min(_TICK_S, due)) // _MILLISECOND * _MILLISECOND
+        ready = selector.select(whole)
+        for key, _ in ready:
+            if isinstance(key.data, ServedLine):
+                key.data.attend(self.now())
+                self._watch(key.data)
+            elif key.fd in self._watched_for_guests:
+                key.data.attend(key.fd)
+                self._watch_guests()
+                self._look_again()
+        now = self.now()
+        if now - self._looked_at >= _TICK_S:
+            # Another thread may have done something to a line.
+            self._look_again()
+        for served in [served for served, due in self._due.items() if due <= now]:
+            served.follow(now)
+            self._watch(served)
+
+    def _look_again(self) -> None:
+        self._looked_at = self.now()
+        for served in self.lines:
+            self._due[served] = served.due
+
+    def _watch(self, served: ServedLine) -> None:
+        """Note when the line is due, and watch what its master is to be heard on: it comes, goes and is held back."""
+        self._due[served] = served.due
+        before, wanted = self._watched[served], served.descriptor
+        if self._selector is None or before == wanted:
+            return
+        if before is not None:
+            self._selector.unregister(before)
+        if wanted is not None:
+            self._selector.register(wanted, selectors.EVENT_READ, served)
+        self._watched[served] = wanted
+
+    def _watch_guests(self) -> None:
+        if self._selector is None:
+            return
+        wanted = {descriptor: guest for guest in self._guests for descriptor in guest.descriptors}
+        for descriptor in set(self._watched_for_guests) - set(wanted):
+            self._selector.unregister(descriptor)
+        for descriptor in set(wanted) - set(self._watched_for_guests):
+            self._selector.register(descriptor, selectors.EVENT_READ, wanted[descriptor])
+        self._watched_for_guests = wanted
 
 
 class Server:
@@ -36,21 +163,17 @@ class Server:
 
     Every drive hears everything on the line and ignores what is not for it. echo: the master hears itself, as on some
     two-wire adapters. paced: characters take the time that they take at the drive's baud rate; a telegram then arrives
-    when its last character would have. Entering opens the listener and raises PortError when it cannot.
+    when its last character would have. Entering opens the listener and raises PortError when it cannot. line: the
+    virtual line itself, the same as in virtual time; its faults can be set, its drives lose power.
     """
 
     def __init__(
         self, drives: Iterable[VirtualDrive], listener: Listener, *, echo: bool = False, paced: bool = False
     ) -> None:
-        self.drives = list(drives)
+        self.line = VirtualLine(drives, echo=echo, paced=paced)
+        self.drives = self.line.drives
         self._listener = listener
-        self._echo = echo
-        self._paced = paced
-        self._stations = [Station(drive) for drive in self.drives]
-        self._replies: list[tuple[float, int, Station, bytes]] = []
-        self._order = 0
-        self._busy_until = 0.0
-        self._began = time.monotonic()
+        self._server = LineServer([ServedLine(self.line, listener)])
 
     @property
     def address(self) -> str:
@@ -59,68 +182,20 @@ class Server:
 
     def run(self, stop: Event) -> None:
         """Serve until the event is set, and a tenth of a second at most after it; may be called again."""
-        while not stop.is_set():
-            self._serve_once()
+        self._server.run(stop)
 
     def now(self) -> float:
-        """Return the time that the drives live in: seconds since the server was made."""
-        return time.monotonic() - self._began
+        """Return the time that the drives live in: seconds since the server was entered."""
+        return self._server.now()
 
     def __enter__(self) -> Self:
-        self._listener.open()
+        self._server.__enter__()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._listener.close()
-
-    def _serve_once(self) -> None:
-        due = self._replies[0][0] - self.now() if self._replies else _TICK_S
-        if 0 < due < _MILLISECOND:
-            # What waits for sockets and terminals knows whole milliseconds only.
-            time.sleep(due)
-            due = 0.0
-        whole = max(0.0, min(_TICK_S, due)) // _MILLISECOND * _MILLISECOND
-        data = self._listener.receive(whole)
-        if data:
-            self._hear_master(data)
-        while self._replies and self._replies[0][0] <= self.now():
-            _, _, station, reply = heapq.heappop(self._replies)
-            self._speak(station, reply)
-
-    def _hear_master(self, data: bytes) -> None:
-        if self._echo:
-            self._listener.send(data)
-        now = self.now()
-        for station in self._stations:
-            self._tell(station, data, self._listener.settings, now)
-
-    def _speak(self, station: Station, reply: bytes) -> None:
-        settings, now = station.drive.settings, self.now()
-        self._listener.send(_at(self._listener.settings, reply, settings))
-        for other in self._stations:
-            if other is not station:
-                self._tell(other, reply, settings, now)
-
-    def _tell(self, station: Station, data: bytes, sender: LineSettings | None, now: float) -> None:
-        """Let a drive hear something, and note down what it answers."""
-        drive = station.drive
-        arriving = data if sender is None else heard(data, sender, drive.settings)
-        for answer in station.hear(arriving, now, now):
-            begins = now + answer.delay_s
-            if self._paced:
-                # A line carries one telegram at a time: the request, the drive's delay, the reply.
-                begins = max(begins + drive.settings.wire_s(len(data)), self._busy_until)
-                begins += drive.settings.wire_s(len(answer.data))
-                self._busy_until = begins
-            if len(self._replies) < _MOST_REPLIES:
-                self._order += 1
-                heapq.heappush(self._replies, (begins, self._order, station, answer.data))
-
-
-def _at(receiver: LineSettings | None, data: bytes, sender: LineSettings) -> bytes:
-    return data if receiver is None else heard(data, sender, receiver)
+        self._server.__exit__(kind, error, traceback)
 
 
 def serve(

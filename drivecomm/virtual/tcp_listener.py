@@ -41,6 +41,12 @@ class TcpListener:
         """None: plain TCP carries no line settings."""
         return None
 
+    @property
+    def descriptor(self) -> int | None:
+        """The master's connection; the door while there is none."""
+        watched = self._master or self._door
+        return None if watched is None else watched.fileno()
+
     def open(self) -> None:
         """Listen. Raises PortError."""
         try:

@@ -10,6 +10,7 @@ from drivecomm_danfoss_fc.conversation import BROADCAST
 from drivecomm_danfoss_fc.correlation import mismatch, only_asks
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
 from drivecomm_danfoss_fc.options import DanfossFcOptions
+from drivecomm_danfoss_fc.purposes import purpose
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, blind_spots, message_from, titled_forms
 from drivecomm_danfoss_fc.virtual import VirtualDanfossFcDrive
 
@@ -60,6 +61,7 @@ protocol = Protocol(
     virtual=_virtual,
     blind_spots=blind_spots,
     forms=titled_forms,
+    purpose=purpose,
     parameter_examples=("16-14", "3-10[3]", "1614", "520", "615[1]"),
     only_asks=only_asks,
 )

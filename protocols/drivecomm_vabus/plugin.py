@@ -8,6 +8,7 @@ from drivecomm.line import LineFacts, LineSettings, Timing
 from drivecomm.protocol import Protocol
 from drivecomm_vabus.exchanges import VabusOperations
 from drivecomm_vabus.options import VabusOptions
+from drivecomm_vabus.purposes import purpose
 from drivecomm_vabus.telegrams import (
     BROADCAST,
     NODES,
@@ -66,6 +67,7 @@ protocol = Protocol(
     virtual=_virtual,
     blind_spots=blind_spots,
     forms=titled_forms,
+    purpose=purpose,
     parameter_examples=("481", "520[2]", "C00"),
     only_asks=only_asks,
 )

@@ -36,6 +36,10 @@ class Overheard:
     def settings(self):
         return self._listener.settings
 
+    @property
+    def descriptor(self):
+        return self._listener.descriptor
+
     def receive(self, wait_s):
         data = self._listener.receive(wait_s)
         self.sent += data

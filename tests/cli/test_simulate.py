@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 
@@ -58,9 +59,16 @@ def test_it_stops_cleanly(simulated, tmp_path, number):
     assert not path.is_symlink()
 
 
+def stop_when_it_serves(path):
+    """Send the signal once somebody takes it: the pseudo-terminal is there only after that."""
+    while not path.is_symlink():
+        time.sleep(0.01)
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
 @posix
 def test_in_words(shell, tmp_path):
-    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGTERM)).start()
+    threading.Thread(target=stop_when_it_serves, args=(tmp_path / "line",)).start()
     assert shell("simulate", "-d", "vabus:1", "-l", f"pty:{tmp_path / 'line'}", port=None) == 0
     assert shell.out.endswith("stopped\n")
     assert "stop with Ctrl-C" in shell.out

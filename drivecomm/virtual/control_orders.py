@@ -1,0 +1,120 @@
+r"""What a running plant can be told to do, as objects of JSON: one order in, one answer out.
+
+{"order": "trip", "drive": "pump", "code": 5}
+{"order": "power", "drive": "pump", "state": "off"}           on, off, factory: on again with factory settings
+{"order": "set", "drive": "pump", "parameter": "480", "value": 1000}
+{"order": "inject", "line": "hall", "data": "04 41 FF"}
+{"order": "fault", "text": "drive = 'pump'\nkind = 'drop'"}    as behind [[fault]] in a plant file
+{"order": "show"}                                             or with drive and parameters: what it holds
+
+The answer is {"ok": true, ...}, or {"ok": false, "error": a sentence}.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.plant_files import bytes_of, read_fault
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from drivecomm.virtual.virtual_plant import VirtualPlant
+
+_TEXT = ((str,), "a text")
+_WHOLE = ((int,), "a whole number")
+_RAW = ((int, str), "a whole number or a text")
+
+
+def answer_order(plant: VirtualPlant, text: bytes) -> bytes:
+    """Carry out an order, a line of JSON, and return the answer, a line of JSON."""
+    try:
+        told = {"ok": True, **_carried_out(plant, _order(text))}
+    except DriveCommError as error:
+        told = {"ok": False, "error": " ".join(str(error).split())}
+    return json.dumps(told).encode() + b"\n"
+
+
+def _order(text: bytes) -> Mapping[str, Any]:
+    try:
+        order = json.loads(text)
+    except (ValueError, RecursionError):
+        order = None
+    if not isinstance(order, dict):
+        raise UsageError('an order is one object of JSON on a line of its own, such as {"order": "show"}')
+    return order
+
+
+def _carried_out(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
+    orders: dict[str, Callable[[VirtualPlant, Mapping[str, Any]], Mapping[str, Any]]] = {
+        "trip": _trip,
+        "power": _power,
+        "set": _set,
+        "inject": _inject,
+        "fault": _fault,
+        "show": _show,
+    }
+    name = order.get("order")
+    if not isinstance(name, str) or name not in orders:
+        raise UsageError(f"{name!r} is no order; write one of {', '.join(orders)}")
+    return orders[name](plant, order)
+
+
+def _trip(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
+    drive, code = _fields(order, drive=_TEXT, code=_WHOLE)
+    plant.trip(drive, code)
+    return {}
+
+
+def _power(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
+    drive, state = _fields(order, drive=_TEXT, state=_TEXT)
+    states = {"on": plant.power_on, "off": plant.power_off, "factory": plant.power_on_as_new}
+    if state not in states:
+        raise UsageError(f"power cannot be {state!r}; write one of {', '.join(states)}")
+    states[state](drive)
+    return {}
+
+
+def _set(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
+    drive, parameter, value = _fields(order, drive=_TEXT, parameter=_TEXT, value=_RAW)
+    plant.set(drive, parameter, value)
+    return {"value": plant.get(drive, parameter)}
+
+
+def _inject(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
+    line, data = _fields(order, line=_TEXT, data=_TEXT)
+    plant.inject(line, bytes_of(data))
+    return {}
+
+
+def _fault(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
+    (text,) = _fields(order, text=_TEXT)
+    plant.add(read_fault(text))
+    return {}
+
+
+def _show(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
+    if "drive" in order:
+        drive, parameters = _fields(order, drive=_TEXT, parameters=((list,), "a list of texts"))
+        return {"values": {str(parameter): plant.get(drive, str(parameter)) for parameter in parameters}}
+    _fields(order)
+    return {
+        "speed": plant.speed,
+        "lines": [{"name": name, "time_s": round(line.time, 3)} for name, line in plant.lines.items()],
+        "drives": [state._asdict() for state in plant.states()],
+    }
+
+
+def _fields(order: Mapping[str, Any], **known: tuple[tuple[type, ...], str]) -> list[Any]:
+    """Return the fields of an order, in this order; all must be there, and no others."""
+    name = order["order"]
+    for key in sorted(set(order) - set(known) - {"order"}):
+        raise UsageError(f"the order {name} has no {key!r}; it has {', '.join(known) or 'nothing more'}")
+    for key, (types, words) in known.items():
+        if key not in order:
+            raise UsageError(f"the order {name} lacks {key}; write {words}")
+        if not isinstance(order[key], types) or isinstance(order[key], bool):
+            raise UsageError(f"{key} of the order {name} cannot be {order[key]!r}; write {words}")
+    return [order[key] for key in known]

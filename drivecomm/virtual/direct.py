@@ -1,0 +1,46 @@
+"""Exchanges with a virtual drive itself, on no line and in no time: what a master would be told now."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeVar
+
+from drivecomm.errors import NoReplyError
+from drivecomm.exchange import Ask, Pause
+from drivecomm.framing import Framed
+
+if TYPE_CHECKING:
+    from drivecomm.exchange import Exchange
+    from drivecomm.framing import Codec
+    from drivecomm.protocol import VirtualDrive
+    from drivecomm.telegram import Message
+
+T = TypeVar("T")
+
+
+def carry_out(exchange: Exchange[T], drive: VirtualDrive, codec: Codec, now: float) -> T:
+    """Carry out an exchange of the drive's protocol. Raises what the exchange raises; NoReplyError for silence.
+
+    codec: the master's, for the drive's options.
+    """
+    try:
+        command = next(exchange)
+        while True:
+            if isinstance(command, Pause):
+                command = exchange.send(None)
+                continue
+            reply = answer_to(command.message, drive, codec, now)
+            if isinstance(command, Ask) and reply is None:
+                silence = NoReplyError(f"the virtual drive at address {drive.address} does not answer")
+                command = exchange.throw(silence)
+            else:
+                command = exchange.send(reply)
+    except StopIteration as end:
+        result: T = end.value
+        return result
+
+
+def answer_to(request: Message, drive: VirtualDrive, codec: Codec, now: float) -> Message | None:
+    """Return what a drive answers to a request, None for silence."""
+    data = codec.encode(request)
+    reply = drive.hear(Framed(data, drive.codec.decode(data, "request")), now)
+    return None if reply is None else codec.decode(reply.data, "reply")

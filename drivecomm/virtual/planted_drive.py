@@ -1,0 +1,183 @@
+"""A virtual drive of a plant: its process has a clock of its own, and its answers can be made to lie."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import DriveCommError, DriveError, NoReplyError, ValueRefusedError
+from drivecomm.framing import Framed
+from drivecomm.virtual.direct import carry_out
+from drivecomm.virtual.drives import drive_type
+from drivecomm.virtual.station import Restarts
+from drivecomm.virtual.stuck_answer import StuckAnswer
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any
+
+    from drivecomm.framing import Codec, Damaged
+    from drivecomm.line import LineSettings
+    from drivecomm.models import Model
+    from drivecomm.motor import Motor
+    from drivecomm.plant import PlantDrive
+    from drivecomm.protocol import Purpose, VirtualDrive, VirtualReply
+    from drivecomm.reading import Reading
+    from drivecomm.telegram import Message
+
+
+class PlantedDrive:
+    """A drive as its line sees it; `inner` is the protocol's own virtual drive, another one after a factory reset.
+
+    Times are seconds of the line; the process inside goes `speed` times as fast. asked: the last request that it
+    answered. Making one raises UsageError for what cannot be, with the drive's name.
+    """
+
+    def __init__(self, planned: PlantDrive, model: Model, *, for_all: Mapping[str, Any], speed: float) -> None:
+        options = {name: value for name, value in planned.options.items() if name != "model"}
+        self.planned = planned
+        self.type = drive_type(planned.protocol, planned.address, model=model, options=options, for_all=for_all)
+        self.asked: Message | None = None
+        self.inner: VirtualDrive = self.type.new()
+        planned.fit(self.inner.motor)
+        self._speed = speed
+        self._stuck: list[StuckAnswer] = []
+        self._broadcast = self.type.plugin.broadcast_address
+        self._codec = self.type.plugin.codec(self.type.options)
+        self._operations = self.type.plugin.operations(planned.address, self.type.options, self.type.model)
+        spare = self.type.new() if planned.values else self.inner
+        for parameter, raw in planned.values.items():
+            self._try(spare, parameter, raw)
+            self.inner.poke(parameter, raw)
+
+    # What the line needs of it
+
+    @property
+    def name(self) -> str:
+        """What the plant calls it."""
+        return self.planned.name
+
+    @property
+    def address(self) -> int:
+        """Its address, which some drives keep in a parameter."""
+        return self.inner.address
+
+    @address.setter
+    def address(self, address: int) -> None:
+        self.inner.address = address
+
+    @property
+    def settings(self) -> LineSettings:
+        """Its line settings."""
+        return self.inner.settings
+
+    @settings.setter
+    def settings(self, settings: LineSettings) -> None:
+        self.inner.settings = settings
+
+    @property
+    def gap_s(self) -> float:
+        """The longest pause inside a telegram."""
+        return self.inner.gap_s
+
+    @gap_s.setter
+    def gap_s(self, gap_s: float) -> None:
+        self.inner.gap_s = gap_s
+
+    @property
+    def motor(self) -> Motor:
+        """Its motor; the motor's time is that of the process."""
+        return self.inner.motor
+
+    @motor.setter
+    def motor(self, motor: Motor) -> None:
+        self.inner.motor = motor
+
+    @property
+    def codec(self) -> Codec:
+        """The telegrams that it understands."""
+        return self.inner.codec
+
+    def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
+        """Act on a request; a sound one for somebody else is passed over quickly."""
+        if isinstance(find, Framed):
+            address = getattr(find.message, "address", None)
+            if address is not None and address not in (self.inner.address, self._broadcast):
+                return None
+        reply = self.inner.hear(find, now * self._speed)
+        if reply is None:
+            return None
+        self.asked = find.message if isinstance(find, Framed) else None
+        for stuck in self._stuck:
+            reply = stuck.instead_of(reply)
+        return reply
+
+    def peek(self, parameter: str, now: float) -> int | str:
+        """Return what it holds, stuck or not. Raises ParameterAddressError."""
+        return self.inner.peek(parameter, now * self._speed)
+
+    def poke(self, parameter: str, raw: int | str) -> None:
+        """Set what it holds, unless a master could then not read it. Raises UsageError."""
+        # Tried on another drive: one that holds what makes no telegram would never speak again.
+        self._try(self.type.new(), parameter, raw)
+        self.inner.poke(parameter, raw)
+
+    def trip(self, code: int, now: float) -> None:
+        """Make it trip."""
+        self.inner.trip(code, now * self._speed)
+
+    def power_cycle(self, now: float) -> None:
+        """Forget what a real one forgets without power, as far as the protocol's virtual drive can."""
+        if isinstance(self.inner, Restarts):
+            self.inner.power_cycle(now * self._speed)
+
+    # What a plant needs beyond that
+
+    @property
+    def purpose(self) -> Purpose | None:
+        """What the last request that it answered was for; None where its protocol does not tell."""
+        tell = self.type.plugin.purpose
+        return None if tell is None or self.asked is None else tell(self.asked)
+
+    def read(self, parameter: str, now: float) -> Reading:
+        """Return what a master would read now, if nothing is stuck. Raises UsageError, DriveError or ReplyError."""
+        return carry_out(self._operations.read(parameter), self.inner, self._codec, now * self._speed)
+
+    def become_as_new(self, now: float) -> None:
+        """Take back the factory settings: of the line, and of all parameters. The motor stays the same one."""
+        fresh = self.type.new()
+        fresh.settings, fresh.gap_s = self.type.factory_facts.settings, self.type.factory_facts.gap_s
+        self.planned.fit(fresh.motor)
+        fresh.motor.advance(now * self._speed)
+        self.inner = fresh
+
+    def _try(self, spare: VirtualDrive, parameter: str, raw: int | str) -> None:
+        spare.peek(parameter, 0.0)
+        try:
+            carry_out(self._operations.read(parameter), spare, self._codec, 0.0)
+            is_read = True
+        except (DriveError, NoReplyError):
+            # Not to be read by anybody, whatever it holds.
+            is_read = False
+        try:
+            spare.poke(parameter, raw)
+            spare.peek(parameter, 0.0)
+            if is_read:
+                carry_out(self._operations.read(parameter), spare, self._codec, 0.0)
+        except NoReplyError:
+            # It has another address from now on.
+            return
+        except (DriveCommError, ValueError, TypeError, ArithmeticError) as error:
+            raise ValueRefusedError(f"parameter {parameter} cannot hold {raw!r}: {error}") from error
+
+    def stick(self, parameter: str, value: float | str) -> StuckAnswer:
+        """Return what answers reads of a parameter with this value, once it is begun. Raises UsageError."""
+        return StuckAnswer(self.type, self.inner, parameter, value)
+
+    def begin(self, stuck: StuckAnswer) -> None:
+        """Answer with the stuck value from now on."""
+        self.end(stuck.parameter)
+        self._stuck.append(stuck)
+
+    def end(self, parameter: str) -> None:
+        """Answer with what there is again."""
+        self._stuck = [stuck for stuck in self._stuck if stuck.parameter != parameter]

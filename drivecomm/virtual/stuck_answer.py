@@ -1,0 +1,167 @@
+"""A drive whose answers to reads of one parameter show one value, as with a sensor that is stuck.
+
+Where in a reply the value stands is found by trying: the field that makes a master read something else when it is
+changed. So this works for every protocol whose replies carry a value as its readings show it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from decimal import Decimal
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.exchange import Ask
+from drivecomm.protocol import VirtualReply
+from drivecomm.virtual.direct import answer_to
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import VirtualDrive
+    from drivecomm.reading import Reading
+    from drivecomm.telegram import Message
+    from drivecomm.virtual.drives import DriveType
+
+
+class StuckAnswer:
+    """Puts a value in the place of the one that a reply to a read of this parameter carries.
+
+    value: a number as a master reads it, or a text as its `Reading.raw` is. Raises UsageError where the drive has no
+    such parameter, or its replies cannot carry this value.
+    """
+
+    def __init__(self, kind: DriveType, drive: VirtualDrive, parameter: str, value: float | str) -> None:
+        self.parameter = parameter
+        self._plugin = kind.plugin
+        self._codec = kind.plugin.codec(kind.options)
+        self._operations = kind.plugin.operations(kind.address, kind.options, kind.model)
+        now = drive.motor.time
+        # What is refused here would be an error that the drive remembers.
+        drive.peek(parameter, now)
+        asked = next(self._operations.read(parameter))
+        reply = answer_to(asked.message, drive, self._codec, now) if isinstance(asked, Ask) else None
+        if reply is None or not isinstance(asked, Ask):
+            raise UsageError(f"parameter {parameter} cannot be stuck: a read of it is not answered")
+        self._request = asked.message
+        self._field = self._field_of_value(reply)
+        self._content = self._content_for(reply, value)
+
+    def instead_of(self, reply: VirtualReply) -> VirtualReply:
+        """Return what is sent in the place of this reply; the reply itself if it answers something else."""
+        try:
+            message = self._codec.decode(reply.data, "reply")
+            if self._plugin.mismatch(self._request, message) or self._field not in _names(message):
+                return reply
+            changed = self._codec.encode(_with(message, self._field, self._content))
+        except (DriveCommError, ValueError, TypeError, ArithmeticError):
+            # A refusal has no place for a value.
+            return reply
+        return VirtualReply(data=changed, delay_s=reply.delay_s)
+
+    def _field_of_value(self, reply: Message) -> str:
+        other = _another(self._read_from(reply).raw)
+        for name in _names(reply):
+            content = _in_the_form_of(getattr(reply, name), other)
+            shown = None if content is None else self._shown(reply, name, content)
+            if shown is not None and str(shown.raw) == str(other):
+                return name
+        raise UsageError(f"parameter {self.parameter} cannot be stuck: its value is not one field of the reply")
+
+    def _content_for(self, reply: Message, value: float | str) -> Any:
+        """Return what the field holds when a master reads this value."""
+        as_it_is = _in_the_form_of(getattr(reply, self._field), str(value))
+        if isinstance(value, str):
+            possible = [as_it_is]
+        else:
+            possible = [self._interpolated(reply, value), self._written(value), as_it_is]
+        for content in possible:
+            shown = None if content is None else self._shown(reply, self._field, content)
+            if shown is not None and _is(shown, value):
+                return content
+        raw = str(self._read_from(reply).raw)
+        raise UsageError(
+            f"parameter {self.parameter} cannot be stuck at {value!r}; "
+            f"write a number that a master could read, or a raw text such as {raw!r}, what it is now"
+        )
+
+    def _interpolated(self, reply: Message, value: float) -> int | None:
+        """Return the whole number that stands for this value where the scale is linear, None where it is not known."""
+        present = self._read_from(reply)
+        if not isinstance(present.raw, int) or not isinstance(getattr(reply, self._field), int):
+            return None
+        other = int(_another(present.raw))
+        shown = self._shown(reply, self._field, other)
+        try:
+            start, end = Decimal(present.value), Decimal(shown.value if shown is not None else present.value)
+            steps = (Decimal(str(value)) - start) / (end - start)
+        except ArithmeticError:
+            return None
+        return present.raw + round(steps * (other - present.raw))
+
+    def _written(self, value: float) -> Any:
+        """Return how a master would write this number, None where it cannot."""
+        for options in ({}, {"store": True}):
+            try:
+                command = next(self._operations.write(self.parameter, Decimal(str(value)), **options))
+            except DriveCommError:
+                continue
+            return getattr(command.message, self._field, None) if isinstance(command, Ask) else None
+        return None
+
+    def _shown(self, reply: Message, name: str, content: Any) -> Reading | None:
+        """Return what a master reads when this field of the reply has another content, None if nothing."""
+        try:
+            changed = self._codec.encode(_with(reply, name, content))
+            message = self._codec.decode(changed, "reply")
+            return None if self._plugin.mismatch(self._request, message) else self._read_from(message)
+        except (DriveCommError, ValueError, TypeError, ArithmeticError):
+            return None
+
+    def _read_from(self, reply: Message) -> Reading:
+        """Return what a master reads from this reply."""
+        exchange = self._operations.read(self.parameter)
+        next(exchange)
+        try:
+            following = exchange.send(reply)
+            while not isinstance(following, Ask):
+                # Such as the telegram that ends a conversation.
+                following = exchange.send(None)
+        except StopIteration as end:
+            reading: Reading = end.value
+            return reading
+        raise UsageError(f"parameter {self.parameter} cannot be stuck: one reply does not tell its value")
+
+
+def _names(message: Message) -> list[str]:
+    return [field.name for field in fields(message)]
+
+
+def _is(reading: Reading, value: float | str) -> bool:
+    return str(reading.raw) == value if isinstance(value, str) else reading.value == Decimal(str(value))
+
+
+def _with(message: Message, name: str, content: Any) -> Message:
+    changed: Message = replace(message, **{name: content})
+    return changed
+
+
+def _in_the_form_of(present: Any, raw: int | str) -> Any:
+    """Return a raw value as a field like this one holds it, None where it cannot."""
+    try:
+        if isinstance(present, bool):
+            return None
+        if isinstance(present, Decimal):
+            return Decimal(raw)
+        if isinstance(present, int):
+            return int(raw)
+    except (ValueError, ArithmeticError):
+        return None
+    return raw if isinstance(present, str) and isinstance(raw, str) else None
+
+
+def _another(raw: int | str) -> int | str:
+    """Return another raw value of the same form."""
+    if isinstance(raw, int):
+        return raw ^ 1
+    if not raw:
+        raise UsageError("a parameter that holds an empty text cannot be stuck")
+    return raw[:-1] + ("2" if raw[-1] == "1" else "1")

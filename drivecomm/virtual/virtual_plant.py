@@ -1,0 +1,213 @@
+"""A plant of virtual drives on virtual lines, in virtual time or served.
+
+    plant = VirtualPlant(read_plant(Path("plant.toml")))
+    with drivecomm.open_bus(plant.line("hall").port) as bus:
+        ...
+        plant.trip("pump", 5)
+
+Each line has a clock of its own, which passes as its master waits; served lines all follow the clock on the wall.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.models import Model, load_model
+from drivecomm.plant import InjectStep, PowerCutStep, StuckStep, TelegramFault, TripStep
+from drivecomm.registry import installed
+from drivecomm.virtual.condition_watch import ConditionWatch
+from drivecomm.virtual.faults import UNDISTURBED
+from drivecomm.virtual.line import VirtualLine
+from drivecomm.virtual.planted_drive import PlantedDrive
+from drivecomm.virtual.telegram_disturbance import TelegramDisturbance
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.plant import Plant, PlantDrive, PlantLine, Step
+
+LARGEST_SPEED = 1000.0
+
+
+class DriveState(NamedTuple):
+    """A virtual drive at the moment. output_hz: of its motor. fault: its code, 0 for none."""
+
+    name: str
+    drive: str
+    line: str
+    powered: bool
+    running: bool
+    output_hz: float
+    fault: int
+
+
+class VirtualPlant:
+    """The lines and drives of a plant, with its script of faults running.
+
+    speed: how many seconds of the process pass in one of the line, 1 to 1000: motors and script go faster, the wire
+    and everything on it keep their pace. Raises UsageError for what cannot be, with the entry's name.
+    """
+
+    def __init__(self, plant: Plant, *, speed: float = 1.0) -> None:
+        if not 1 <= speed <= LARGEST_SPEED:
+            raise UsageError(f"a speed of {speed:g} cannot be; write a number from 1 to {LARGEST_SPEED:g}")
+        self.plant = plant
+        self.speed = speed
+        self.drives: Mapping[str, PlantedDrive] = self._planted()
+        self.lines: Mapping[str, VirtualLine] = {line.name: self._line_of(line) for line in plant.lines}
+        self.disturbances: list[TelegramDisturbance] = []
+        for number, step in enumerate(plant.script, start=1):
+            try:
+                self.add(step)
+            except DriveCommError as error:
+                raise UsageError(f"fault {number}: {error}") from error
+
+    def line(self, name: str) -> VirtualLine:
+        """Return a line by its name; its `port` opens the master's end. Raises UsageError."""
+        if name not in self.lines:
+            raise UsageError(f"there is no line {name!r} in this plant; it has {', '.join(self.lines)}")
+        return self.lines[name]
+
+    def drive(self, name: str) -> PlantedDrive:
+        """Return a drive by its name. Raises UsageError."""
+        if name not in self.drives:
+            raise UsageError(f"there is no drive {name!r} in this plant; it has {', '.join(self.drives) or 'none'}")
+        return self.drives[name]
+
+    def line_of(self, drive: str) -> VirtualLine:
+        """Return the line that a drive is on. Raises UsageError."""
+        return self.lines[self.drive(drive).planned.line]
+
+    # Steering it
+
+    def trip(self, drive: str, code: int) -> None:
+        """Make a drive trip with this fault code. Raises UsageError."""
+        if code < 1:
+            raise UsageError(f"a trip with fault code {code} cannot be; write a number above 0")
+        self.drive(drive).trip(code, self.line_of(drive).time)
+
+    def power_off(self, drive: str) -> None:
+        """Take a drive's power away; does nothing when it has none. Raises UsageError."""
+        line, planted = self.line_of(drive), self.drive(drive)
+        if line.has_power(planted):
+            line.power_off(planted)
+
+    def power_on(self, drive: str) -> None:
+        """Give a drive its power back; does nothing when it has power. Raises UsageError."""
+        line, planted = self.line_of(drive), self.drive(drive)
+        if not line.has_power(planted):
+            line.power_on(planted)
+
+    def power_on_as_new(self, drive: str) -> None:
+        """Let a drive come back from a power cut with its factory settings. Raises UsageError."""
+        line, planted = self.line_of(drive), self.drive(drive)
+        self.power_off(drive)
+        planted.become_as_new(line.time)
+        line.power_on(planted)
+
+    def set(self, drive: str, parameter: str, raw: int | str) -> None:
+        """Set what a drive holds, raw, as if at its keypad. Raises UsageError."""
+        self.drive(drive).poke(parameter, raw)
+
+    def get(self, drive: str, parameter: str) -> int | str:
+        """Return what a drive holds, raw. Raises UsageError."""
+        return self.drive(drive).peek(parameter, self.line_of(drive).time)
+
+    def inject(self, line: str, data: bytes) -> None:
+        """Put bytes on a line that come from nobody. Raises UsageError."""
+        if not data:
+            raise UsageError("no bytes to inject")
+        self.line(line).inject(data)
+
+    def add(self, step: Step) -> None:
+        """Take a further step into the script; what it names in the past happens at once. Raises UsageError."""
+        if isinstance(step, TelegramFault):
+            self._disturb(step)
+        elif isinstance(step, PowerCutStep):
+            back = self.power_on_as_new if step.factory else self.power_on
+            self._at(step.drive, step.off_at_s, partial(self.power_off, step.drive))
+            if step.back_at_s is not None:
+                self._at(step.drive, step.back_at_s, partial(back, step.drive))
+        elif isinstance(step, TripStep):
+            self._trip_later(step)
+        elif isinstance(step, StuckStep):
+            stuck = self.drive(step.drive).stick(step.parameter, step.value)
+            self._at(step.drive, step.window.from_s, partial(self.drive(step.drive).begin, stuck))
+            if step.window.until_s < float("inf"):
+                self._at(step.drive, step.window.until_s, partial(self.drive(step.drive).end, step.parameter))
+        elif isinstance(step, InjectStep):
+            self.line(step.line).call_at(step.at_s / self.speed, partial(self.inject, step.line, step.data))
+
+    def states(self) -> list[DriveState]:
+        """Return how each drive is at the moment."""
+        return [self._state(drive) for drive in self.drives.values()]
+
+    def _state(self, drive: PlantedDrive) -> DriveState:
+        line, motor = self.line_of(drive.name), drive.motor
+        motor.advance(line.time * self.speed)
+        return DriveState(
+            name=drive.name,
+            drive=f"{drive.planned.protocol}:{drive.address}",
+            line=drive.planned.line,
+            powered=line.has_power(drive),
+            running=motor.running,
+            output_hz=round(motor.output_hz, 2),
+            fault=motor.fault,
+        )
+
+    def _planted(self) -> dict[str, PlantedDrive]:
+        drives = {}
+        settings = {line.name: line.settings for line in self.plant.lines}
+        models: dict[tuple[str, str], Model] = {}
+        for planned in self.plant.drives:
+            try:
+                model = _model_of(planned, models)
+                drives[planned.name] = PlantedDrive(planned, model, for_all=settings[planned.line], speed=self.speed)
+            except DriveCommError as error:
+                raise UsageError(f"drive {planned.name}: {error}") from error
+        return drives
+
+    def _line_of(self, line: PlantLine) -> VirtualLine:
+        return VirtualLine(
+            [self.drives[planned.name] for planned in self.plant.on_line(line.name)],
+            echo=line.echo,
+            faults=UNDISTURBED if line.noise is None else line.noise.plan(),
+            paced=line.paced,
+        )
+
+    def _at(self, drive: str, time_s: float, action: partial[None]) -> None:
+        """Do something at a time of the process, on the clock of the drive's line."""
+        self.line_of(drive).call_at(time_s / self.speed, action)
+
+    def _disturb(self, fault: TelegramFault) -> None:
+        line = self.line_of(fault.drive) if fault.drive else self.line(fault.line)
+        if fault.of is not None and fault.of.startswith("reply to"):
+            for drive in [self.drive(fault.drive)] if fault.drive else self.drives.values():
+                if self.line_of(drive.name) is line and drive.type.plugin.purpose is None:
+                    raise UsageError(
+                        f"the package of {drive.planned.protocol} does not tell reading from writing; "
+                        'write of = "reply", and to = { } with the fields of the request'
+                    )
+        disturbance = TelegramDisturbance(fault, self.speed)
+        self.disturbances.append(disturbance)
+        line.disturbances.append(disturbance)
+
+    def _trip_later(self, step: TripStep) -> None:
+        if step.at_s is not None:
+            self._at(step.drive, step.at_s, partial(self.trip, step.drive, step.code))
+        if step.when is not None:
+            ConditionWatch(self.line_of(step.drive), self.drive(step.drive), step.when, step.code, speed=self.speed)
+
+
+def _model_of(planned: PlantDrive, known: dict[tuple[str, str], Model]) -> Model:
+    """Return a drive's model; hundreds of drives share what was read once."""
+    plugin = installed[planned.protocol]
+    name = planned.options.get("model", plugin.default_model)
+    if isinstance(name, Model):
+        return name
+    key = (planned.protocol, str(name))
+    if key not in known:
+        known[key] = load_model(plugin.package, planned.protocol, name)
+    return known[key]

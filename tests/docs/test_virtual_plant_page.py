@@ -1,0 +1,52 @@
+"""The page about the virtual plant: its file is served, read and steered as the page says."""
+
+import socket
+
+import pytest
+from console import Console, in_process
+from pages import ROOT, blocks_of
+
+from drivecomm.plant_files import read_plant
+from drivecomm.virtual.virtual_plant import VirtualPlant
+
+PAGE = ROOT / "docs" / "virtual-plant.md"
+
+
+@pytest.fixture
+def plant_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("DRIVECOMM_PORT", "DRIVECOMM_CONTROL"):
+        # Set first, so that what the page exports is taken back afterwards.
+        monkeypatch.setenv(name, "")
+        monkeypatch.delenv(name)
+    (content,) = (block.code for block in blocks_of(PAGE) if block.title == "plant.toml")
+    path = tmp_path / "plant.toml"
+    path.write_text(content)
+    return path
+
+
+def test_the_file_is_a_plant(plant_file):
+    assert len(VirtualPlant(read_plant(plant_file)).states()) == 2
+
+
+def test_the_console(plant_file):
+    with socket.create_server(("127.0.0.1", 0)) as one, socket.create_server(("127.0.0.1", 0)) as two:
+        line, control = (f"127.0.0.1:{door.getsockname()[1]}" for door in (one, two))
+    plant_file.write_text(plant_file.read_text().replace("127.0.0.1:4001", line))
+    with FreePorts(in_process, line, control) as console:
+        for block in blocks_of(PAGE):
+            if block.language == "console":
+                console.play(block)
+
+
+class FreePorts(Console):
+    """Takes free ports in the place of those that the page shows."""
+
+    def __init__(self, run, line, control):
+        super().__init__(run)
+        self._own = line
+        self._control = control
+
+    def _carry_out(self, command):
+        code, output = super()._carry_out(command.replace("127.0.0.1:4900", self._control))
+        return code, output.replace(self._control, "127.0.0.1:4900")

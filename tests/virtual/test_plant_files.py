@@ -1,0 +1,176 @@
+"""Plant files: what is read, and what is said about what cannot be."""
+
+from math import inf
+from textwrap import dedent
+
+import pytest
+
+import drivecomm.plant_files
+from drivecomm.errors import FileFormatError
+from drivecomm.plant import (
+    Condition,
+    InjectStep,
+    PlantDrive,
+    PowerCutStep,
+    StuckStep,
+    TelegramFault,
+    TripStep,
+    Window,
+)
+from drivecomm.plant_files import read_fault, read_plant
+from drivecomm.virtual.faults import Fault
+from drivecomm.virtual.virtual_plant import VirtualPlant
+
+HALL = '[[line]]\nname = "hall"\n'
+PUMP = '[[drive]]\nname = "pump"\ndrive = "vabus:1"\n'
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read_text(text):
+        path = tmp_path / "plant.toml"
+        path.write_text(text)
+        return read_plant(path)
+
+    return read_text
+
+
+def test_the_example_in_the_documentation_of_the_module(read):
+    text = drivecomm.plant_files.__doc__
+    plant = read(text[text.index("format = 1") :])
+    (line,) = plant.lines
+    assert (line.name, line.echo, line.paced, line.settings) == ("hall", True, False, {"baudrate": 19200})
+    assert line.noise.plan().kinds == (Fault.CORRUPT, Fault.DROP)
+    assert line.noise.plan().seed == 1
+    assert plant.drives == (
+        PlantDrive(
+            protocol="vabus",
+            address=1,
+            line="hall",
+            name="pump",
+            options={"model": "agile"},
+            values={"480": 1000},
+            motor={"rated_kw": 7.5},
+        ),
+    )
+    assert plant.script == (
+        TelegramFault(
+            line="hall",
+            kind=Fault.DROP,
+            of="reply to a write",
+            to={"parameter": 480},
+            every=3,
+            window=Window(from_s=10, until_s=60),
+        ),
+        PowerCutStep(drive="pump", off_at_s=20, back_at_s=35, factory=True),
+        TripStep(drive="pump", code=5, at_s=40),
+        StuckStep(drive="pump", parameter="210", value=0, window=Window(from_s=5, until_s=9)),
+        InjectStep(line="hall", data=b"\x04A\xff", at_s=3),
+    )
+    VirtualPlant(plant)
+
+
+def test_what_need_not_be_said(read):
+    plant = read("format = 1\n" + HALL + '[[drive]]\ndrive = "fuji:7"\n')
+    assert plant.drives[0].name == "fuji:7"
+    assert plant.drives[0].line == "hall"
+    assert plant.lines[0].paced
+    assert plant.lines[0].noise is None
+    assert plant.on_line("hall") == plant.drives
+    assert plant.on_line("yard") == ()
+
+
+def test_a_condition():
+    step = read_fault('drive = "pump"\ntrip = { code = 5, when = { parameter = "210", above = 45, for_s = 2 } }')
+    assert step == TripStep(drive="pump", code=5, when=Condition(parameter="210", above=45, for_s=2))
+    assert step.when.met_by(45.1)
+    assert not step.when.met_by(45)
+    assert Condition(parameter="1", below=3).met_by(-inf)
+
+
+def fault(text):
+    return "format = 1\n" + HALL + PUMP + "[[fault]]\n" + dedent(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentences"),
+    [
+        ("", ["a plant begins with format = 1"]),
+        ("format = true\n", ["a plant begins with format = 1"]),
+        ("format = 1\nformat = 1\n", ["cannot be read as a plant"]),
+        ("format = 1\n", ["one or more [[line]]"]),
+        ("format = 1\nline = 3\n", ["write [[line]]"]),
+        ("format = 1\nlines = 3\n", ["'lines' is no key here", "write line"]),
+        ("format = 1\n[[line]]\n", ["line 1: the key 'name' is missing; write name = a text in quotes"]),
+        ('format = 1\n[[line]]\nname = ""\n', ["line 1: a line needs a name"]),
+        ("format = 1\n" + HALL + HALL, ["two lines are named 'hall'"]),
+        ("format = 1\n" + HALL + "echo = 1\n", ["line 1 (hall): echo cannot be 1; write true or false"]),
+        ("format = 1\n" + HALL + "baudrate = true\n", ["baudrate cannot be True; write a whole number"]),
+        ("format = 1\n" + HALL + "baudrate = 3\n", ["line 1 (hall): a baud rate of 3"]),
+        ("format = 1\n" + HALL + "baud = 9600\n", ["'baud' is no key here; write baudrate"]),
+        ("format = 1\n" + HALL + "noise = { rate = 2 }\n", ["line 1 (hall): rate = 2", "from 0 to 1"]),
+        ("format = 1\n" + HALL + "noise = { seed = 2 }\n", ["line 1 (hall), noise: the key 'rate' is missing"]),
+        (
+            "format = 1\n" + HALL + 'noise = { rate = 1, kinds = ["rust"] }\n',
+            ["'rust' is no kind", "write one of drop"],
+        ),
+        (
+            "format = 1\n" + HALL + 'noise = { rate = 1, kinds = ["foreign"] }\n',
+            ["line 1 (hall): kinds names no kind of noise"],
+        ),
+        ("format = 1\n" + HALL + "noise = { rate = 1, bits = 9 }\n", ["bits = 9"]),
+        ("format = 1\n" + HALL + '[[drive]]\nname = "pump"\n', ["drive 1 (pump): the key 'drive' is missing"]),
+        ("format = 1\n" + HALL + '[[drive]]\ndrive = "vabus"\n', ["'vabus' names no drive", "PROTOCOL:ADDRESS"]),
+        ("format = 1\n" + HALL + PUMP + PUMP, ["two drives are named 'pump'"]),
+        ("format = 1\n" + HALL + PUMP + 'line = "yard"\n', ["drive pump: there is no line 'yard'", "it has hall"]),
+        ("format = 1\n" + HALL + '[[line]]\nname = "b"\n' + PUMP, ["drive 1 (pump): the key 'line' is missing"]),
+        ("format = 1\n" + HALL + PUMP + 'values = { "480" = 1.5 }\n', ["drive 1 (pump), values: 480 cannot be 1.5"]),
+        ("format = 1\n" + HALL + PUMP + "motor = { kw = 4 }\n", ["drive 1 (pump): a motor has no 'kw'", "rated_kw"]),
+        ("format = 1\n" + HALL + PUMP + "motor = { rated_kw = 0 }\n", ["rated_kw = 0", "above 0"]),
+        (fault('drive = "pump"'), ["fault 1: a fault is one of kind, power, trip, stuck, inject"]),
+        (fault('line = "hall"\nkind = "lost"'), ["fault 1: 'lost' is no kind of fault; write one of drop"]),
+        (fault('line = "hall"\nkind = "power"'), ["fault 1: no telegram can be 'power'"]),
+        (fault('kind = "drop"'), ["of a line or of a drive; name one"]),
+        (fault('line = "yard"\nkind = "drop"'), ["fault 1: there is no line 'yard' in this plant; it has hall"]),
+        (fault('drive = "fan"\nkind = "drop"'), ["fault 1: there is no drive 'fan' in this plant; it has pump"]),
+        (
+            fault('line = "hall"\nkind = "drop"\nof = "writes"'),
+            ["of = 'writes' names no telegrams", "reply to a write"],
+        ),
+        (fault('drive = "pump"\nkind = "drop"\nof = "request"'), ["name the line in place of the drive"]),
+        (fault('line = "hall"\nkind = "drop"\nto = { kind = "select" }'), ['write of = "reply"']),
+        (fault('line = "hall"\nkind = "drop"\nevery = 0'), ["every = 0 is no number of telegrams"]),
+        (fault('line = "hall"\nkind = "drop"\nevery = 2\nrate = 1'), ["every and rate exclude each other"]),
+        (fault('line = "hall"\nkind = "drop"\nfrom_s = 5\nuntil_s = 5'), ["leave no time"]),
+        (fault('line = "hall"\nkind = "delay"\ndelay_s = -1'), ["delay_s = -1"]),
+        (fault('drive = "pump"\npower = { off_at_s = 3, back_at_s = 2 }'), ["back_at_s = 2 is not after off_at_s = 3"]),
+        (fault('drive = "pump"\npower = { off_at_s = 3, factory = true }'), ["write back_at_s"]),
+        (fault('drive = "pump"\npower = 3'), ["fault 1: power cannot be 3; write a table in braces"]),
+        (fault("power = { off_at_s = 3 }"), ["fault 1: the key 'drive' is missing"]),
+        (fault('drive = "pump"\ntrip = { code = 0, at_s = 1 }'), ["fault code 0"]),
+        (fault('drive = "pump"\ntrip = { code = 5 }'), ["at_s or when"]),
+        (fault('drive = "pump"\ntrip = { code = 5, when = { parameter = "1" } }'), ["above or below"]),
+        (fault('drive = "pump"\ntrip = { code = 5, when = { above = 1 } }'), ["fault 1, when: the key 'parameter'"]),
+        (fault('drive = "pump"\nstuck = { value = 5 }'), ["fault 1, stuck: the key 'parameter' is missing"]),
+        (fault('line = "hall"\ninject = { data = "0g", at_s = 1 }'), ["'0g' are no bytes", "two hexadecimal digits"]),
+        (fault('line = "hall"\ninject = { data = "", at_s = 1 }'), ["no bytes to inject"]),
+    ],
+)
+def test_what_is_no_plant(read, tmp_path, text, sentences):
+    with pytest.raises(FileFormatError) as caught:
+        read(text)
+    said = str(caught.value)
+    assert said.startswith(f"{tmp_path / 'plant.toml'}: ")
+    for sentence in sentences:
+        assert sentence in said
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(FileFormatError, match=r"none\.toml: cannot be read as a plant"):
+        read_plant(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize("text", ["=", "kind = 3", 'kind = "drop"', 'line = "a"\nkind = "drop"\nmore = 3'])
+def test_a_text_that_is_no_fault(text):
+    with pytest.raises(FileFormatError, match="fault"):
+        read_fault(text)

@@ -1,0 +1,145 @@
+"""Whatever is written in a plant file, told to a plant or sent to a served line, it ends in a sentence or in order."""
+
+import json
+from contextlib import suppress
+from math import inf
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import drivecomm.plant_files
+from drivecomm.errors import DriveCommError, FileFormatError
+from drivecomm.models import load_model
+from drivecomm.plant import Plant, PlantDrive, PlantLine
+from drivecomm.plant_files import read_plant
+from drivecomm.virtual import VirtualLine, virtual_drive
+from drivecomm.virtual.control_orders import answer_order
+from drivecomm.virtual.served_line import ServedLine
+from drivecomm.virtual.virtual_plant import VirtualPlant
+
+EXAMPLE = drivecomm.plant_files.__doc__
+EXAMPLE = EXAMPLE[EXAMPLE.index("format = 1") :].splitlines()
+ASSIGNMENTS = [number for number, line in enumerate(EXAMPLE) if " = " in line]
+JUNK = [
+    "0",
+    "-1",
+    "1e300",
+    "nan",
+    "inf",
+    "true",
+    '""',
+    '"x"',
+    '"vabus:1"',
+    "[]",
+    "[1]",
+    "{}",
+    "{ a = 1 }",
+    "1979-05-27",
+]
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.sampled_from(ASSIGNMENTS), st.sampled_from(JUNK))
+def test_a_file_with_junk_in_one_place_is_a_plant_or_a_sentence(number, junk):
+    lines = list(EXAMPLE)
+    lines[number] = f"{lines[number].partition(' = ')[0]} = {junk}"
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "plant.toml"
+        path.write_text("\n".join(lines))
+        # Any other error is a failure.
+        with suppress(FileFormatError):
+            plant = read_plant(path)
+            with suppress(DriveCommError):
+                VirtualPlant(plant)
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner, max_size=3),
+    max_leaves=5,
+)
+ORDERS = st.fixed_dictionaries(
+    {"order": st.sampled_from(["trip", "power", "set", "inject", "fault", "show"]) | JSON},
+    optional={
+        "drive": st.just("pump") | JSON,
+        "line": st.just("hall") | JSON,
+        "parameter": st.sampled_from(["480", "481", "410", "10", "394"]) | JSON,
+        "parameters": JSON,
+        "value": JSON,
+        "code": JSON,
+        "state": st.sampled_from(["on", "off", "factory"]) | JSON,
+        "data": st.just("04 41") | JSON,
+        "text": JSON,
+    },
+)
+
+
+MODEL = load_model("drivecomm_vabus", "vabus", "agile")
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(ORDERS, max_size=6))
+def test_orders_are_carried_out_or_refused_and_the_plant_goes_on(orders):
+    drive = PlantDrive(protocol="vabus", address=1, line="hall", name="pump", options={"model": MODEL})
+    plant = VirtualPlant(Plant(lines=(PlantLine(name="hall"),), drives=(drive,)))
+    line = plant.line("hall")
+    port = line.port()
+    port.configure(plant.drive("pump").settings)
+    for order in orders:
+        answer = json.loads(answer_order(plant, json.dumps(order).encode()))
+        assert answer.pop("ok") is True or list(answer) == ["error"]
+        for parameter in ("480", "481", "410"):
+            request = {"kind": "enquiry", "address": 1, "parameter": int(parameter)}
+            port.write(drivecomm.encode("vabus", request, direction="request"))
+            port.read(port.now() + 0.1, 100)
+    assert json.loads(answer_order(plant, b'{"order": "show"}'))["ok"] is True
+
+
+class Listener:
+    address = "nowhere"
+    descriptor = 7
+    settings = None
+
+    def __init__(self):
+        self.incoming = b""
+        self.sent = b""
+
+    def receive(self, _):
+        data, self.incoming = self.incoming, b""
+        return data
+
+    def send(self, data):
+        self.sent += data
+
+
+PIECES = st.lists(st.tuples(st.floats(0, 0.3), st.binary(min_size=1, max_size=40)), max_size=20)
+
+
+@settings(deadline=None, max_examples=60)
+@given(PIECES, st.booleans(), st.lists(st.floats(0, 1), max_size=5))
+def test_a_served_line_comes_to_rest_and_echoes_every_byte(pieces, paced, naps):
+    # A drive that is switched off, so that nothing but the echo is on the line.
+    drive = virtual_drive("danfoss-fc", 1)
+    line = VirtualLine([drive], echo=True, paced=paced)
+    line.power_off(drive)
+    listener = Listener()
+    couple = ServedLine(line, listener)
+    now = 0.0
+    for pause, data in pieces:
+        now += pause
+        listener.incoming = data
+        couple.attend(now)
+        assert couple.due >= now - 1e-9
+    for nap in naps:
+        now += nap
+        couple.follow(now)
+    steps = 0
+    while couple.due < inf:
+        couple.follow(max(now, couple.due))
+        steps += 1
+        assert steps < 1000
+    assert listener.sent == b"".join(data for _, data in pieces)
+    assert line.backlog_s == 0
+    assert couple.descriptor == 7

@@ -1,0 +1,308 @@
+"""A plant in real time: many lines in one thread, and a control socket beside them."""
+
+import json
+import socket
+import sys
+import threading
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import LinkDownError, NoReplyError, PortError, UsageError
+from drivecomm.plant import Plant, PlantDrive, PlantLine, PowerCutStep, TelegramFault
+from drivecomm.virtual.control_door import _MOST_GUESTS, LONGEST_ORDER, parse_place
+from drivecomm.virtual.faults import Fault
+from drivecomm.virtual.plant_control import PlantControl
+from drivecomm.virtual.plant_server import PlantServer
+from drivecomm.virtual.virtual_plant import VirtualPlant
+
+posix = pytest.mark.skipif(sys.platform == "win32", reason="Unix sockets and pseudo-terminals are of POSIX systems")
+
+
+@pytest.fixture(autouse=True)
+def _nothing_left():
+    threads = threading.active_count()
+    descriptors = descriptors_open()
+    yield
+    assert threading.active_count() == threads
+    assert descriptors_open() == descriptors
+
+
+def descriptors_open():
+    folder = Path("/proc/self/fd")
+    return len(list(folder.iterdir())) if folder.exists() else 0
+
+
+def plant_of(lines=1, listen="tcp::0", script=(), speed=1.0, **line):
+    return VirtualPlant(
+        Plant(
+            lines=tuple(PlantLine(name=f"line {number}", listen=listen, **line) for number in range(lines)),
+            drives=tuple(
+                PlantDrive(
+                    protocol="vabus",
+                    address=address,
+                    line=f"line {number}",
+                    name=f"drive {number}-{address}",
+                    options={"reply_delay_s": 0.0},
+                )
+                for number in range(lines)
+                for address in (1, 2)
+            ),
+            script=script,
+        ),
+        speed=speed,
+    )
+
+
+@contextmanager
+def running(plant=None, control="127.0.0.1:0"):
+    stop = threading.Event()
+    with PlantServer(plant or plant_of(paced=False), control=control) as server:
+        thread = threading.Thread(target=server.run, args=(stop,))
+        thread.start()
+        try:
+            yield server
+        finally:
+            stop.set()
+            thread.join()
+
+
+class TestLines:
+    def test_many_lines_in_one_thread(self):
+        with running(plant_of(12, paced=True)) as server:
+            buses = [drivecomm.open_bus(address) for address in server.addresses.values()]
+            for _ in range(2):
+                for bus in buses:
+                    for address in (1, 2):
+                        assert bus.drive("vabus", address).read("481").raw == "000003E8"
+            for bus in buses:
+                bus.close()
+
+    def test_masters_come_and_go_on_every_line(self):
+        with running(plant_of(3, paced=False)) as server:
+            for _ in range(5):
+                for address in server.addresses.values():
+                    with drivecomm.open_bus(address) as bus:
+                        bus.drive("vabus", 1).read("481")
+
+    @posix
+    def test_lines_of_all_kinds(self, tmp_path):
+        plant = Plant(
+            lines=(
+                PlantLine(name="a", listen=f"pty:{tmp_path / 'a'}"),
+                PlantLine(name="b", listen="tcp::0"),
+                PlantLine(name="c", listen="rfc2217::0", paced=False),
+            ),
+            drives=tuple(PlantDrive(protocol="danfoss-fc", address=3, line=line, name=line) for line in "abc"),
+        )
+        with running(VirtualPlant(plant), control="") as server:
+            assert server.control == ""
+            for address in server.addresses.values():
+                with drivecomm.open_bus(address) as bus:
+                    assert bus.drive("danfoss-fc", 3).read("3-41")
+
+    def test_a_script_in_real_time(self):
+        script = (
+            TelegramFault(line="line 0", kind=Fault.DROP, of="reply to a write", every=2),
+            PowerCutStep(drive="drive 0-2", off_at_s=20, back_at_s=2000),
+        )
+        with (
+            running(plant_of(script=script, speed=100.0, paced=False)) as server,
+            drivecomm.open_bus(server.addresses["line 0"]) as bus,
+        ):
+            drive = bus.drive("vabus", 1, attempts=1, reply_timeout_s=0.1)
+            drive.write("481", 1000, type="long")
+            with pytest.raises(NoReplyError):
+                drive.write("481", 1000, type="long")
+            time.sleep(max(0.0, 0.25 - server.now()))
+            with pytest.raises(NoReplyError):
+                bus.drive("vabus", 2, attempts=1, reply_timeout_s=0.1).read("481")
+
+    def test_a_line_that_listens_nowhere(self):
+        with pytest.raises(UsageError, match="line line 0 says nowhere to listen; write listen"):
+            PlantServer(plant_of(listen=""))
+
+    def test_a_place_that_is_taken_leaves_nothing_open(self):
+        with running() as server:
+            taken = server.addresses["line 0"].rpartition(":")[2]
+            lines = (PlantLine(name="a", listen="tcp::0"), PlantLine(name="b", listen=f"tcp::{taken}"))
+            with pytest.raises(PortError, match=f"cannot listen at 127.0.0.1:{taken}"):
+                PlantServer(VirtualPlant(Plant(lines=lines))).__enter__()
+            with pytest.raises(PortError, match=f"cannot listen for control at 127.0.0.1:{taken}"):
+                PlantServer(plant_of(), control=f":{taken}").__enter__()
+
+    def test_waiting_costs_nothing(self):
+        with running(plant_of(50)):
+            before = time.process_time()
+            time.sleep(0.4)
+            assert time.process_time() - before < 0.08
+
+
+class TestControl:
+    def test_every_order(self):
+        plant = plant_of(paced=False)
+        with running(plant) as server, PlantControl(server.control) as control:
+            with drivecomm.open_bus(server.addresses["line 0"]) as bus:
+                drive = bus.drive("vabus", 1, attempts=1, reply_timeout_s=0.1)
+                assert control.order("set", drive="drive 0-1", parameter="481", value=1234) == {"value": "000004D2"}
+                assert drive.read("481").raw == "000004D2"
+                assert control.order("trip", drive="drive 0-1", code=5) == {}
+                assert drive.status().fault
+                state = control.order("show")["drives"][0]
+                assert (state["name"], state["fault"], state["powered"]) == ("drive 0-1", 5, True)
+                control.order("power", drive="drive 0-1", state="off")
+                with pytest.raises(NoReplyError):
+                    drive.read("481")
+                control.order("power", drive="drive 0-1", state="on")
+                assert drive.read("481").raw == "000004D2"
+                control.order("power", drive="drive 0-1", state="factory")
+                assert drive.read("481").raw == "000003E8"
+                control.order("fault", text='drive = "drive 0-1"\nkind = "drop"')
+                with pytest.raises(NoReplyError):
+                    drive.read("481")
+            assert control.order("show", drive="drive 0-1", parameters=["480", "481"])["values"]["481"] == "000003E8"
+
+    def test_injected_bytes_reach_the_master_at_once(self):
+        with running() as server, PlantControl(server.control) as control:
+            host, _, port = server.addresses["line 0"].removeprefix("socket://").rpartition(":")
+            with socket.create_connection((host, int(port)), timeout=5) as master:
+                time.sleep(0.05)
+                control.order("inject", line="line 0", data="68 65 6C 6C 6F")
+                assert master.recv(10) == b"hello"
+
+    @pytest.mark.parametrize(
+        ("order", "sentence"),
+        [
+            (b"x", "an order is one object of JSON"),
+            (b"[1]", "an order is one object of JSON"),
+            (b"[" * 50_000, "an order is one object of JSON"),
+            (b"\xff\xfe", "an order is one object of JSON"),
+            (b"{}", "None is no order; write one of trip, power, set"),
+            ({"order": ["trip"]}, "is no order"),
+            ({"order": "explode"}, "'explode' is no order"),
+            ({"order": "trip", "drive": "drive 0-1"}, "the order trip lacks code; write a whole number"),
+            ({"order": "trip", "drive": "drive 0-1", "code": "5"}, "code of the order trip cannot be '5'"),
+            ({"order": "trip", "drive": "drive 0-1", "code": True}, "cannot be True"),
+            ({"order": "trip", "drive": "drive 0-1", "code": 0}, "fault code 0"),
+            ({"order": "trip", "drive": "drive 9", "code": 5}, "there is no drive 'drive 9'"),
+            ({"order": "show", "code": 5}, "the order show has no 'code'"),
+            ({"order": "power", "drive": "drive 0-1", "state": "half"}, "write one of on, off, factory"),
+            ({"order": "set", "drive": "drive 0-1", "parameter": "999", "value": 1}, "999"),
+            ({"order": "set", "drive": "drive 0-1", "parameter": "x", "value": 1}, "'x'"),
+            ({"order": "inject", "line": "line 0", "data": "xy"}, "'xy' are no bytes"),
+            ({"order": "inject", "line": "line 0", "data": ""}, "no bytes to inject"),
+            ({"order": "fault", "text": "kind = 3"}, "the fault"),
+            ({"order": "fault", "text": 'line = "yard"\nkind = "drop"'}, "there is no line 'yard'"),
+            ({"order": "show", "drive": "drive 0-1", "parameters": ["999"]}, "999"),
+        ],
+    )
+    def test_nonsense_is_refused_in_a_sentence_and_the_plant_goes_on(self, order, sentence):
+        text = order if isinstance(order, bytes) else json.dumps(order).encode()
+        with running() as server:
+            place = parse_place(server.control)
+            with socket.create_connection((place.host, place.port), timeout=5) as guest:
+                guest.sendall(text + b"\n\n" + b'{"order": "show"}\n')
+                answers = guest.makefile("rb")
+                refusal, shown = json.loads(answers.readline()), json.loads(answers.readline())
+                answers.close()
+            assert refusal["ok"] is False
+            assert sentence in refusal["error"]
+            assert "\n" not in refusal["error"]
+            assert shown["ok"] is True
+
+    def test_an_order_in_pieces_and_one_without_end(self):
+        with running() as server:
+            place = parse_place(server.control)
+            with socket.create_connection((place.host, place.port), timeout=5) as guest:
+                for piece in (b'{"or', b'der": "sh', b'ow"}\n'):
+                    guest.sendall(piece)
+                    time.sleep(0.02)
+                assert b'"ok": true' in guest.recv(100_000)
+                with pytest.raises(ConnectionError):  # noqa: PT012 - the end may come at either call
+                    for _ in range(20):
+                        guest.sendall(b"x" * LONGEST_ORDER)
+                        time.sleep(0.01)
+                    if not guest.recv(1):
+                        raise ConnectionError
+            with PlantControl(server.control) as control:
+                assert control.order("show")
+
+    def test_many_programs_at_once_and_no_more(self):
+        with running() as server:
+            controls = [PlantControl(server.control) for _ in range(_MOST_GUESTS)]
+            for control in controls:
+                control.order("show")
+            one_more = PlantControl(server.control)
+            with pytest.raises(LinkDownError):
+                one_more.order("show")
+            for control in [*controls, one_more]:
+                control.close()
+            shown = {}
+            until = time.monotonic() + 5
+            while not shown and time.monotonic() < until:
+                with suppress(LinkDownError), PlantControl(server.control) as control:
+                    shown = control.order("show")
+            assert shown
+
+    def test_somebody_who_asks_and_never_reads_is_let_go(self):
+        with running(plant_of(50, paced=False)) as server:
+            place = parse_place(server.control)
+            with socket.create_connection((place.host, place.port), timeout=5) as guest:
+                guest.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+                with pytest.raises(OSError, match=r"."):  # noqa: PT012 - which of them is the first to fail is chance
+                    for _ in range(2000):
+                        guest.sendall(b'{"order": "show"}\n' * 10)
+                        time.sleep(0.001)
+            with PlantControl(server.control) as control:
+                assert control.order("show")
+
+    @posix
+    def test_a_unix_socket(self, tmp_path):
+        place = f"unix:{tmp_path / 'control'}"
+        for _ in range(2):
+            with running(control=place) as server:
+                assert server.control == place
+                with PlantControl(place) as control:
+                    assert control.order("show")["speed"] == 1
+            assert not (tmp_path / "control").exists()
+        (tmp_path / "control").write_text("mine")
+        with pytest.raises(PortError, match="exists and is no socket"):
+            PlantServer(plant_of(), control=place).__enter__()
+        assert (tmp_path / "control").read_text() == "mine"
+        with pytest.raises(PortError, match="cannot listen for control"):
+            PlantServer(plant_of(), control=f"unix:{tmp_path / 'no' / 'control'}").__enter__()
+
+    @posix
+    def test_a_unix_socket_left_behind_is_replaced(self, tmp_path):
+        path = tmp_path / "control"
+        left = socket.socket(socket.AF_UNIX)
+        left.bind(str(path))
+        left.close()
+        with running(control=f"unix:{path}"), PlantControl(f"unix:{path}") as control:
+            assert control.order("show")
+
+    @pytest.mark.parametrize("text", ["", "here", "host:", "host:x", "host:70000", "unix:"])
+    def test_what_is_no_place(self, text):
+        with pytest.raises(UsageError, match=r"write HOST:PORT or unix:PATH|write unix:PATH"):
+            parse_place(text)
+
+    def test_places(self):
+        assert str(parse_place(":4900")) == "127.0.0.1:4900"
+        assert str(parse_place("[::1]:4900")) == "[::1]:4900"
+
+    def test_no_plant_there(self):
+        with socket.create_server(("127.0.0.1", 0)) as door:
+            place = f"127.0.0.1:{door.getsockname()[1]}"
+        with pytest.raises(PortError, match=f"no plant at {place}"):
+            PlantControl(place)
+
+    def test_a_plant_that_goes(self):
+        with running() as server:
+            control = PlantControl(server.control)
+            control.order("show")
+        with pytest.raises(LinkDownError, match="the plant at"):
+            control.order("show")
+        control.close()
