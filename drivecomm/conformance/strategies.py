@@ -1,4 +1,13 @@
-"""Hypothesis strategies for the telegrams of any installed protocol. Needs the `test` extra; import it from tests only.
+"""Hypothesis strategies for any installed protocol. Needs the `test` extra; import it from tests only.
+
+    telegrams, messages, telegram_fields     sound telegrams, as bytes, as messages and as fields
+    field_values                             the values of one field of them
+    near_telegrams, junk_fields, line_noise  what is none
+    verb_calls, conversations                what a program does with a drive
+    fault_plans                              what goes wrong on a virtual line
+    pieces                                   the same bytes in any pieces
+
+A protocol is named, or given as its plug-in.
 
 A protocol's dataclasses do not say which values its telegrams can carry, and its encoder does. So the limits of each
 field are asked of the encoder, starting from a vector that is known to be sound, and a drawn value stays only if the
@@ -7,13 +16,18 @@ encoder takes it together with the others.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from hypothesis import strategies as st
 
 from drivecomm.conformance.case import codec_for
+from drivecomm.conformance.conversations import VerbCall, conversations, verb_calls
+from drivecomm.conformance.limits import limits
 from drivecomm.conformance.vectors import packaged_vectors
-from drivecomm.errors import DriveCommError
+from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.registry import installed
+from drivecomm.virtual.faults import TRANSMISSION_FAULTS, FaultPlan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -24,13 +38,26 @@ if TYPE_CHECKING:
     from drivecomm.framing import Codec
     from drivecomm.protocol import Protocol
     from drivecomm.telegram import Direction, Message
+    from drivecomm.virtual.faults import Fault
 
-_FARTHEST = 1 << 33
-"""No field of a drive telegram has more than 32 bits."""
+__all__ = [
+    "VerbCall",
+    "conversations",
+    "fault_plans",
+    "field_values",
+    "junk_fields",
+    "line_noise",
+    "messages",
+    "near_telegrams",
+    "pieces",
+    "telegram_fields",
+    "telegrams",
+    "verb_calls",
+]
 
 
 def telegram_fields(
-    plugin: Protocol,
+    protocol: Protocol | str,
     direction: Direction,
     *,
     vectors: VectorFile | None = None,
@@ -40,49 +67,87 @@ def telegram_fields(
 
     vectors: where the shapes come from, the packaged ones if absent. options: the protocol's, for its codec.
     """
-    codec = codec_for(plugin, dict(options or {}))
-
-    def accepts(fields: Mapping[str, Any]) -> bool:
-        return _encoded(plugin, codec, fields, direction) is not None
-
-    shapes = _shapes(vectors or packaged_vectors(plugin), direction, accepts)
-    return st.one_of([_mutated(base, shapes, accepts) for base in shapes])
+    plugin = _plugin(protocol)
+    if vectors is None and not options and plugin is installed.get(plugin.name):
+        return st.deferred(lambda: _packaged_fields(plugin.name, direction))
+    return st.deferred(lambda: _fields(plugin, direction, vectors or packaged_vectors(plugin), dict(options or {})))
 
 
 def messages(
-    plugin: Protocol,
+    protocol: Protocol | str,
     direction: Direction,
     *,
     vectors: VectorFile | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> SearchStrategy[Message]:
     """Messages that the protocol's encoder accepts."""
+    plugin = _plugin(protocol)
     drawn = telegram_fields(plugin, direction, vectors=vectors, options=options)
     return drawn.map(lambda fields: plugin.message(fields, direction))
 
 
 def telegrams(
-    plugin: Protocol,
+    protocol: Protocol | str,
     direction: Direction,
     *,
     vectors: VectorFile | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> SearchStrategy[bytes]:
     """Sound telegrams as bytes."""
+    plugin = _plugin(protocol)
     codec = codec_for(plugin, dict(options or {}))
     return messages(plugin, direction, vectors=vectors, options=options).map(codec.encode)
 
 
+def field_values(
+    protocol: Protocol | str,
+    direction: Direction,
+    name: str,
+    *,
+    vectors: VectorFile | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> SearchStrategy[Any]:
+    """Values of one field, such as "parameter", as they stand in sound telegrams of every kind that has it.
+
+    Raises UsageError when no telegram of this direction has it.
+    """
+    plugin = _plugin(protocol)
+    known = {
+        each
+        for vector in (vectors or packaged_vectors(plugin)).vectors
+        if vector.valid and vector.direction == direction
+        for each in vector.fields
+    }
+    if name not in known:
+        raise UsageError(f"no {plugin.name} {direction} has a field {name!r}; they have {', '.join(sorted(known))}")
+    drawn = telegram_fields(plugin, direction, vectors=vectors, options=options)
+    return drawn.filter(lambda fields: name in fields).map(lambda fields: fields[name])
+
+
+def fault_plans(
+    *, highest_rate: float = 0.3, kinds: Sequence[Fault] = TRANSMISSION_FAULTS, delay_s: float = 1.0
+) -> SearchStrategy[FaultPlan]:
+    """Fault plans for virtual lines: how often something goes wrong, what of these kinds, and in which course."""
+    return st.builds(
+        FaultPlan,
+        rate=st.floats(0, highest_rate),
+        seed=st.integers(0, 2**32 - 1),
+        kinds=st.lists(st.sampled_from(kinds), min_size=1, unique=True),
+        delay_s=st.floats(0, delay_s),
+    )
+
+
 def near_telegrams(
-    plugin: Protocol, direction: Direction, *, vectors: VectorFile | None = None
+    protocol: Protocol | str, direction: Direction, *, vectors: VectorFile | None = None
 ) -> SearchStrategy[bytes]:
     """Bytes that are hardly ever a telegram: arbitrary ones, and telegrams cut, lengthened and damaged."""
-    sound = telegrams(plugin, direction, vectors=vectors)
+    sound = telegrams(protocol, direction, vectors=vectors)
     return st.one_of(st.binary(max_size=64), sound, sound.flatmap(_damaged))
 
 
-def junk_fields(plugin: Protocol, direction: Direction, *, vectors: VectorFile | None = None) -> Any:
+def junk_fields(protocol: Protocol | str, direction: Direction, *, vectors: VectorFile | None = None) -> Any:
     """Mappings that name the protocol's fields and hold anything: wrong types, wrong ranges, too many, too few."""
+    plugin = _plugin(protocol)
     entries = [
         vector.fields
         for vector in (vectors or packaged_vectors(plugin)).vectors
@@ -121,6 +186,29 @@ def line_noise(codec: Codec, direction: Direction) -> SearchStrategy[bytes]:
     """Bytes none of which begins a telegram."""
     silent = [byte for byte in range(256) if codec.measure(bytes([byte]), direction) == 0]
     return st.lists(st.sampled_from(silent), max_size=20).map(bytes) if silent else st.just(b"")
+
+
+def _plugin(protocol: Protocol | str) -> Protocol:
+    return installed[protocol] if isinstance(protocol, str) else protocol
+
+
+# Asking the encoder for the limits of every field takes longer than drawing from them.
+@lru_cache
+def _packaged_fields(name: str, direction: Direction) -> SearchStrategy[dict[str, Any]]:
+    plugin = installed[name]
+    return _fields(plugin, direction, packaged_vectors(plugin), {})
+
+
+def _fields(
+    plugin: Protocol, direction: Direction, vectors: VectorFile, options: dict[str, Any]
+) -> SearchStrategy[dict[str, Any]]:
+    codec = codec_for(plugin, options)
+
+    def accepts(fields: Mapping[str, Any]) -> bool:
+        return _encoded(plugin, codec, fields, direction) is not None
+
+    shapes = _shapes(vectors, direction, accepts)
+    return st.one_of([_mutated(base, shapes, accepts) for base in shapes])
 
 
 def _damaged(data: bytes) -> SearchStrategy[bytes]:
@@ -199,22 +287,7 @@ def _values(
 
 def _limits(name: str, fields: Mapping[str, Any], accepts: Callable[[Mapping[str, Any]], bool]) -> tuple[int, int]:
     """Return the lowest and the highest value that the encoder takes, as far as it takes all between them."""
-    start = fields[name]
-
-    def farthest(sign: int) -> int:
-        sound, step = 0, 1
-        while step < _FARTHEST and accepts({**fields, name: start + sign * step}):
-            sound, step = step, step * 2
-        refused = step
-        while refused - sound > 1:
-            middle = (sound + refused) // 2
-            if accepts({**fields, name: start + sign * middle}):
-                sound = middle
-            else:
-                refused = middle
-        return int(start + sign * sound)
-
-    return farthest(-1), farthest(1)
+    return limits(fields[name], lambda value: accepts({**fields, name: value}))
 
 
 def _texts(like: str) -> SearchStrategy[str]:

@@ -12,7 +12,7 @@ from drivecomm.virtual.station import Restarts
 from drivecomm.virtual.stuck_answer import StuckAnswer
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from typing import Any
 
     from drivecomm.framing import Codec, Damaged
@@ -32,12 +32,21 @@ class PlantedDrive:
     answered. Making one raises UsageError for what cannot be, with the drive's name.
     """
 
-    def __init__(self, planned: PlantDrive, model: Model, *, for_all: Mapping[str, Any], speed: float) -> None:
+    def __init__(
+        self,
+        planned: PlantDrive,
+        model: Model,
+        *,
+        for_all: Mapping[str, Any],
+        speed: float,
+        around: Callable[[str, VirtualDrive], VirtualDrive],
+    ) -> None:
         options = {name: value for name, value in planned.options.items() if name != "model"}
         self.planned = planned
         self.type = drive_type(planned.protocol, planned.address, model=model, options=options, for_all=for_all)
         self.asked: Message | None = None
-        self.inner: VirtualDrive = self.type.new()
+        self._around = around
+        self.inner: VirtualDrive = around(planned.name, self.type.new())
         planned.fit(self.inner.motor)
         self._speed = speed
         self._stuck: list[StuckAnswer] = []
@@ -144,7 +153,7 @@ class PlantedDrive:
 
     def become_as_new(self, now: float) -> None:
         """Take back the factory settings: of the line, and of all parameters. The motor stays the same one."""
-        fresh = self.type.new()
+        fresh = self._around(self.name, self.type.new())
         fresh.settings, fresh.gap_s = self.type.factory_facts.settings, self.type.factory_facts.gap_s
         self.planned.fit(fresh.motor)
         fresh.motor.advance(now * self._speed)

@@ -24,9 +24,10 @@ from drivecomm.virtual.planted_drive import PlantedDrive
 from drivecomm.virtual.telegram_disturbance import TelegramDisturbance
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from drivecomm.plant import Plant, PlantDrive, PlantLine, Step
+    from drivecomm.protocol import VirtualDrive
 
 LARGEST_SPEED = 1000.0
 
@@ -47,14 +48,22 @@ class VirtualPlant:
     """The lines and drives of a plant, with its script of faults running.
 
     speed: how many seconds of the process pass in one of the line, 1 to 1000: motors and script go faster, the wire
-    and everything on it keep their pace. Raises UsageError for what cannot be, with the entry's name.
+    and everything on it keep their pace. around: told each drive's name and the protocol's own virtual drive, returns
+    what stands in its place, to watch it say. Raises UsageError for what cannot be, with the entry's name.
     """
 
-    def __init__(self, plant: Plant, *, speed: float = 1.0) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        *,
+        speed: float = 1.0,
+        around: Callable[[str, VirtualDrive], VirtualDrive] = lambda _, drive: drive,
+    ) -> None:
         if not 1 <= speed <= LARGEST_SPEED:
             raise UsageError(f"a speed of {speed:g} cannot be; write a number from 1 to {LARGEST_SPEED:g}")
         self.plant = plant
         self.speed = speed
+        self._around = around
         self.drives: Mapping[str, PlantedDrive] = self._planted()
         self.lines: Mapping[str, VirtualLine] = {line.name: self._line_of(line) for line in plant.lines}
         self.disturbances: list[TelegramDisturbance] = []
@@ -164,7 +173,9 @@ class VirtualPlant:
         for planned in self.plant.drives:
             try:
                 model = _model_of(planned, models)
-                drives[planned.name] = PlantedDrive(planned, model, for_all=settings[planned.line], speed=self.speed)
+                drives[planned.name] = PlantedDrive(
+                    planned, model, for_all=settings[planned.line], speed=self.speed, around=self._around
+                )
             except DriveCommError as error:
                 raise UsageError(f"drive {planned.name}: {error}") from error
         return drives

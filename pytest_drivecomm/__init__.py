@@ -1,0 +1,74 @@
+"""The pytest plug-in: fixtures with virtual drives, and the decoded trace of their lines under a test that fails.
+
+pytest imports this module at the start of every run of every project in whose environment drivecomm is installed. So
+it imports nothing of drivecomm, not even the package: that happens when a test asks for one of the fixtures.
+
+    virtual_line    makes a line with virtual drives on it: WatchedLine
+    virtual_drive   makes a line with one virtual drive on it: WatchedDrive
+    virtual_plant   makes the lines and drives of a plant file: WatchedPlant
+
+Everything that they made is closed at the end of the test. What they take is said in `drivecomm.conformance.fixtures`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from drivecomm.conformance.fixtures import LineMaker, MakesDrive, MakesLine, MakesPlant
+
+_LINES = pytest.StashKey["LineMaker"]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add --drivecomm-seed."""
+    parser.getgroup("drivecomm", "drivecomm: virtual drives").addoption(
+        "--drivecomm-seed",
+        type=int,
+        default=0,
+        metavar="N",
+        help="Another course of the faults on virtual lines; 0 unless given.",
+    )
+
+
+@pytest.fixture
+def _virtual_lines(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Generator[LineMaker, None, None]:
+    from drivecomm.conformance.fixtures import LineMaker  # noqa: PLC0415 - loaded by the tests that use it
+
+    seed: int = request.config.getoption("--drivecomm-seed")
+    with LineMaker(seed, folder=lambda: tmp_path_factory.mktemp("line")) as lines:
+        request.node.stash[_LINES] = lines
+        yield lines
+
+
+@pytest.fixture
+def virtual_line(_virtual_lines: LineMaker) -> MakesLine:
+    """Make a line: `virtual_line(["vabus:1", "danfoss-fc:3"], listen=None, faults=0.0, echo=False, paced=False)`."""
+    return _virtual_lines.line
+
+
+@pytest.fixture
+def virtual_drive(_virtual_lines: LineMaker) -> MakesDrive:
+    """Make a drive on a line of its own: `virtual_drive("vabus:1", listen="pty", model=..., own options)`."""
+    return _virtual_lines.drive
+
+
+@pytest.fixture
+def virtual_plant(_virtual_lines: LineMaker) -> MakesPlant:
+    """Make a plant: `virtual_plant("plant.toml", listen=None)`."""
+    return _virtual_lines.plant
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Attach what went over the virtual lines of a test that failed."""
+    report = yield
+    if report.failed and (lines := item.stash.get(_LINES, None)) is not None:
+        report.sections.extend((f"drivecomm: {title}", text) for title, text in lines.traces())
+    return report
