@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from drivecomm.cli import drives, telegrams
+from drivecomm.cli.cohabit import cohabit
 from drivecomm.cli.demo import demo
 from drivecomm.cli.doctor import doctor
 from drivecomm.cli.forecast import forecast
@@ -68,6 +69,7 @@ app.command(cls=LineCommand, context_settings=_NEGATIVE_NUMBERS)(on_a_line(drive
 app.command(cls=LineCommand)(on_a_line(drives.call))
 app.command(cls=LineCommand)(on_a_line(poll))
 app.command(cls=LineCommand)(on_a_line(forecast))
+app.command()(cohabit)
 app.command()(simulate)
 app.command(cls=LineCommand)(on_a_line(replay))
 app.command()(sniff)

@@ -1,0 +1,124 @@
+"""The cohabit command: whether drives on one line can take each other's telegrams for their own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drivecomm.cli.drive_names import parse_drive
+from drivecomm.cli.output import emit, plain, say
+from drivecomm.cohabitation import LineDrive, check_line
+from drivecomm.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from drivecomm.cohabitation import Cohabitation, Proof, Verdict
+
+
+def cohabit(
+    plant: Annotated[
+        Path | None, typer.Argument(metavar="[PLANT]", help="Plant file (.toml) with lines and drives.")
+    ] = None,
+    drive: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--drive", "-d", metavar="DRIVE", help="PROTOCOL:ADDRESS[,baudrate=...,parity=...]; one for each drive."
+        ),
+    ] = None,
+    bits: Annotated[
+        int | None,
+        typer.Option("--bits", min=1, help="Let pass what chance brings about in less than one of 2^BITS telegrams."),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
+) -> int:
+    """Tell whether drives on one line can take each other's telegrams for their own, with telegrams as proof.
+
+    Opens no port. Exit code 1 when a drive can, or when that is not excluded.
+    """
+    if (plant is None) == (not drive):
+        raise UsageError("give a plant file, or the drives of one line with --drive")
+    lines = plant_lines(plant) if plant is not None else {"": [line_drive(text) for text in drive or []]}
+    if not any(len(drives) > 1 for drives in lines.values()):
+        raise UsageError("one drive has nobody to be mistaken for; name two or more drives of a line with --drive")
+    passed = True
+    for name, drives in lines.items():
+        found = check_line(drives)
+        passed = passed and all(_passes(verdict, bits) for verdict in found.drives)
+        if json:
+            _emit(name, found)
+        else:
+            _tell(name, found)
+    return 0 if passed else 1
+
+
+def _passes(verdict: Verdict, bits: int | None) -> bool:
+    chance = verdict.proof.bits if verdict.proof is not None else None
+    return verdict.safe or (bits is not None and chance is not None and chance > bits)
+
+
+def plant_lines(path: Path) -> dict[str, list[LineDrive]]:
+    """Return the drives of a plant file by the names of their lines. Raises FileFormatError."""
+    # Loaded by those who have a file only.
+    from drivecomm.plant_files import read_plant  # noqa: PLC0415
+
+    plant = read_plant(path)
+    return {
+        line.name: [
+            LineDrive(
+                protocol=drive.protocol,
+                address=drive.address,
+                name=drive.name,
+                options={**line.settings, **drive.options},
+            )
+            for drive in plant.on_line(line.name)
+        ]
+        for line in plant.lines
+    }
+
+
+def line_drive(text: str) -> LineDrive:
+    """Read a drive as the command line names it. Raises UsageError."""
+    name = parse_drive(text)
+    return LineDrive(protocol=name.protocol, address=name.address, options=name.options)
+
+
+def _emit(line: str, found: Cohabitation) -> None:
+    for who, verdicts in (("drive", found.drives), ("master", found.master)):
+        for verdict in verdicts:
+            emit(line=line, who=who, **plain(verdict))
+    emit(line=line, safe=found.safe, advice=found.advice)
+
+
+def _tell(line: str, found: Cohabitation) -> None:
+    if line:
+        say(f"Line {line}")
+    say("What each drive can take for a telegram of its own:")
+    _tell_each(found.drives)
+    say()
+    say("What the master, waiting for a drive, can take for its reply when another drive answers late:")
+    _tell_each(found.master)
+    say()
+    for sentence in found.advice:
+        say(sentence)
+
+
+def _tell_each(verdicts: Sequence[Verdict]) -> None:
+    for verdict in verdicts:
+        say(f"  {verdict.listener} hears {verdict.speaker}: {verdict.outcome.value}")
+        say(f"    {verdict.reason}")
+        if verdict.proof is not None:
+            _tell_proof(verdict.proof)
+
+
+def _tell_proof(proof: Proof) -> None:
+    for telegram in proof.telegrams:
+        say(f"    {telegram.direction:8} {telegram.data.hex(' ').upper()}")
+        if telegram.heard != telegram.data:
+            say(f"    as heard {telegram.heard.hex(' ').upper()}")
+    say(f"    taken    {proof.taken.hex(' ').upper()}")
+    content = " ".join(f"{name}={value}" for name, value in proof.fields.items())
+    chance = "" if proof.bits is None else f"; by chance in one of 2^{proof.bits} such telegrams"
+    say(f"    which is {content}{chance}")
