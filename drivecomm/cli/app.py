@@ -8,6 +8,7 @@ import typer
 
 from drivecomm.cli import drives, telegrams
 from drivecomm.cli.cohabit import cohabit
+from drivecomm.cli.conformance import conformance
 from drivecomm.cli.demo import demo
 from drivecomm.cli.doctor import doctor
 from drivecomm.cli.forecast import forecast
@@ -74,4 +75,5 @@ app.command()(simulate)
 app.command(cls=LineCommand)(on_a_line(replay))
 app.command()(sniff)
 app.add_typer(plant)
+app.command()(conformance)
 app.add_typer(vectors)

@@ -1,1 +1,1 @@
-"""Judging codecs: test vectors as data, and what every telegram of every protocol must stand."""
+"""Judging protocol packages: vectors and exchanges as data, and what every protocol must stand, whoever wrote it."""

@@ -7,10 +7,12 @@ can run the same ones.
 from __future__ import annotations
 
 from functools import partial
+from inspect import getdoc
 from typing import TYPE_CHECKING
 
-from drivecomm.conformance import drive_checks, framing_checks, schema_checks, telegram_checks
+from drivecomm.conformance import drive_checks, exchange_checks, framing_checks, schema_checks, telegram_checks
 from drivecomm.conformance.case import Case
+from drivecomm.conformance.extent import FULL
 from drivecomm.conformance.forms import forms_of
 from drivecomm.conformance.report import Check, carry_out
 from drivecomm.conformance.vectors import packaged_vectors
@@ -19,6 +21,7 @@ from drivecomm.errors import FileFormatError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from drivecomm.conformance.extent import Extent
     from drivecomm.conformance.report import Report
     from drivecomm.conformance.vectors import Vector, VectorFile
     from drivecomm.protocol import Protocol
@@ -30,26 +33,52 @@ def run_checks(plugin: Protocol, vectors: VectorFile) -> Report:
     return carry_out(checks_of(plugin, vectors))
 
 
-def checks_of(plugin: Protocol, vectors: VectorFile) -> Iterator[Check]:
-    """Yield every check of every vector, stream and refusal, and those of the protocol's schemas.
+def checks_of(plugin: Protocol, vectors: VectorFile, extent: Extent = FULL) -> Iterator[Check]:
+    """Yield every check of every vector, stream, refusal and exchange, and those of the protocol's schemas.
 
-    Raises FileFormatError for vectors of another protocol.
+    Where the extent is less than full, the dear ones come for some of the vectors only. Raises FileFormatError for
+    vectors of another protocol.
     """
     if vectors.protocol != plugin.name:
         raise FileFormatError(f"{vectors.name}: holds vectors of {vectors.protocol!r}, not of {plugin.name!r}")
     prefix = f"{plugin.name}/{vectors.name}"
     listed = _listed(vectors) | _listed(_packaged(plugin))
     forms = forms_of(plugin)
-    for vector in vectors.vectors:
-        case = Case(plugin=plugin, vector=vector, listed=listed, forms=forms)
-        for name, check in _checks_for(vector):
-            yield Check(f"{prefix}/{vector.id}/{name}", partial(check, case))
-    for stream in vectors.streams:
-        yield Check(f"{prefix}/{stream.id}/stream", partial(framing_checks.found_in_stream, plugin, stream))
+    cases = [Case(plugin=plugin, vector=vector, listed=listed, forms=forms) for vector in vectors.vectors]
+    for case in cases:
+        for name, function in _checks_for(case.vector):
+            if name not in _DEAR:
+                yield _check(f"{prefix}/{case.vector.id}/{name}", function, case)
+    for exchange in vectors.exchanges:
+        for name in extent.exchange_ways:
+            yield _check(f"{prefix}/{exchange.id}/{name}", EXCHANGE_CHECKS[name], plugin, exchange)
     for refuse in vectors.refusals:
-        yield Check(f"{prefix}/{refuse.id}/refuse", partial(telegram_checks.refuses_to_encode, plugin, refuse))
+        yield _check(f"{prefix}/{refuse.id}/refuse", telegram_checks.refuses_to_encode, plugin, refuse)
     for named in forms:
-        yield Check(f"{prefix}/{named.name}/linked", partial(schema_checks.compiles_whole, named.form))
+        yield _check(f"{prefix}/{named.name}/linked", schema_checks.compiles_whole, named.form)
+    for stream in vectors.streams:
+        yield _check(f"{prefix}/{stream.id}/stream", framing_checks.found_in_stream, plugin, stream)
+    for case in cases[:: extent.dear_every]:
+        for name, function in _checks_for(case.vector):
+            if name in _DEAR:
+                yield _check(f"{prefix}/{case.vector.id}/{name}", function, case)
+
+
+def _check(name: str, function: Callable[..., None], *values: object) -> Check:
+    return Check(name, partial(function, *values), (getdoc(function) or "").partition("\n")[0])
+
+
+_DEAR = frozenset(["compiled", "flipped", "false-starts", "garbage-before", "garbage-after", "truncated-stream"])
+
+EXCHANGE_CHECKS = {
+    "exchange": exchange_checks.goes_as_written,
+    "awaited": exchange_checks.goes_as_written_awaited,
+    "echo": exchange_checks.goes_as_written_with_echo,
+    "lumps": exchange_checks.goes_as_written_in_lumps,
+    "another-drive": exchange_checks.passes_over_another_drive,
+    "noise": exchange_checks.passes_over_noise,
+    "script": exchange_checks.goes_as_written_without_a_line,
+}
 
 
 def _checks_for(vector: Vector) -> Iterator[tuple[str, Callable[[Case], None]]]:

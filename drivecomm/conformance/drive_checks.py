@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import fields as dataclass_fields
-from functools import lru_cache
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.conformance.case import expect, shown
+from drivecomm.conformance.known_models import known_model
 from drivecomm.errors import UsageError
 from drivecomm.framing import Framer, Noise
-from drivecomm.models import load_model
 
 if TYPE_CHECKING:
     from drivecomm.conformance.case import Case
-    from drivecomm.models import Model
     from drivecomm.protocol import VirtualDrive, VirtualReply
     from drivecomm.telegram import Message
 
@@ -98,7 +96,7 @@ def _answers(case: Case, address: int) -> list[VirtualReply]:
 def _drive(case: Case, address: int) -> VirtualDrive:
     """Return a drive of the variant that the telegram is for, as far as options and fields say it."""
     plugin = case.plugin
-    model = _model(plugin.package, plugin.name, plugin.default_model)
+    model = known_model(plugin, plugin.default_model)
     own = {field.name for field in dataclass_fields(plugin.options)}
     layers = (model.options, case.vector.options, case.vector.fields)
     given = {name: value for layer in layers for name, value in layer.items() if name in own}
@@ -107,8 +105,3 @@ def _drive(case: Case, address: int) -> VirtualDrive:
     except UsageError:
         options = plugin.options()
     return plugin.virtual(address, options, model)
-
-
-@lru_cache
-def _model(package: str, protocol: str, name: str) -> Model:
-    return load_model(package, protocol, name)

@@ -11,33 +11,44 @@ if TYPE_CHECKING:
 
 
 class Entry:
-    """A `[[vector]]`, `[[stream]]` or `[[refuse]]`; remembers which of its keys were asked for.
+    """A table of a vector file; remembers which of its keys were asked for.
 
-    shown: the file as messages name it. number: its place among its kind, for those whose id is what is wrong.
+    shown: the file as messages name it. kind: what sort of table it is. name: which one of them.
     """
 
-    def __init__(self, shown: str, kind: str, number: int, content: Mapping[str, Any]) -> None:
+    def __init__(self, shown: str, kind: str, name: str, content: Mapping[str, Any]) -> None:
         self.kind = kind
-        self._shown = shown
-        self._number = number
-        self._content = content
-        self._known: set[str] = {"id"}
         self.id = ""
-        self.id = self.text("id")
+        self._shown = shown
+        self._name = name
+        self._content = content
+        self._known: set[str] = set()
 
     def __contains__(self, key: str) -> bool:
         return key in self._content
 
+    def named(self) -> Entry:
+        """Take the name from the key `id`, which must be there; returns the entry itself."""
+        self.id = self.text("id")
+        self._name = self.id
+        return self
+
     def wrong(self, what: str) -> FileFormatError:
         """Return the error that says what is wrong with this entry."""
-        name = self.id or f"number {self._number}"
-        return FileFormatError(f"{self._shown}: {self.kind} {name}: {what}")
+        return FileFormatError(f"{self._shown}: {self.kind} {self._name}: {what}")
 
     def only(self, owner: str, *keys: str, allowed: bool) -> None:
         """Refuse keys that make no sense in an entry of this sort."""
         for key in keys:
             if key in self._content and not allowed:
                 raise self.wrong(f"{owner} has no {key}")
+
+    def one_of(self, keys: Sequence[str]) -> str:
+        """Return the one of these keys that is there; it must be exactly one."""
+        found = [key for key in keys if key in self._content]
+        if len(found) != 1:
+            raise self.wrong(f"has exactly one of {', '.join(keys)}")
+        return found[0]
 
     def all_read(self) -> None:
         """Refuse keys that nobody asked for."""
@@ -57,6 +68,21 @@ class Entry:
         value: bool = self._value(key, bool, "true or false", default)
         return value
 
+    def whole(self, key: str) -> int:
+        """Return a whole number."""
+        value: int = self._value(key, int, "a whole number", None)
+        return value
+
+    def seconds(self, key: str) -> float | None:
+        """Return a time that is not negative, None where it is absent."""
+        self._known.add(key)
+        if key not in self._content:
+            return None
+        value = self._content[key]
+        if type(value) not in (int, float) or not 0 <= value < float("inf"):
+            raise self.wrong(f"{key} is no time in seconds, 0 or more")
+        return float(value)
+
     def choice(self, key: str, allowed: Sequence[str]) -> Any:
         """Return one of these words."""
         word = self.text(key)
@@ -68,6 +94,23 @@ class Entry:
         """Return a table, an empty one where it may be absent."""
         value: dict[str, Any] = self._value(key, dict, "a table", {} if not required else None)
         return value
+
+    def parts(self, key: str, name: str) -> list[Entry]:
+        """Return a list of tables, at least one, each as an entry of its own that messages call by this name."""
+        tables: list[Any] = self._value(key, list, "a list", None)
+        if not tables:
+            raise self.wrong(f"{key} is empty")
+        if not all(isinstance(table, dict) for table in tables):
+            raise self.wrong(f"{key} is not a list of tables")
+        return [
+            Entry(self._shown, self.kind, f"{self._name}, {name} {number}", table)
+            for number, table in enumerate(tables, 1)
+        ]
+
+    def is_empty_list(self, key: str) -> bool:
+        """Whether a list is there and has nothing in it."""
+        self._known.add(key)
+        return bool(self._content.get(key) == [])
 
     def data(self, key: str) -> bytes:
         """Return at least one byte from hexadecimal digits in any spacing."""

@@ -130,9 +130,14 @@ def found_in_stream(plugin: Protocol, stream: Stream) -> None:
         expect(tuple(found) == stream.frames, f"{where} found {[shown(each) for each in found]}")
 
 
+def noise_of(codec: Codec, direction: Direction) -> bytes:
+    """Return all characters that begin no telegram, each once."""
+    return bytes(byte for byte in range(256) if codec.measure(bytes([byte]), direction) == 0)
+
+
 def _garbage(codec: Codec, direction: Direction) -> list[bytes]:
     """Return strings of bytes none of which can begin a telegram, so that they may hide nothing."""
-    silent = bytes(byte for byte in range(256) if codec.measure(bytes([byte]), direction) == 0)
+    silent = noise_of(codec, direction)
     if not silent:
         return []
     mixed = Random(3).choices(silent, k=48)  # noqa: S311 - repeatable on purpose

@@ -6,6 +6,7 @@
     [[vector]]            one telegram, its fields, and what is special about it
     [[stream]]            bytes as they arrive, and the telegrams that must be found in them
     [[refuse]]            fields that an encoder must refuse
+    [[exchange]]          a conversation: calls on this side, steps on the wire, and what comes of it
 
 A file that says something a reader does not know is refused, so that a misspelt key never makes a check disappear.
 """
@@ -14,11 +15,13 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass, field
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from drivecomm.conformance.entry import Entry
+from drivecomm.conformance.exchange_vectors import ExchangeVector, read_exchange
 from drivecomm.errors import Category, FileFormatError
 
 if TYPE_CHECKING:
@@ -98,6 +101,7 @@ class VectorFile:
     vectors: tuple[Vector, ...] = ()
     streams: tuple[Stream, ...] = ()
     refusals: tuple[Refuse, ...] = ()
+    exchanges: tuple[ExchangeVector, ...] = ()
 
 
 def load_vectors(path: str | Path, *, protocol: str | None = None) -> VectorFile:
@@ -110,9 +114,17 @@ def load_vectors(path: str | Path, *, protocol: str | None = None) -> VectorFile
 
 
 def packaged_vectors(plugin: Protocol) -> VectorFile:
-    """Return the vectors that a protocol package ships. Raises FileFormatError when it ships none or they are wrong."""
+    """Return the vectors that a protocol package ships, read once.
+
+    Raises FileFormatError when it ships none or they are wrong.
+    """
+    return _packaged(plugin.package, plugin.name)
+
+
+@lru_cache
+def _packaged(package: str, protocol: str) -> VectorFile:
     name = "vectors.toml"
-    return _read(resources.files(plugin.package) / name, name, f"{plugin.package}/{name}", plugin.name)
+    return _read(resources.files(package) / name, name, f"{package}/{name}", protocol)
 
 
 def _read(place: Path | Traversable, name: str, shown: str, protocol: str | None) -> VectorFile:
@@ -127,19 +139,29 @@ def _read(place: Path | Traversable, name: str, shown: str, protocol: str | None
         raise FileFormatError(f"{shown}: a vector file names its protocol")
     if protocol is not None and named != protocol:
         raise FileFormatError(f"{shown}: holds vectors of {named!r}, not of {protocol!r}")
-    unknown = sorted(set(content) - {"format", "protocol", "vector", "stream", "refuse"})
+    readers: dict[str, Callable[[Entry], Any]] = {
+        "vector": _vector,
+        "stream": _stream,
+        "refuse": _refuse,
+        "exchange": read_exchange,
+    }
+    unknown = sorted(set(content) - {"format", "protocol", *readers})
     if unknown:
         raise FileFormatError(f"{shown}: the key {unknown[0]!r} is not known")
     entries = [
-        Entry(shown, kind, number, table)
-        for kind in ("vector", "stream", "refuse")
+        Entry(shown, kind, f"number {number}", table).named()
+        for kind in readers
         for number, table in enumerate(_tables(shown, kind, content.get(kind, [])), 1)
     ]
     _each_id_once(shown, entries)
-    readers: dict[str, Callable[[Entry], Any]] = {"vector": _vector, "stream": _stream, "refuse": _refuse}
     read = {kind: tuple(reader(entry) for entry in entries if entry.kind == kind) for kind, reader in readers.items()}
     return VectorFile(
-        name=name, protocol=named, vectors=read["vector"], streams=read["stream"], refusals=read["refuse"]
+        name=name,
+        protocol=named,
+        vectors=read["vector"],
+        streams=read["stream"],
+        refusals=read["refuse"],
+        exchanges=read["exchange"],
     )
 
 

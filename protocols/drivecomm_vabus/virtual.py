@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from drivecomm.errors import ParameterAddressError
 from drivecomm.framing import Damaged, Framed
 from drivecomm.line import LineSettings
 from drivecomm.motor import Command, Motor
@@ -136,7 +137,10 @@ class VirtualVabusDrive:
         entries = [text[start : start + 5] for start in range(0, len(text), 5)]
         if any(len(entry) != 5 or not entry[1].isdigit() for entry in entries):
             raise Refusal(SYNTAX_ERROR)
-        return [(target(entry[2:], None, "", None).number, int(entry[1])) for entry in entries]
+        try:
+            return [(target(entry[2:], None, "", None).number, int(entry[1])) for entry in entries]
+        except ParameterAddressError as error:
+            raise Refusal(SYNTAX_ERROR) from error
 
     def _take_block(self, data: str) -> None:
         for number, dataset in self._block():

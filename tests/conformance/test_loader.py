@@ -84,7 +84,7 @@ def test_every_packaged_file_is_read():
         ("format = 2\nprotocol = 7", "names its protocol"),
         ('format = 2\nprotocol = ""', "names its protocol"),
         ('format = 2\nprotocol = "fuji"', "holds vectors of 'fuji', not of 'vabus'"),
-        (HEAD + "[[exchange]]\nid = 'x'", "the key 'exchange' is not known"),
+        (HEAD + "[[exchanges]]\nid = 'x'", "the key 'exchanges' is not known"),
         (HEAD + "vector = 3", "vector is written [[vector]]"),
         (HEAD + "[vector]\nid = 'x'", "vector is written [[vector]]"),
         (HEAD + "stream = [1]", "stream is written [[stream]]"),

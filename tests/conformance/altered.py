@@ -1,0 +1,12 @@
+"""Protocols and their parts with something wrong."""
+
+
+class Altered:
+    """Anything, with some of its attributes replaced."""
+
+    def __init__(self, real, **attributes):
+        self._real = real
+        self._attributes = attributes
+
+    def __getattr__(self, name):
+        return self._attributes[name] if name in self._attributes else getattr(self._real, name)
