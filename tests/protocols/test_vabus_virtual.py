@@ -211,9 +211,10 @@ class TestParameters:
         assert drive.read("19").value == "000003E8" + drive.read("372").raw
         drive.write("18", "000007D005AA")
         assert (drive.read("481").value, drive.read("372").value) == (20, 1450)
-        drive.write("17", "004")
-        with pytest.raises(drivecomm.RefusedError):
-            drive.read("19")
+        for no_list in ("004", "007BA"):
+            drive.write("17", no_list)
+            with pytest.raises(drivecomm.RefusedError):
+                drive.read("19")
 
     def test_peek_and_poke(self, virtual):
         line, virtual_one, drive = virtual
