@@ -102,6 +102,14 @@ class VirtualFujiDrive:
         # An alarm before anything else is heard keeps what was set here.
         self._latest.pop(function, None)
 
+    def power_cycle(self, now: float) -> None:
+        """Switch mains off and on: what was commanded (S codes) and an alarm are gone, its memory stays."""
+        self._live(now)
+        self.store.initialise("S")
+        self.motor.stop(Command.OFF, now)
+        self.motor.reset(now)
+        self._alarm, self._command, self._busy_until = False, 0, 0.0
+
     def trip(self, code: int, now: float) -> None:
         """Trip with this alarm code: output off, memory M16 to M19 moved on, values at the alarm kept."""
         self._live(now)

@@ -96,9 +96,9 @@ class Store:
                 self._eeprom[number, each] = data
 
     def poke(self, number: int, dataset: int, data: str) -> None:
-        """Set a value in RAM without asking."""
+        """Set a value without asking, as at the keypad, which stores it."""
         for each in (dataset,) if dataset else _datasets(self.info(number)):
-            self._ram[number, each] = data
+            self._ram[number, each] = self._eeprom[number, each] = data
 
     def number(self, number: int) -> int:
         """Return a numeric parameter's raw value in the first data set that it has, 0 if it does not exist."""

@@ -5,6 +5,7 @@ Short description sections 6.3 and 6.5; Agile VABus manual p. 30-33; state machi
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError
@@ -95,6 +96,17 @@ class VirtualVabusDrive:
         self.motor.trip(code, now)
         self._state = State.FAULT
         self._tripped_at = now
+
+    def power_cycle(self, now: float) -> None:
+        """Switch mains off and on: the RAM side of the data sets, control word, error register and fault are gone."""
+        self._live(now)
+        self.store.power_cycle()
+        with suppress(Refusal):
+            self.store.poke(states.CONTROL_WORD, 0, data_of(0, "uint"))
+        self.motor.stop(Command.OFF, now)
+        self.motor.reset(now)
+        self.error_register, self.locked = 0, False
+        self._control, self._state = 0, State.SWITCH_ON_DISABLED
 
     def _obey(self, message: Enquiry | Select, now: float) -> Value | Ack:
         if message.sys != self._options.sys:

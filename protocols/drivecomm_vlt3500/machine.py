@@ -46,6 +46,14 @@ class Machine:
         self._alarm = 0
         self.inhibited = self._has_inhibit()
 
+    def power_up(self, now: float) -> None:
+        """Begin anew: no control word, no trip, set-up 1."""
+        self._motor.stop(Command.OFF, now)
+        self._motor.reset(now)
+        self.word, self.overloaded, self.setup = 0, False, 1
+        self._offset, self._alarm = 0.0, 0
+        self.inhibited = self._has_inhibit()
+
     def obey(self, word: int, mask: int | None, now: float) -> None:
         """Take a control word; it is ignored unless bit 10 is given and 1. Held groups keep their last valid value."""
         given = 0xFFFF if mask is None else mask

@@ -98,6 +98,11 @@ class VirtualVltDrive:
         if wanted.number == _ADDRESS:
             self.address = int(value)
 
+    def power_cycle(self, now: float) -> None:
+        """Switch mains off and on: control word and trip are gone. What of its parameters is kept, no source says."""
+        self.machine.live(now)
+        self.machine.power_up(now)
+
     def trip(self, code: int, now: float) -> None:
         """Trip: output off, status bit 3, the code as alarm word and in front of the fault memory."""
         self.machine.trip(code, now)
