@@ -381,10 +381,9 @@ class Link:
             taken += len(came)
             for find in framer.flush() if quiet else framer.feed(came):
                 if isinstance(find, Framed):
-                    if find.data == data or in_place_of_echo(find.data, place, echo.excused):
-                        reason = "echo"
-                    else:
-                        reason = party.mismatch(ask.message, find.message)
+                    in_place = in_place_of_echo(find.data, place, echo.excused)
+                    is_echo = in_place or find.data == data
+                    reason = "echo" if is_echo else party.mismatch(ask.message, find.message)
                     if not reason:
                         self._answered(party, partner, find, alone=not place)
                         return find.message
@@ -393,7 +392,7 @@ class Link:
                     if reason != "echo":
                         stray = f"the reply that came differs in {reason}"
                     else:
-                        stray = _IN_PLACE_OF_ECHO if echo.looking else _ECHO
+                        stray = _IN_PLACE_OF_ECHO if in_place else _ECHO
                 else:
                     wrong = self._garbage(party, partner, find)
                     if taken > echo.excused:
