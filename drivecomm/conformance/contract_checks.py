@@ -62,7 +62,8 @@ def has_all_fields(plugin: Protocol) -> None:
         value = getattr(plugin, field.name)
         kind = _FIELD_TYPES.get(field.name)
         if kind is None:
-            if not callable(value):
+            may_be_left_out = field.default is None
+            if not callable(value) and not (may_be_left_out and value is None):
                 wrong.append(f"{field.name} cannot be called")
         elif not isinstance(value, kind):
             wrong.append(f"{field.name} is {value!r}")
