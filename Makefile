@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test coverage check docs bench clean
+.PHONY: demo test coverage check docs bench fuzz clean
 
 demo: $(VENV)/installed
 	$(BIN)/drivecomm demo
@@ -26,6 +26,9 @@ docs: $(VENV)/installed-docs
 
 bench: $(VENV)/installed-bench
 	$(BIN)/python benchmarks/run.py
+
+fuzz: $(VENV)/installed-fuzz
+	$(BIN)/python fuzz/run.py
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

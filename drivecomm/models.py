@@ -128,7 +128,7 @@ def _read(path: Path, protocol: str, extended_by: tuple[str, ...]) -> Model:
 
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise FileFormatError(f"{path}: cannot be read as a model: {error}") from error
     if content.get("format") != _MODEL_FORMAT:
         raise FileFormatError(f"{path}: a model begins with format = {_MODEL_FORMAT}")

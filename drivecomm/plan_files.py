@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _FORMAT = 1
+# No number of a plan is larger, and larger ones are too much for a float.
+_LARGEST = 2**63
 
 _DRIVE_KEYS: Mapping[str, tuple[type, ...]] = {
     "name": (str,),
@@ -53,7 +55,7 @@ def read_plan(path: Path) -> Plan:
     """Read a plan file. Raises FileFormatError with the file's name, the entry and what is wrong in it."""
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise FileFormatError(f"{path}: cannot be read as a poll plan: {error}") from error
     try:
         return _plan(content)
@@ -129,6 +131,8 @@ def _check(
     for key, value in entry.items():
         if not isinstance(value, known[key]) or isinstance(value, bool):
             raise FileFormatError(f"{where}: {key} cannot be {value!r}")
+        if isinstance(value, int) and abs(value) > _LARGEST:
+            raise FileFormatError(f"{where}: {key} is too large a number")
 
 
 def _no_others(entry: Mapping[str, Any], known: Mapping[str, tuple[type, ...]], where: str) -> None:

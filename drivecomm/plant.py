@@ -41,6 +41,9 @@ PLATE = frozenset(
 )
 """What can be said of a motor: its name plate and what it drives, as `Motor` names them."""
 
+LARGEST_CODE = 0xFFFF
+"""Fault codes have 16 bits at most."""
+
 _MAY_BE_ZERO = frozenset(["ramp_up_s", "ramp_down_s", "quick_ramp_s", "load", "ambient_c"])
 
 
@@ -230,8 +233,10 @@ class TripStep:
     when: Condition | None = None
 
     def __post_init__(self) -> None:
-        if self.code < 1:
-            raise UsageError(f"a trip with fault code {self.code} cannot be; write a number above 0")
+        if not 1 <= self.code <= LARGEST_CODE:
+            raise UsageError(
+                f"a trip with fault code {str(self.code)[:12]} cannot be; write a number from 1 to {LARGEST_CODE}"
+            )
         if (self.at_s is None) == (self.when is None):
             raise UsageError("a trip comes at_s or when; write one of them")
         if self.at_s is not None:

@@ -144,12 +144,15 @@ _WHEN: _Keys = {"parameter": _TEXT, "above": _NUMBER, "below": _NUMBER, "for_s":
 _STUCK: _Keys = {"parameter": _TEXT, "value": _VALUE, **_WINDOW}
 _INJECT: _Keys = {"data": _TEXT, "at_s": _SECONDS}
 
+# No number of a plant is larger, and larger ones are too much for a float.
+_LARGEST = 2**63
+
 
 def read_plant(path: Path) -> Plant:
     """Read a plant file. Raises FileFormatError with the file's name, the entry and what is wrong in it."""
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise FileFormatError(f"{path}: cannot be read as a plant: {error}") from error
     try:
         return _plant(content)
@@ -161,7 +164,7 @@ def read_fault(text: str) -> Step:
     """Read what stands behind one [[fault]]. Raises FileFormatError."""
     try:
         content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise FileFormatError(f"the text cannot be read as a fault: {error}") from error
     try:
         return _fault(content, "the fault")
@@ -316,6 +319,8 @@ def _check(entry: Mapping[str, Any], known: _Keys, needed: tuple[str, ...], wher
         kind = known[key]
         if not isinstance(value, kind.types) or (isinstance(value, bool) and bool not in kind.types):
             raise FileFormatError(f"{where}: {key} cannot be {value!r}; write {kind.words}")
+        if isinstance(value, int) and abs(value) > _LARGEST:
+            raise FileFormatError(f"{where}: {key} is too large a number")
 
 
 def _no_others(entry: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:

@@ -80,6 +80,8 @@ def text(content: Mapping[str, Any], key: str) -> str:
     value = content.get(key, "")
     if not isinstance(value, str):
         raise FileFormatError(f"{key} is not a text")
+    if any("\ud800" <= character <= "\udfff" for character in value):
+        raise FileFormatError(f"{key} has half a character in it")
     return value
 
 

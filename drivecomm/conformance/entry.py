@@ -79,8 +79,8 @@ class Entry:
         if key not in self._content:
             return None
         value = self._content[key]
-        if type(value) not in (int, float) or not 0 <= value < float("inf"):
-            raise self.wrong(f"{key} is no time in seconds, 0 or more")
+        if type(value) not in (int, float) or not 0 <= value < 1e9:
+            raise self.wrong(f"{key} is no time in seconds, from 0 to 1e9")
         return float(value)
 
     def choice(self, key: str, allowed: Sequence[str]) -> Any:

@@ -130,7 +130,7 @@ def _packaged(package: str, protocol: str) -> VectorFile:
 def _read(place: Path | Traversable, name: str, shown: str, protocol: str | None) -> VectorFile:
     try:
         content = tomllib.loads(place.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise FileFormatError(f"{shown}: cannot be read as a vector file: {error}") from error
     if type(content.get("format")) is not int or content["format"] != FORMAT:
         raise FileFormatError(f"{shown}: a vector file begins with format = {FORMAT}")

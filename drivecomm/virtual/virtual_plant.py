@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.models import Model, load_model
-from drivecomm.plant import InjectStep, PowerCutStep, StuckStep, TelegramFault, TripStep
+from drivecomm.plant import LARGEST_CODE, InjectStep, PowerCutStep, StuckStep, TelegramFault, TripStep
 from drivecomm.registry import installed
 from drivecomm.virtual.condition_watch import ConditionWatch
 from drivecomm.virtual.faults import UNDISTURBED
@@ -93,8 +93,10 @@ class VirtualPlant:
 
     def trip(self, drive: str, code: int) -> None:
         """Make a drive trip with this fault code. Raises UsageError."""
-        if code < 1:
-            raise UsageError(f"a trip with fault code {code} cannot be; write a number above 0")
+        if not 1 <= code <= LARGEST_CODE:
+            raise UsageError(
+                f"a trip with fault code {str(code)[:12]} cannot be; write a number from 1 to {LARGEST_CODE}"
+            )
         self.drive(drive).trip(code, self.line_of(drive).time)
 
     def power_off(self, drive: str) -> None:

@@ -1,0 +1,47 @@
+"""The process in which atheris runs one target: python fuzz/atheris_process.py TARGET CORPUS [libFuzzer options].
+
+libFuzzer ends with the first error, so those that are known already are let pass: what is behind them is looked for.
+"""
+
+from __future__ import annotations
+
+import sys
+from random import Random
+
+import atheris  # type: ignore[import-untyped]
+
+with atheris.instrument_imports(include=["drivecomm", "drivecomm_*", "tomllib"]):
+    from all_targets import all_targets
+from mutation import mutate_bytes
+from outcome import kind_of, known_flaws
+
+
+def main() -> None:
+    """Fuzz; libFuzzer ends the process."""
+    target = all_targets()[sys.argv.pop(1)]
+
+    known = set(known_flaws(target))
+
+    def check(data: bytes) -> None:
+        """Let out what is not known."""
+        try:
+            target.check(data)
+        except Exception as error:
+            if kind_of(error) not in known:
+                raise
+
+    def change(data: bytes, max_size: int, seed: int) -> bytes:
+        """Change it as the target says half of the time, and as libFuzzer does the other half."""
+        random = Random(seed)  # noqa: S311 - repeatable on purpose
+        if random.random() < 0.5:
+            return target.mutate(random, data, target.seeds)[:max_size]
+        return bytes(atheris.Mutate(data, max_size))
+
+    # libFuzzer alone knows bytes best.
+    own = {} if target.mutate is mutate_bytes else {"custom_mutator": change}
+    atheris.Setup(sys.argv, check, **own)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""Orders to a running plant, as they come through its control door from other programs."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+from mutation import mutate_json
+from target import Target, expect
+
+from drivecomm.models import load_model
+from drivecomm.plant import Plant, PlantDrive, PlantLine
+from drivecomm.virtual.control_orders import answer_order
+from drivecomm.virtual.virtual_plant import VirtualPlant
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import Protocol
+
+_FAULTS = (
+    "drive = 'pump'\nkind = 'drop'",
+    "line = 'hall'\nkind = 'corrupt'\nevery = 3",
+    "drive = 'pump'\npower = { off_at_s = 20, back_at_s = 35 }",
+    "drive = 'pump'\ntrip = { code = 5, at_s = 40 }",
+    "line = 'hall'\ninject = { data = '04 41 FF', at_s = 3 }",
+)
+
+
+def order_target(plugin: Protocol) -> Target:
+    """Return the orders, to a plant with one drive of this protocol; each input has a plant of its own."""
+    # Read once: reading it takes a hundred times as long as an order.
+    model = load_model(plugin.package, plugin.name, plugin.default_model)
+    drive = PlantDrive(
+        protocol=plugin.name, address=plugin.addresses[0], line="hall", name="pump", options={"model": model}
+    )
+    plan = Plant(lines=(PlantLine(name="hall"),), drives=(drive,))
+    parameter = plugin.parameter_examples[0]
+
+    def check(data: bytes) -> None:
+        plant = VirtualPlant(plan)
+        for line in data.split(b"\n")[:4]:
+            answer = answer_order(plant, line)
+            expect(answer.count(b"\n") == 1, "an answer is not one line")
+            expect(answer.endswith(b"\n"), "an answer has no end")
+            expect(type(json.loads(answer)["ok"]) is bool, "an answer does not say whether it was done")
+
+    orders = [
+        {"order": "trip", "drive": "pump", "code": 5},
+        {"order": "power", "drive": "pump", "state": "off"},
+        {"order": "set", "drive": "pump", "parameter": parameter, "value": 1000},
+        {"order": "inject", "line": "hall", "data": "04 41 FF"},
+        {"order": "show", "drive": "pump", "parameters": [parameter]},
+        {"order": "show"},
+        *({"order": "fault", "text": text} for text in _FAULTS),
+    ]
+    written = [json.dumps(order).encode() for order in orders]
+    pairs = [one + b"\n" + other for one in written for other in written[:3]]
+    return Target(name=f"{plugin.name}-orders", check=check, seeds=(*written, *pairs), mutate=mutate_json)

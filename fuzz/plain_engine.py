@@ -1,0 +1,93 @@
+"""Fuzzing without atheris: seeded random changes of the seeds. It sees no coverage, and needs nothing installed."""
+
+from __future__ import annotations
+
+from random import Random
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+from outcome import Flaw, Outcome, keep, kind_of, peak_mib
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from target import Target
+
+TITLE = "the plain random mutator, which sees no coverage"
+# Beyond it, one input that takes ever more memory could not be told from the interpreter's own.
+_MOST_GROWTH_MIB = 256
+_SHRINKING_TRIALS = 400
+
+
+def run(target: Target, *, runs: int | None, seconds: float | None, seed: int) -> Outcome:
+    """Run a target on its seeds, on what was found before, and on changed ones of both, until it is enough."""
+    before, began, slowest, number = peak_mib(), perf_counter(), 0.0, 0
+    flaws: dict[tuple[str, str], Flaw] = {}
+    check, at = target.check, began
+    for data in _inputs(target, Random(seed)):  # noqa: S311 - repeatable on purpose
+        try:
+            check(data)
+        except Exception as error:  # noqa: BLE001 - whatever it is, it is what we look for
+            known = kind_of(error)
+            if known not in flaws:
+                flaws[known] = _flaw(target, data, known)
+                at = perf_counter()
+        number += 1
+        now = perf_counter()
+        slowest, at = max(slowest, now - at), now
+        if number == runs or (seconds is not None and now - began >= seconds):
+            break
+        if not number % 4096 and peak_mib() - before > _MOST_GROWTH_MIB:
+            flaws["memory", ""] = Flaw(error="memory grows without end", place="", kept=keep(target, data))
+            break
+    return Outcome(
+        target=target.name,
+        inputs=number,
+        seconds=perf_counter() - began,
+        flaws=tuple(flaws.values()),
+        grown_mib=peak_mib() - before,
+        slowest_s=slowest,
+    )
+
+
+def _inputs(target: Target, random: Random) -> Iterator[bytes]:
+    known = [*target.seeds, *target.found()]
+    yield b""
+    yield from known
+    mutate, choose, size = target.mutate, random.random, len(known)
+    while True:
+        yield mutate(random, known[int(choose() * size)], known)
+
+
+def _flaw(target: Target, data: bytes, known: tuple[str, str]) -> Flaw:
+    data, error = _shrunk(target, data, known)
+    return Flaw(error=f"{type(error).__name__}: {str(error)[:200]}", place=known[1], kept=keep(target, data))
+
+
+def _shrunk(target: Target, data: bytes, known: tuple[str, str]) -> tuple[bytes, BaseException]:
+    """Return the input without what is not needed for the same flaw."""
+    error = _error(target, data) or RuntimeError("it does not come again")
+    # What is only just too deep would be deep enough no more with another engine.
+    if data in target.found() or isinstance(error, RecursionError):
+        return data, error
+    size, trials = len(data) // 2, 0
+    while size and trials < _SHRINKING_TRIALS:
+        start = 0
+        while start < len(data) and trials < _SHRINKING_TRIALS:
+            trials += 1
+            shorter = data[:start] + data[start + size :]
+            found = _error(target, shorter)
+            if found is not None and kind_of(found) == known:
+                data, error = shorter, found
+            else:
+                start += size
+        size //= 2
+    return data, error
+
+
+def _error(target: Target, data: bytes) -> BaseException | None:
+    try:
+        target.check(data)
+    except Exception as error:  # noqa: BLE001 - as above
+        return error
+    return None

@@ -1,0 +1,85 @@
+"""The sniffer: pieces from both sides of a line, with any pauses, looked through for all protocols at once.
+
+An input is a row of pieces: a byte that says how long the piece is (5 bits), whether a pause is before it (1 bit) and
+who sent it (2 bits), and its bytes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mutation import mutate_bytes
+from target import Target, expect
+
+from drivecomm.capture.pieces import Piece
+from drivecomm.conformance.vectors import packaged_vectors
+from drivecomm.registry import installed
+from drivecomm.sniffer import Sniffer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from drivecomm.capture.pieces import Source
+
+_LONGEST = 32
+_PAUSE = 0x20
+_SOURCES: tuple[Source, ...] = ("unknown", "master", "drive", "unknown")
+_PAUSE_S = 0.2
+_CHARACTER_S = 0.001
+_MOST_HELD = 4096 + 512
+"""Bytes that may wait for their meaning: the sniffer's longest riddle, and a telegram that has begun behind it."""
+
+
+def sniffer_target() -> Target:
+    """Return the sniffer with all installed protocols."""
+    plugins = list(installed.working())
+
+    def check(data: bytes) -> None:
+        sniffer = Sniffer(plugins)
+        fed, reported, last_s = bytearray(), 0, 0.0
+        for piece in pieces_of(data):
+            fed += piece.data
+            found = sniffer.feed(piece)
+            reported += sum(len(each.data) for each in found)
+            expect(len(fed) - reported <= _MOST_HELD, f"{len(fed) - reported} bytes wait for their meaning")
+            expect(all(each.time_s <= piece.time_s for each in found), "something is found before it was there")
+            last_s = piece.time_s
+        left = [*sniffer.flush(last_s + 1), *sniffer.finish()]
+        reported += sum(len(each.data) for each in left)
+        expect(reported == len(fed), f"of {len(fed)} bytes that were heard, {reported} are reported")
+        expect(not sniffer.finish(), "something is left behind the end")
+
+    return Target(name="sniffer", check=check, seeds=(*_seeds(), *_floods()), mutate=mutate_bytes)
+
+
+def pieces_of(data: bytes) -> Iterator[Piece]:
+    """Yield the pieces that an input stands for."""
+    place, time_s = 0, 0.0
+    while place + 1 < len(data):
+        how = data[place]
+        taken = data[place + 1 : place + 2 + how % _LONGEST]
+        time_s += _PAUSE_S * bool(how & _PAUSE) + len(taken) * _CHARACTER_S
+        yield Piece(time_s=time_s, data=taken, source=_SOURCES[how >> 6])
+        place += 1 + len(taken)
+
+
+def _seeds() -> Iterator[bytes]:
+    for plugin in installed.working():
+        for vector in packaged_vectors(plugin).vectors:
+            sender = 0 if vector.printed else 0x40 if vector.direction == "request" else 0x80
+            asked = _written(vector.answers_to, sender and 0x40) if vector.answers_to else b""
+            yield asked + _written(vector.data, sender)
+
+
+def _floods() -> Iterator[bytes]:
+    """Yield beginnings of telegrams, one after the other, that never come to an end and never pause."""
+    for plugin in installed.working():
+        beginning = next(each.data[:1] for each in packaged_vectors(plugin).vectors if each.valid)
+        yield (bytes([_LONGEST - 1]) + beginning * _LONGEST) * (2 * _MOST_HELD // _LONGEST)
+
+
+def _written(data: bytes, sender: int) -> bytes:
+    parts = [data[start : start + _LONGEST] for start in range(0, len(data), _LONGEST)]
+    return b"".join(
+        bytes([sender | (0 if number else _PAUSE) | len(part) - 1]) + part for number, part in enumerate(parts)
+    )
