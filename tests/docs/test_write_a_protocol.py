@@ -62,6 +62,11 @@ def test_its_vectors_pass_every_check(run):
     assert done.stdout.endswith(" 0 failed\n")
 
 
+def test_it_stands_the_conformance_kit(run):
+    done = run("-m", "drivecomm", "conformance", "toy", "--quick")
+    assert done.returncode == 0, done.stdout
+
+
 def test_commands_of_the_page(run, environment):
     """Decode, encode, and a simulator that is scanned and read."""
 
