@@ -19,7 +19,7 @@ from drivecomm.schema import Check, Leaf
 from drivecomm.schema.leaves import Fault
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
 ALL = frozenset(range(256))
 
@@ -69,7 +69,9 @@ def readable(leaf: Leaf) -> tuple[frozenset[int], ...]:
     """Return the characters that a leaf of fixed size may be read with, place by place."""
     if isinstance(leaf, Check):
         return _check_characters(leaf)
-    return _found(leaf.size, lambda data: accepts(leaf, data))
+    # What is always written the same, such as a line end, is no typical text, and known.
+    known = [leaf.build(None)] if leaf.flagbuildnone else []
+    return _found(leaf.size, lambda data: accepts(leaf, data), known)
 
 
 def is_written(leaf: Leaf, data: bytes) -> bool:
@@ -80,11 +82,11 @@ def is_written(leaf: Leaf, data: bytes) -> bool:
         return False
 
 
-def _found(size: int, accepted: Callable[[bytes], bool]) -> tuple[frozenset[int], ...]:
+def _found(size: int, accepted: Callable[[bytes], bool], known: Sequence[bytes] = ()) -> tuple[frozenset[int], ...]:
     if size == 1:
         return (frozenset(code for code in range(256) if accepted(bytes([code]))),)
     found: list[set[int]] = [set() for _ in range(size)]
-    typical = [text for text in _typical(size) if accepted(text)]
+    typical = [text for text in (*known, *_typical(size)) if accepted(text)]
     if not typical:
         return (ALL,) * size
     pending = typical[:: max(1, len(typical) // _LOOKED_AROUND)]

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivecomm.cohabitation import LineDrive, Outcome, check, check_line
+from drivecomm.cohabitation.alphabets import readable
 from drivecomm.cohabitation.check import listen, wait_for
 from drivecomm.cohabitation.drives import partners_of
 from drivecomm.cohabitation.hearing import Reader, character_map
@@ -21,6 +22,7 @@ from drivecomm.errors import AddressError, UnknownProtocolError
 from drivecomm.framing import Framed, Framer
 from drivecomm.line import LineSettings
 from drivecomm.registry import installed
+from drivecomm.schema import constant
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm.virtual.uart import heard
 
@@ -334,3 +336,7 @@ def test_a_strangers_protocol_is_checked_as_ours_are(toy):
     bystander = Bystander(stranger, speaker)
     bystander.play(each.data for each in proof.telegrams)
     assert proof.taken in bystander.took(listener)
+
+
+def test_a_constant_of_several_characters_reads_nothing_else():
+    assert readable(constant(b"\r\n")) == (frozenset(b"\r"), frozenset(b"\n"))
