@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
-from threading import Event
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -21,6 +17,7 @@ from drivecomm.capture.requests import described
 from drivecomm.capture.telling_apart import telling_apart
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
+from drivecomm.cli.until_stopped import until_stopped
 from drivecomm.errors import UsageError
 from drivecomm.line import LineSettings
 from drivecomm.registry import installed
@@ -80,7 +77,7 @@ def _answer(capture: Capture, listen: str, *, as_json: bool) -> int:
     from drivecomm.virtual.listeners import parse_listen  # noqa: PLC0415
     from drivecomm.virtual.serving import Server  # noqa: PLC0415
 
-    with _until_stopped() as stop, Server(recorded_drives(capture), parse_listen(listen)) as server:
+    with until_stopped() as stop, Server(recorded_drives(capture), parse_listen(listen)) as server:
         if as_json:
             emit(listening=server.address, requests=len(exchanged(capture)))
         else:
@@ -89,18 +86,6 @@ def _answer(capture: Capture, listen: str, *, as_json: bool) -> int:
     if not as_json:
         say("stopped")
     return 0
-
-
-@contextmanager
-def _until_stopped() -> Iterator[Event]:
-    """Give an event that Ctrl-C and SIGTERM set."""
-    stop = Event()
-    previous = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
 
 
 def _line_settings(line: LineOptions) -> dict[str, Any]:

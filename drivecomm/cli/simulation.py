@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import signal
-from threading import Event
 from typing import TYPE_CHECKING
 
 from drivecomm.cli.drive_names import parse_drive
 from drivecomm.cli.output import emit, say
+from drivecomm.cli.until_stopped import until_stopped
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
 from drivecomm.plant import Plant, PlantDrive, PlantLine
 from drivecomm.plant_files import read_plant
@@ -23,15 +22,9 @@ _ANY_PORT = "127.0.0.1:0"
 
 def serve(server: PlantServer, *, ready: Callable[[PlantServer], None]) -> None:
     """Serve until Ctrl-C or SIGTERM; ready is told when masters may connect."""
-    stop = Event()
-    previous = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        with server:
-            ready(server)
-            server.run(stop)
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+    with until_stopped() as stop, server:
+        ready(server)
+        server.run(stop)
 
 
 def server_of_drives(

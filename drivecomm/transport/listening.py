@@ -19,6 +19,7 @@ from urllib.parse import urlsplit
 
 from drivecomm.errors import LinkDownError, PortError, UsageError
 from drivecomm.transport.opening import cannot_open, error_number
+from drivecomm.transport.pseudo_terminal import is_pseudo
 from drivecomm.transport.readiness import Readable
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ class TtyListener:
         except OSError as error:
             raise cannot_open(name, error) from error
         try:
-            self._pseudo = _is_pseudo(self.descriptor)
+            self._pseudo = is_pseudo(self.descriptor)
             self.configure(settings)
         except BaseException:
             os.close(self.descriptor)
@@ -243,13 +244,3 @@ _PARITY_FLAGS: dict[str, Callable[[], int]] = {
 
 def _parity_flags(settings: LineSettings) -> int:
     return _PARITY_FLAGS[settings.parity]()
-
-
-def _is_pseudo(descriptor: int) -> bool:
-    # Majors 136 to 143 are the far ends of pseudo-terminals (Linux, Documentation/admin-guide/devices.txt).
-    if sys.platform == "linux":
-        return os.major(os.fstat(descriptor).st_rdev) in range(136, 144)
-    try:
-        return os.ttyname(descriptor).startswith(("/dev/pts/", "/dev/ttys"))
-    except OSError:
-        return False

@@ -11,7 +11,6 @@ import contextlib
 import errno
 import fcntl
 import os
-import re
 import sys
 import termios
 import time
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
 from drivecomm.transport.opening import error_number
+from drivecomm.transport.pseudo_terminal import is_pseudo
 from drivecomm.transport.pyserial_channel import release, set_at_once
 from drivecomm.transport.readiness import Readable, send_all
 
@@ -38,8 +38,6 @@ _DEAR_S = 100e-6
 # is delivered as it came, or as NUL, and an exclusive-or check passes one such telegram in 256.
 _DROP_SPOILT = termios.INPCK | termios.IGNPAR
 # Majors 136 to 143 are the slaves of pseudo-terminals (Linux, Documentation/admin-guide/devices.txt).
-_LINUX_PTY_MAJORS = range(136, 144)
-_PTY_NAMES = re.compile(r"/dev/(pts/\d+|ttys\d+|tty[p-zP-T][0-9a-f])")
 
 _monotonic = time.monotonic
 
@@ -53,7 +51,7 @@ class TtyChannel:
     def __init__(self, port: Serial) -> None:
         self._port: Any = port
         self.descriptor: int = port.fileno()
-        self._pseudo = _is_pseudo(self.descriptor)
+        self._pseudo = is_pseudo(self.descriptor)
         self._readable = Readable(self.descriptor)
         # Longer than it must be: for a short one Python lets other threads run meanwhile, and gets its turn back late.
         self._waiting = array.array("i", [0] * 512)
@@ -183,15 +181,6 @@ class TtyChannel:
             self._hold(number)
             quickest = min(quickest, _monotonic() - began)
         return quickest < _DEAR_S
-
-
-def _is_pseudo(descriptor: int) -> bool:
-    if sys.platform == "linux":
-        return os.major(os.fstat(descriptor).st_rdev) in _LINUX_PTY_MAJORS
-    try:
-        return _PTY_NAMES.fullmatch(os.ttyname(descriptor)) is not None
-    except OSError:
-        return False
 
 
 def _gone(error: OSError) -> ChannelGoneError:

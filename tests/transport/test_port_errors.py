@@ -18,7 +18,7 @@ from serial.rfc2217 import SET_CONTROL, PortManager
 
 from drivecomm.errors import LinkDownError, PortError
 from drivecomm.line import LineSettings
-from drivecomm.transport import opening, tty_channel
+from drivecomm.transport import opening, pseudo_terminal, tty_channel
 from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
 from drivecomm.transport.opening import cannot_open, error_number
 from drivecomm.transport.pyserial_channel import PyserialChannel
@@ -183,8 +183,8 @@ def test_the_end_of_a_terminal_without_an_error(real_terminal, monkeypatch):
 )
 def test_pseudo_terminals_elsewhere_go_by_their_names(name, pseudo, monkeypatch):
     monkeypatch.setattr(sys, "platform", "darwin")
-    monkeypatch.setattr(tty_channel.os, "ttyname", lambda _: name)
-    assert tty_channel._is_pseudo(0) is pseudo
+    monkeypatch.setattr(pseudo_terminal.os, "ttyname", lambda _: name)
+    assert pseudo_terminal.is_pseudo(0) is pseudo
 
 
 def test_a_terminal_without_a_name_is_taken_for_a_real_one(monkeypatch):
@@ -192,8 +192,8 @@ def test_a_terminal_without_a_name_is_taken_for_a_real_one(monkeypatch):
         raise OSError(errno.ENODEV, "no name")
 
     monkeypatch.setattr(sys, "platform", "darwin")
-    monkeypatch.setattr(tty_channel.os, "ttyname", nameless)
-    assert tty_channel._is_pseudo(0) is False
+    monkeypatch.setattr(pseudo_terminal.os, "ttyname", nameless)
+    assert pseudo_terminal.is_pseudo(0) is False
 
 
 def test_a_broken_connection():
