@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test coverage check docs bench fuzz clean
+.PHONY: demo test coverage check docs bench fuzz mutants clean
 
 demo: $(VENV)/installed
 	$(BIN)/drivecomm demo
@@ -29,6 +29,9 @@ bench: $(VENV)/installed-bench
 
 fuzz: $(VENV)/installed-fuzz
 	$(BIN)/python fuzz/run.py
+
+mutants: $(VENV)/installed-test
+	$(BIN)/python mutants/run.py
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
