@@ -20,7 +20,7 @@ from mkdocs.structure.files import File
 
 from drivecomm.conformance.vectors import packaged_vectors
 from drivecomm.errors import FileFormatError
-from drivecomm.models import load_model, model_names
+from drivecomm.model_files import load_model, model_names
 from drivecomm.registry import installed
 from drivecomm.status import Stop
 
@@ -146,7 +146,7 @@ def _overview(plugins: list[Protocol]) -> str:
             f"{plugin.addresses.start} to {plugin.addresses.stop - 1}",
             str(plugin.facts.settings),
             ", ".join(map(_code, plugin.parameter_examples)),
-            ", ".join(map(_code, model_names(plugin.package))),
+            ", ".join(map(_code, model_names(plugin.package, plugin.name))),
         )
         for plugin in plugins
     )
@@ -256,7 +256,7 @@ def _printed(plugin: Protocol) -> Iterator[str]:
 
 
 def _models(plugin: Protocol) -> Iterator[str]:
-    names = model_names(plugin.package)
+    names = model_names(plugin.package, plugin.name)
     if not names:
         yield "None."
     for name in names:

@@ -64,7 +64,7 @@ class AsyncDrive:
     def __init__(self, bus: AsyncRuns, party: Party, operations: Operations, model: Model | None) -> None:
         self._bus = bus
         self._party = party
-        self._verbs = Verbs(party.name, operations)
+        self._verbs = Verbs(party.name, operations, model)
         self.model = model
 
     @property

@@ -66,7 +66,7 @@ class Drive:
     def __init__(self, bus: Runs, party: Party, operations: Operations, model: Model | None) -> None:
         self._bus = bus
         self._party = party
-        self._verbs = Verbs(party.name, operations)
+        self._verbs = Verbs(party.name, operations, model)
         self.model = model
 
     @property

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import inspect
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drivecomm.errors import NotSupported, UsageError
+from drivecomm.errors import NotSupported, ParameterAddressError, UsageError
+from drivecomm.quantities import CommonName, not_said, quantities
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from drivecomm.exchange import Exchange
+    from drivecomm.models import Model
     from drivecomm.protocol import Operations
     from drivecomm.reading import Reading, Value
 
@@ -20,17 +23,36 @@ T = TypeVar("T")
 class Verbs:
     """Turns what a caller asks of a drive into exchanges; what cannot be is a UsageError before anything is sent."""
 
-    def __init__(self, name: str, operations: Operations) -> None:
+    def __init__(self, name: str, operations: Operations, model: Model | None = None) -> None:
         self._name = name
         self.operations = operations
+        self._model = model
+        self._common = {common: CommonName(common, model) for common in model.quantities} if model else {}
 
     def read(self, parameter: str, options: Mapping[str, Any]) -> Exchange[Reading]:
-        """Read a parameter."""
-        return bound(self.operations.read, parameter, **options)
+        """Read a parameter, by its address, its name in the model or a common name."""
+        common = self._common.get(parameter)
+        if common is not None:
+            return _told(bound(self.operations.read, common.address, **options), common)
+        with self._common_names_explained(parameter):
+            return bound(self.operations.read, parameter, **options)
 
     def write(self, parameter: str, value: Value | float, options: Mapping[str, Any]) -> Exchange[Reading | None]:
-        """Write a parameter."""
-        return bound(self.operations.write, parameter, value, **options)
+        """Write a parameter, named as for `read`; by a common name, the value is in the unit of the quantity."""
+        common = self._common.get(parameter)
+        if common is not None:
+            return _confirmed(bound(self.operations.write, common.address, common.given(value), **options), common)
+        with self._common_names_explained(parameter):
+            return bound(self.operations.write, parameter, value, **options)
+
+    @contextmanager
+    def _common_names_explained(self, parameter: str) -> Iterator[None]:
+        try:
+            yield
+        except ParameterAddressError as error:
+            if parameter in quantities():
+                raise not_said(parameter, self._model) from error
+            raise
 
     def set_reference(self, percent: Value | float | None, hz: Value | float | None) -> Exchange[None]:
         """Set the reference in one of its units."""
@@ -46,6 +68,15 @@ class Verbs:
         if verb not in extra:
             raise NotSupported(f"{self._name} has no verb {verb!r}; it has {', '.join(sorted(extra)) or 'none'}")
         return bound(extra[verb], **arguments)
+
+
+def _told(exchange: Exchange[Reading], common: CommonName) -> Exchange[Reading]:
+    return common.told((yield from exchange))
+
+
+def _confirmed(exchange: Exchange[Reading | None], common: CommonName) -> Exchange[Reading | None]:
+    reading = yield from exchange
+    return None if reading is None else common.told(reading)
 
 
 def setting_up(operations: Operations, writes: Mapping[str, Any]) -> Exchange[None]:

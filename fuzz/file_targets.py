@@ -22,7 +22,7 @@ from drivecomm.capture.pieces import Capture, Piece, Provenance
 from drivecomm.conformance.vectors import load_vectors, packaged_vectors
 from drivecomm.errors import DriveCommError, FileFormatError
 from drivecomm.line import LineSettings
-from drivecomm.models import model_names, read_model
+from drivecomm.model_files import model_names, read_model
 from drivecomm.registry import installed
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def _vector_files(plugins: list[Protocol]) -> Iterator[bytes]:
 
 def _model_files(plugins: list[Protocol]) -> Iterator[bytes]:
     for plugin in plugins:
-        for name in model_names(plugin.package):
+        for name in model_names(plugin.package, plugin.name):
             text = (resources.files(plugin.package) / "models" / f"{name}.toml").read_text(encoding="utf-8")
             yield from _one_entry_each(text, ("parameter", "faults"), 10)
 

@@ -12,7 +12,7 @@ from drivecomm.cli.output import complain, emit, fields_text, say
 from drivecomm.decoding import decode as decode_telegram
 from drivecomm.decoding import encode as encode_telegram
 from drivecomm.errors import TelegramError, UsageError
-from drivecomm.models import model_names
+from drivecomm.model_files import model_names
 from drivecomm.registry import installed
 from drivecomm.telegram import Direction
 
@@ -43,14 +43,14 @@ def protocols(json: AsJson = False) -> int:
                 broadcast=plugin.broadcast_address,
                 line=str(facts.settings),
                 reply_timeout_s=facts.timing.reply_timeout_s,
-                models=model_names(plugin.package),
+                models=model_names(plugin.package, plugin.name),
                 parameters=list(plugin.parameter_examples),
             )
             continue
         span = f"{plugin.addresses.start}-{plugin.addresses.stop - 1}"
         say(f"{name:<11} {plugin.title}")
         say(f"{'':<11} addresses {span}, {facts.settings}, parameters like {', '.join(plugin.parameter_examples)}")
-        say(f"{'':<11} models {', '.join(model_names(plugin.package)) or 'none'}")
+        say(f"{'':<11} models {', '.join(model_names(plugin.package, plugin.name)) or 'none'}")
     return 2 if broken else 0
 
 

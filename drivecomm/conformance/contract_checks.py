@@ -16,7 +16,7 @@ from drivecomm.drive_options import sort_out
 from drivecomm.errors import DriveCommError, ParameterAddressError, TelegramError, UsageError
 from drivecomm.exchange import Ask, Pause, Tell
 from drivecomm.line import LINE_FACT_NAMES, LineFacts, LineSettings
-from drivecomm.models import model_names
+from drivecomm.model_files import model_names
 from drivecomm.motor import Motor
 from drivecomm.protocol import Capabilities, Protocol
 from drivecomm.registry import installed
@@ -90,7 +90,7 @@ def has_frozen_options(plugin: Protocol) -> None:
         expect(field.kw_only, f"the option {field.name} can be given by its place")
         expect(field.name not in LINE_FACT_NAMES, f"the option {field.name} has the name of a line fact")
     expect(kind() == kind(), "options without any given are not always the same")
-    for name in model_names(plugin.package):
+    for name in model_names(plugin.package, plugin.name):
         sort_out(plugin, known_model(plugin, name), {})
 
 

@@ -12,7 +12,7 @@ from drivecomm.conformance.bench import raise_all
 from drivecomm.conformance.case import expect
 from drivecomm.conformance.known_models import known_model
 from drivecomm.conformance.vectors import packaged_vectors
-from drivecomm.models import model_names
+from drivecomm.model_files import model_names
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Protocol
@@ -72,7 +72,7 @@ def _reads(parse: object, data: bytes) -> bool:
 def has_a_source_for_every_parameter(plugin: Protocol) -> None:
     """Every parameter of every model has a source, its own or its model's."""
     wrong = []
-    for name in model_names(plugin.package):
+    for name in model_names(plugin.package, plugin.name):
         model = known_model(plugin, name)
         wrong += [
             f"parameter {info.address} of model {name} has no source"

@@ -16,7 +16,7 @@ from drivecomm.conformance.sites import InProcess, Served, served
 from drivecomm.conformance.watched_line import WatchedDrive, WatchedLine
 from drivecomm.conformance.watched_plant import watched_plant
 from drivecomm.errors import UsageError
-from drivecomm.models import load_model
+from drivecomm.model_files import load_model
 from drivecomm.plant import Plant
 from drivecomm.plant_files import read_plant
 from drivecomm.registry import installed

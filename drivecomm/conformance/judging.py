@@ -33,7 +33,7 @@ from drivecomm.conformance.known_models import known_model
 from drivecomm.conformance.report import Check, Report, Verdict, try_out
 from drivecomm.conformance.vectors import VectorFile, packaged_vectors
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.models import model_names
+from drivecomm.model_files import model_names
 from drivecomm.registry import installed
 
 if TYPE_CHECKING:
@@ -195,7 +195,7 @@ def _vectors(plugin: Protocol) -> VectorFile:
 
 
 def _models(plugin: Protocol, extent: Extent) -> list[str]:
-    others = [name for name in model_names(plugin.package) if name != plugin.default_model]
+    others = [name for name in model_names(plugin.package, plugin.name) if name != plugin.default_model]
     return [plugin.default_model, *(others if extent.every_model else ())]
 
 

@@ -155,7 +155,7 @@ def _physical(wanted: Target, raw: int, value: int, notes: list[str]) -> Reading
             type=wanted.type,
             note="; ".join(notes),
         )
-    if info.sure != "manual":
+    if info.sure != "printed":
         notes.append(f"type and unit are {info.sure}")
     return Reading(
         parameter=wanted.address,

@@ -81,7 +81,7 @@ def reading(
         raise UnexpectedReplyError(f"parameter {wanted.function} is no value of format {form.name}: {error}") from error
     faults = model.faults if model else {}
     text = word_text(form.name, data, options.generation, faults)
-    doubt = f"format and unit are {info.sure}" if info and info.sure != "manual" else ""
+    doubt = f"format and unit are {info.sure}" if info and info.sure != "printed" else ""
     return Reading(
         parameter=wanted.function,
         name=name,

@@ -89,7 +89,7 @@ def reading(wanted: Target, data: str, *, lower_case_hex: bool) -> Reading:
         type=wanted.type,
         unit=info.unit,
         text=info.values.get(raw, ""),
-        note="" if info.sure == "manual" else f"type and unit are {info.sure}",
+        note="" if info.sure == "printed" else f"type and unit are {info.sure}",
     )
 
 

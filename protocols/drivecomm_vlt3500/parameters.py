@@ -104,7 +104,7 @@ def reading(wanted: Target, value: Decimal, note: str = "") -> Reading:
     if info is None:
         notes.append("unit not known")
         return Reading(parameter=wanted.address, value=_plain(value), raw=str(value), note="; ".join(notes))
-    if info.sure != "manual":
+    if info.sure != "printed":
         notes.append(f"meaning and unit are {info.sure}")
     physical = value if info.factor == 1 else value * info.factor
     return Reading(

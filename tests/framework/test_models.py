@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.models import Model, load_model, model_names, read_model
+from drivecomm.model_files import load_model, model_names, read_model
+from drivecomm.models import Model
 from drivecomm.registry import installed
 
 HEAD = 'format = 1\nprotocol = "vabus"\nname = "some"\n'
@@ -29,7 +30,7 @@ def test_a_model_with_everything(read):
         + 'title = "Some"\nsource = "a page"\n[options]\nram_datasets = false\n[faults]\n5 = "overload"\n'
         + PARAMETER
         + 'title = "fixed frequency"\ntype = "long"\nunit = "Hz"\nfactor = "0.01"\naccess = "rw*"\n'
-        'values = { 1 = "one" }\nminimum = "0.5"\nmaximum = 10\nstart = "2.5"\nsource = "p. 1"\nsure = "inferred"\n'
+        'values = { 1 = "one" }\nminimum = "0.5"\nmaximum = 10\nstart = "2.5"\nsource = "p. 1"\nsure = "derived"\n'
         "datasets = 4\n"
     )
     assert (model.name, model.title, model.source) == ("some", "Some", "a page")
@@ -41,7 +42,7 @@ def test_a_model_with_everything(read):
         "Hz",
         Decimal("0.01"),
         "rw*",
-        "inferred",
+        "derived",
     )
     assert (info.minimum, info.maximum, info.start) == (Decimal("0.5"), Decimal(10), Decimal("2.5"))
     assert info.values == {1: "one"}
@@ -99,7 +100,7 @@ def test_a_model_extends_another(read, tmp_path):
         (HEAD + "parameter = 3", "some.toml"),
         (HEAD + "options = 3", "some.toml"),
         (HEAD + 'extends = "some"', "extends itself"),
-        (HEAD + 'extends = "none"', "none.toml: cannot be read as a model"),
+        (HEAD + 'extends = "none"', "some.toml, line 4: extends: there is no model 'none' beside this one"),
     ],
 )
 def test_what_is_wrong_is_named(read, text, what):
@@ -140,18 +141,18 @@ def test_a_model_that_is_not_there():
 
 
 def test_packages_without_models():
-    assert model_names("drivecomm.schema") == []
+    assert model_names("drivecomm.schema", "vabus") == []
 
 
 @pytest.mark.parametrize("plugin", list(installed.working()), ids=lambda plugin: plugin.name)
 def test_every_packaged_model_is_read(plugin):
-    names = model_names(plugin.package)
+    names = model_names(plugin.package, plugin.name)
     assert plugin.default_model in names
     for name in names:
         model = load_model(plugin.package, plugin.name, name)
         assert model.protocol == plugin.name
         by_name = [info.name for info in model.parameters.values()]
         assert len(by_name) == len(set(by_name)), "a name means one parameter"
-        assert all(info.sure in ("manual", "inferred", "unconfirmed") for info in model.parameters.values())
+        assert all(info.sure in ("printed", "derived", "field", "unconfirmed") for info in model.parameters.values())
         assert all(info.access in ("r", "w", "rw", "rw*") for info in model.parameters.values())
-        assert all(info.source for info in model.parameters.values() if info.sure == "manual")
+        assert all(info.source for info in model.parameters.values() if info.sure == "printed")

@@ -70,7 +70,7 @@ class TestParameters:
             reading = bench.drive.read(address)
             assert reading.raw == bench.virtual.peek(address, bench.line.time), address
             assert reading.name == info.name
-            assert not reading.note or "unconfirmed" in reading.note or "inferred" in reading.note
+            assert not reading.note or "unconfirmed" in reading.note or "derived" in reading.note
 
     def test_elements_of_an_array(self, bench):
         assert [bench.drive.read(f"3-10[{index}]").value for index in range(4)] == [0, 10, 25, 50]

@@ -7,7 +7,7 @@ from decimal import Decimal
 import pytest
 
 from drivecomm import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
-from drivecomm.models import load_model, model_names
+from drivecomm.model_files import load_model, model_names
 from drivecomm_fuji.formats import FORMATS, current_format, format_named
 from drivecomm_fuji.options import FujiOptions
 from drivecomm_fuji.parameters import reading, target, word_for
@@ -185,7 +185,7 @@ def test_reading_that_is_no_value_of_its_format():
 def test_reading_names_what_is_not_sure():
     found = reading(target("M20", FRENIC, FujiOptions()), 7, FujiOptions(), FRENIC)
     assert (found.value, found.unit, found.name) == (7, "h", "operating_time")
-    assert "inferred" in found.note
+    assert "derived" in found.note
     assert reading(target("H30", FRENIC, FujiOptions()), 3, FujiOptions(), FRENIC).text == "link gives both"
 
 
@@ -324,7 +324,7 @@ def test_options_that_cannot_be(wrong):
         FujiOptions(**wrong)
 
 
-@pytest.mark.parametrize("name", model_names("drivecomm_fuji"))
+@pytest.mark.parametrize("name", model_names("drivecomm_fuji", "fuji"))
 def test_models_are_consistent(name):
     model = load_model("drivecomm_fuji", "fuji", name)
     options = FujiOptions(**model.options)

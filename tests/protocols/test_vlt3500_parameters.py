@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.models import Model, ParameterInfo, load_model
+from drivecomm.model_files import load_model
+from drivecomm.models import Model, ParameterInfo
 from drivecomm_vlt3500.parameters import data_for, reading, target
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ def test_readings_say_what_is_certain() -> None:
     assert isinstance(known.value, int)
     guessed = reading(target("503", MODEL), Decimal(3), "so it says")
     assert guessed.text == "either (or)"
-    assert guessed.note == "so it says; meaning and unit are inferred"
+    assert guessed.note == "so it says; meaning and unit are derived"
 
 
 def test_scale_of_an_own_model() -> None:
@@ -150,7 +151,7 @@ def test_every_row_of_the_shipped_models_has_a_source() -> None:
 
 
 def test_the_confirmed_rows_are_those_of_the_specification() -> None:
-    sure = {address for address, info in MODEL.parameters.items() if info.sure == "manual"}
+    sure = {address for address, info in MODEL.parameters.items() if info.sure == "printed"}
     assert sure == {"215", "216", "218", "309", "500", "501", "516", "601", "602"}
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import drivecomm.plant_files
 from drivecomm.errors import DriveCommError, FileFormatError
-from drivecomm.models import load_model
+from drivecomm.model_files import load_model
 from drivecomm.plant import Plant, PlantDrive, PlantLine
 from drivecomm.plant_files import read_plant
 from drivecomm.virtual import VirtualLine, virtual_drive
