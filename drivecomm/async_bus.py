@@ -14,6 +14,7 @@ from drivecomm.poll_loops import poll_async
 from drivecomm.roster import Roster, echo_mode, line_overrides
 from drivecomm.runners.asynchronous import runner_for
 from drivecomm.scanning import Found, look, scan_plan
+from drivecomm.stored_writes import ALLOWED, StoredWrites
 from drivecomm.turns import Rank
 
 if TYPE_CHECKING:
@@ -135,6 +136,10 @@ class AsyncBus:
     def commanding(self, who: AsyncDrive | AsyncBroadcast) -> None:
         """Let all other objects for the same drive, or drives, forget what they commanded last."""
         self._roster.commanding(who)
+
+    def storing(self, party: Party, parameter: str) -> None:
+        """Count a write that may end in EEPROM. Raises UsageError for one too many within an hour."""
+        self._roster.stored_writes.count(party.name, parameter, self.now())
 
     def now(self) -> float:
         """Return the time on the line's clock, in seconds; its beginning means nothing."""
@@ -282,6 +287,7 @@ def open_bus_async(
     low_latency: bool | None = None,
     trace: Callable[[TraceEvent], None] | None = None,
     record: Record | None = None,
+    stored_writes_per_hour: int = ALLOWED,
     **facts: float | None,
 ) -> AsyncBus:
     """Return the bus of a line for `async with`, which opens it; the arguments are those of `open_bus`.
@@ -297,7 +303,13 @@ def open_bus_async(
         "attempts": attempts,
         **facts,
     }
-    roster = Roster(overrides=line_overrides(given), trace=trace, echo=echo_mode(echo), guard_s=guard_s)
+    roster = Roster(
+        overrides=line_overrides(given),
+        trace=trace,
+        echo=echo_mode(echo),
+        guard_s=guard_s,
+        stored_writes=StoredWrites(stored_writes_per_hour),
+    )
     opener = port_opener(port, rs485=rs485, low_latency=low_latency)
     if record is None:
         return AsyncBus(opener, roster)

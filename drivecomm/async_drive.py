@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 from drivecomm.status import Stop
 from drivecomm.turns import Rank
 from drivecomm.verbs import Verbs
+from drivecomm.waiting import POLL_S, Waiting
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Capabilities, Operations
     from drivecomm.reading import Reading, Value
     from drivecomm.status import DriveStatus
+    from drivecomm.waiting import Goal
 
 T = TypeVar("T")
 R = TypeVar("R", "Reading", "Reading | None")
@@ -52,6 +54,10 @@ class AsyncRuns(Protocol):
 
     def commanding(self, who: AsyncDrive | AsyncBroadcast) -> None:
         """Let all others who speak to the same drive know that it is being commanded."""
+        ...
+
+    def storing(self, party: Party, parameter: str) -> None:
+        """Count a write that may end in EEPROM. Raises UsageError for one too many."""
         ...
 
 
@@ -90,7 +96,7 @@ class AsyncDrive:
     @property
     def capabilities(self) -> Capabilities:
         """What this drive can be asked to do."""
-        return self._verbs.operations.capabilities
+        return self._verbs.capabilities
 
     def commanded_elsewhere(self) -> None:
         """Forget the last command, because somebody else has commanded this drive since; the bus calls it."""
@@ -108,9 +114,15 @@ class AsyncDrive:
         self, parameter: str, value: Value | float, *, store: bool = False, **options: Any
     ) -> Reading | None:
         """Write a parameter; returns what the drive reports back, None where it only confirms."""
-        exchange = self._verbs.write(parameter, value, {"store": store, **options})
-        self._bus.commanding(self)
-        return await self._bus.reading(self._party, exchange, Rank.COMMAND)
+        return await self._write(parameter, store, self._verbs.write(parameter, value, {"store": store, **options}))
+
+    async def write_and_read(
+        self, parameter: str, value: Value | float, *, store: bool = False, **options: Any
+    ) -> Reading | None:
+        """Write a parameter, and read it back. Raises StateError when the drive holds another value."""
+        return await self._write(
+            parameter, store, self._verbs.written_and_read(parameter, value, {"store": store, **options})
+        )
 
     async def status(self) -> DriveStatus:
         """Read the status word; commands nothing."""
@@ -130,9 +142,48 @@ class AsyncDrive:
         """Acknowledge a fault. The motor does not start again by this."""
         await self._command(self._verbs.operations.reset())
 
-    async def set_reference(self, *, percent: Value | float | None = None, hz: Value | float | None = None) -> None:
-        """Set the reference, as a share of the reference range or as output frequency; never stored."""
-        await self._command(self._verbs.set_reference(percent, hz))
+    async def reverse(self) -> None:
+        """Start the motor backwards, or let a running one turn round."""
+        await self.start(reverse=True)
+
+    async def set_reference(
+        self,
+        *,
+        percent: Value | float | None = None,
+        hz: Value | float | None = None,
+        rpm: Value | float | None = None,
+    ) -> None:
+        """Set the reference, as a share of the reference range, as output frequency or as speed; never stored."""
+        await self._command(self._verbs.set_reference(percent, hz, rpm))
+
+    async def jog(self, number: int = 1) -> None:
+        """Run at a jog speed until the next start or stop."""
+        await self._command(self._verbs.common("jog", {"number": number}))
+
+    async def hold(self) -> None:
+        """Keep the output frequency of a running motor as it is until the next start or stop."""
+        await self._command(self._verbs.common("hold", {}))
+
+    async def select_setup(self, number: int) -> None:
+        """Work with this set-up of parameters, from 1 on."""
+        await self._command(self._verbs.common("select_setup", {"number": number}))
+
+    async def select_preset(self, number: int) -> None:
+        """Take this preset reference, from 1 on."""
+        await self._command(self._verbs.common("select_preset", {"number": number}))
+
+    async def set_relay(self, number: int, on: bool) -> None:
+        """Switch a relay, from 1 on."""
+        await self._command(self._verbs.common("set_relay", {"number": number, "on": on}))
+
+    async def wait_for(self, goal: Goal, timeout_s: float = 10.0) -> DriveStatus:
+        """Ask for the status until the drive is in a state, or "at_reference"; returns that status."""
+        status = await self.status()
+        waiting = Waiting(self.name, goal, timeout_s, self._bus.now())
+        while not waiting.over(status, now := self._bus.now()):
+            await self._bus.sleep_until(now + POLL_S)
+            status = await self.status()
+        return status
 
     async def probe(self) -> None:
         """Ask once whether a drive is there, with something that cannot move a motor. Raises ReplyError if not."""
@@ -145,6 +196,12 @@ class AsyncDrive:
     async def call(self, verb: str, **arguments: Any) -> Any:
         """Carry out a verb that only this protocol has, such as jogging or choosing a set-up."""
         return await self._command(self._verbs.call(verb, arguments))
+
+    async def _write(self, parameter: str, store: bool, exchange: Exchange[Reading | None]) -> Reading | None:
+        if stored := self._verbs.stored_parameter(parameter, store=store):
+            self._bus.storing(self._party, stored)
+        self._bus.commanding(self)
+        return await self._bus.reading(self._party, exchange, Rank.COMMAND)
 
     async def _command(self, exchange: Exchange[T]) -> T:
         self._bus.commanding(self)

@@ -13,6 +13,7 @@ from drivecomm.poll_loops import poll
 from drivecomm.roster import Roster, echo_mode, line_overrides
 from drivecomm.runners.blocking import run
 from drivecomm.scanning import Found, look, scan_plan
+from drivecomm.stored_writes import ALLOWED, StoredWrites
 from drivecomm.turns import Rank, Turns
 
 if TYPE_CHECKING:
@@ -148,6 +149,10 @@ class Bus:
         """Let all other objects for the same drive, or drives, forget what they commanded last."""
         self._roster.commanding(who)
 
+    def storing(self, party: Party, parameter: str) -> None:
+        """Count a write that may end in EEPROM. Raises UsageError for one too many within an hour."""
+        self._roster.stored_writes.count(party.name, parameter, self.now())
+
     def now(self) -> float:
         """Return the time on the line's clock, in seconds; its beginning means nothing."""
         if self._closed:
@@ -267,6 +272,7 @@ def open_bus(
     low_latency: bool | None = None,
     trace: Callable[[TraceEvent], None] | None = None,
     record: Record | None = None,
+    stored_writes_per_hour: int = ALLOWED,
     **facts: float | None,
 ) -> Bus:
     """Open a line and return its bus, a context manager.
@@ -277,8 +283,9 @@ def open_bus(
     "off", "expect" (also True), or "auto" to see by itself. guard_s: quiet time after a change of line settings. rs485:
     let the driver of the port switch the transmitter. low_latency: whether a USB adapter shall hand bytes over at once;
     None does so where it can be set. trace: called for everything that happens on the line. record: a file that gets
-    every byte sent and received, .jsonl or .pcapng, or an object with `add(piece)`. facts: further timing for all
-    drives, by the names of `Timing`, such as gap_s or turnaround_s.
+    every byte sent and received, .jsonl or .pcapng, or an object with `add(piece)`. stored_writes_per_hour: how often
+    one parameter of a drive may be written to EEPROM. facts: further timing for all drives, by the names of `Timing`,
+    such as gap_s or turnaround_s.
 
     Raises PortError when the port does not exist, is in use, or has not what was asked for, UsageError for a name that
     is no line fact.
@@ -292,7 +299,13 @@ def open_bus(
         "attempts": attempts,
         **facts,
     }
-    roster = Roster(overrides=line_overrides(given), trace=trace, echo=echo_mode(echo), guard_s=guard_s)
+    roster = Roster(
+        overrides=line_overrides(given),
+        trace=trace,
+        echo=echo_mode(echo),
+        guard_s=guard_s,
+        stored_writes=StoredWrites(stored_writes_per_hour),
+    )
     opener = port_opener(port, rs485=rs485, low_latency=low_latency)
     if record is None:
         return Bus(opener, roster)

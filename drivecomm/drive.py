@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 from drivecomm.status import Stop
 from drivecomm.turns import Rank
 from drivecomm.verbs import Verbs
+from drivecomm.waiting import POLL_S, Waiting
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Capabilities, Operations
     from drivecomm.reading import Reading, Value
     from drivecomm.status import DriveStatus
+    from drivecomm.waiting import Goal
 
 T = TypeVar("T")
 R = TypeVar("R", "Reading", "Reading | None")
@@ -52,6 +54,10 @@ class Runs(Protocol):
 
     def commanding(self, who: Drive | Broadcast) -> None:
         """Let all others who speak to the same drive know that it is being commanded."""
+        ...
+
+    def storing(self, party: Party, parameter: str) -> None:
+        """Count a write that may end in EEPROM. Raises UsageError for one too many."""
         ...
 
 
@@ -92,7 +98,7 @@ class Drive:
     @property
     def capabilities(self) -> Capabilities:
         """What this drive can be asked to do."""
-        return self._verbs.operations.capabilities
+        return self._verbs.capabilities
 
     def commanded_elsewhere(self) -> None:
         """Forget the last command, because somebody else has commanded this drive since; the bus calls it."""
@@ -112,12 +118,20 @@ class Drive:
     def write(self, parameter: str, value: Value | float, *, store: bool = False, **options: Any) -> Reading | None:
         """Write a parameter; returns what the drive reports back, None where it only confirms.
 
-        store: keep the value over power-off (EEPROM) where the protocol makes the difference. A value that does not fit
-        raises ValueRefusedError before anything is sent.
+        value: physical where the model knows the scale, in the quantity's unit for a common name, or the text of one of
+        its options. store: keep the value over power-off (EEPROM) where the protocol makes the difference. A value that
+        does not fit raises ValueRefusedError before anything is sent, and so does a UsageError for a parameter that was
+        stored too often within an hour: EEPROM cells wear out.
         """
-        exchange = self._verbs.write(parameter, value, {"store": store, **options})
-        self._bus.commanding(self)
-        return self._bus.reading(self._party, exchange, Rank.COMMAND)
+        return self._write(parameter, store, self._verbs.write(parameter, value, {"store": store, **options}))
+
+    def write_and_read(
+        self, parameter: str, value: Value | float, *, store: bool = False, **options: Any
+    ) -> Reading | None:
+        """Write a parameter as `write` does, and read it back. Raises StateError when the drive holds another value."""
+        return self._write(
+            parameter, store, self._verbs.written_and_read(parameter, value, {"store": store, **options})
+        )
 
     def status(self) -> DriveStatus:
         """Read the status word; commands nothing."""
@@ -140,12 +154,54 @@ class Drive:
         """Acknowledge a fault. The motor does not start again by this."""
         self._command(self._verbs.operations.reset())
 
-    def set_reference(self, *, percent: Value | float | None = None, hz: Value | float | None = None) -> None:
-        """Set the reference, as a share of the reference range or as output frequency; never stored.
+    def reverse(self) -> None:
+        """Start the motor backwards, or let a running one turn round."""
+        self.start(reverse=True)
 
-        Raises UsageError unless exactly one of the two is given.
+    def set_reference(
+        self,
+        *,
+        percent: Value | float | None = None,
+        hz: Value | float | None = None,
+        rpm: Value | float | None = None,
+    ) -> None:
+        """Set the reference, as a share of the reference range, as output frequency or as speed; never stored.
+
+        rpm: of the motor's field, which its name plate in the drive gives; a loaded motor slips below it. Raises
+        UsageError unless exactly one of them is given.
         """
-        self._command(self._verbs.set_reference(percent, hz))
+        self._command(self._verbs.set_reference(percent, hz, rpm))
+
+    def jog(self, number: int = 1) -> None:
+        """Run at a jog speed until the next start or stop. Raises NotSupported where there is none."""
+        self._command(self._verbs.common("jog", {"number": number}))
+
+    def hold(self) -> None:
+        """Keep the output frequency of a running motor as it is until the next start or stop."""
+        self._command(self._verbs.common("hold", {}))
+
+    def select_setup(self, number: int) -> None:
+        """Work with this set-up of parameters, from 1 on."""
+        self._command(self._verbs.common("select_setup", {"number": number}))
+
+    def select_preset(self, number: int) -> None:
+        """Take this preset reference, from 1 on."""
+        self._command(self._verbs.common("select_preset", {"number": number}))
+
+    def set_relay(self, number: int, on: bool) -> None:
+        """Switch a relay, from 1 on."""
+        self._command(self._verbs.common("set_relay", {"number": number, "on": on}))
+
+    def wait_for(self, goal: Goal, timeout_s: float = 10.0) -> DriveStatus:
+        """Ask for the status until the drive is in a state, or "at_reference"; returns that status.
+
+        Others use the line meanwhile. Raises StateError when it does not come there in time, and at once when it has a
+        fault that is not waited for.
+        """
+        waiting = Waiting(self.name, goal, timeout_s, self._bus.now())
+        while not waiting.over(status := self.status(), now := self._bus.now()):
+            self._bus.sleep_until(now + POLL_S)
+        return status
 
     def probe(self) -> None:
         """Ask once whether a drive is there, with something that cannot move a motor. Raises ReplyError if not."""
@@ -161,6 +217,12 @@ class Drive:
         The protocol's documentation lists them with their arguments. Raises NotSupported for a verb that it lacks.
         """
         return self._command(self._verbs.call(verb, arguments))
+
+    def _write(self, parameter: str, store: bool, exchange: Exchange[Reading | None]) -> Reading | None:
+        if stored := self._verbs.stored_parameter(parameter, store=store):
+            self._bus.storing(self._party, stored)
+        self._bus.commanding(self)
+        return self._bus.reading(self._party, exchange, Rank.COMMAND)
 
     def _command(self, exchange: Exchange[T]) -> T:
         self._bus.commanding(self)

@@ -36,7 +36,8 @@ class Capabilities:
     stops: the ways to stop. reverse: whether it can start backwards. reference_percent, reference_hz: how a reference
     can be given. stored_writes: `store=True` writes to EEPROM. volatile_writes: `store=False` keeps a write out of
     EEPROM. broadcast: commands to all drives at once. link_loss: what the drive does when the master falls silent and
-    which parameter decides it.
+    which parameter decides it. verbs: which of the common verbs it has besides (jog, hold, select_setup, select_preset,
+    set_relay); the drive fills it in from `Operations.extra`.
     """
 
     stops: frozenset[Stop]
@@ -47,6 +48,7 @@ class Capabilities:
     volatile_writes: bool
     broadcast: bool
     link_loss: str
+    verbs: frozenset[str] = frozenset()
 
 
 class Operations(Interface):
@@ -77,7 +79,11 @@ class Operations(Interface):
 
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
-        """Further verbs that only this protocol has, by name; `Drive.call` reaches them."""
+        """Further verbs, by name; `Drive.call` reaches them.
+
+        Some have names and arguments that are the same everywhere, and are methods of `Drive`: jog(number),
+        hold(), select_setup(number), select_preset(number), set_relay(number, on).
+        """
         ...
 
     def commanded_elsewhere(self) -> None:

@@ -12,6 +12,7 @@ from drivecomm.line import LINE_FACT_NAMES
 from drivecomm.link import Link, Party
 from drivecomm.model_files import load_model
 from drivecomm.registry import installed
+from drivecomm.stored_writes import StoredWrites
 from drivecomm.verbs import setting_up
 
 if TYPE_CHECKING:
@@ -56,7 +57,10 @@ class Speaks(Protocol):
 
 
 class Roster:
-    """The drives of one line and its link. overrides: line facts that hold for all drives."""
+    """The drives of one line and its link.
+
+    overrides: line facts that hold for all drives. stored_writes: counts what goes to EEPROM.
+    """
 
     def __init__(
         self,
@@ -65,7 +69,9 @@ class Roster:
         trace: Callable[[TraceEvent], None] | None = None,
         echo: Echo = "off",
         guard_s: float = 0.005,
+        stored_writes: StoredWrites | None = None,
     ) -> None:
+        self.stored_writes = stored_writes or StoredWrites()
         self.link = Link(trace=trace, echo=echo, guard_s=guard_s, away=self._forget)
         self._overrides = dict(overrides or {})
         self._drives: WeakSet[Commanded] = WeakSet()

@@ -26,8 +26,11 @@ class Stop(Enum):
 class DriveState(Enum):
     """What a drive is doing.
 
-    NOT_READY: cannot start (disabled, switched off, initialising). READY: would start on command. RUNNING: the motor is
-    being driven. STOPPING: a quick stop is under way. FAULT: tripped, needs a reset.
+    NOT_READY: cannot start at once (disabled, switched off, initialising). READY: would start on command; whether the
+    shaft stands is another question, which the output frequency answers. RUNNING: the motor is being driven. STOPPING:
+    a quick stop is under way. FAULT: tripped, needs a reset. By CiA 402 (IEC 61800-7-201): NOT_READY is "not ready to
+    switch on" and "switch on disabled", READY "ready to switch on" and "switched on", RUNNING "operation enabled",
+    STOPPING "quick stop active", FAULT "fault reaction active" and "fault".
     """
 
     NOT_READY = "not_ready"

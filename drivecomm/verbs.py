@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import inspect
 from contextlib import contextmanager
+from dataclasses import replace
+from decimal import Decimal
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drivecomm.errors import NotSupported, ParameterAddressError, UsageError
+from drivecomm.errors import NotSupported, ParameterAddressError, StateError, UsageError
+from drivecomm.numbers import exact
 from drivecomm.quantities import CommonName, not_said, quantities
+from drivecomm.stored_writes import is_stored
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from drivecomm.exchange import Exchange
     from drivecomm.models import Model
-    from drivecomm.protocol import Operations
+    from drivecomm.protocol import Capabilities, Operations
     from drivecomm.reading import Reading, Value
 
 T = TypeVar("T")
+
+COMMON_VERBS = frozenset({"jog", "hold", "select_setup", "select_preset", "set_relay"})
+"""Verbs that not every drive has, and that mean the same on those that have them."""
 
 
 class Verbs:
@@ -39,11 +46,21 @@ class Verbs:
 
     def write(self, parameter: str, value: Value | float, options: Mapping[str, Any]) -> Exchange[Reading | None]:
         """Write a parameter, named as for `read`; by a common name, the value is in the unit of the quantity."""
+        value = self._number_of(parameter, value)
         common = self._common.get(parameter)
         if common is not None:
             return _confirmed(bound(self.operations.write, common.address, common.given(value), **options), common)
         with self._common_names_explained(parameter):
             return bound(self.operations.write, parameter, value, **options)
+
+    def _number_of(self, parameter: str, value: Value | float) -> Value | float:
+        """Return what stands for a value that was given by its name in the model, such as an option's text."""
+        if not isinstance(value, str) or self._model is None:
+            return value
+        common = self._common.get(parameter)
+        info = self._model.find((common.address if common else parameter).partition("[")[0])
+        named = [number for number, text in info.values.items() if text.casefold() == value.casefold()] if info else []
+        return named[0] if len(named) == 1 else value
 
     @contextmanager
     def _common_names_explained(self, parameter: str) -> Iterator[None]:
@@ -54,13 +71,58 @@ class Verbs:
                 raise not_said(parameter, self._model) from error
             raise
 
-    def set_reference(self, percent: Value | float | None, hz: Value | float | None) -> Exchange[None]:
+    @property
+    def capabilities(self) -> Capabilities:
+        """What this drive can be asked to do."""
+        operations = self.operations
+        return replace(operations.capabilities, verbs=COMMON_VERBS.intersection(operations.extra))
+
+    def stored_parameter(self, parameter: str, *, store: bool) -> str:
+        """Return the address of a parameter whose write may end in EEPROM, empty where it does not."""
+        common = self._common.get(parameter)
+        address = common.address if common else parameter
+        if not is_stored(self.operations.capabilities, self._model, address, store=store):
+            return ""
+        info = self._model.find(address) if self._model else None
+        return info.address if info else address
+
+    def written_and_read(
+        self, parameter: str, value: Value | float, options: Mapping[str, Any]
+    ) -> Exchange[Reading | None]:
+        """Write a parameter, read it, and compare. Raises StateError when the drive holds something else."""
+        writing = self.write(parameter, value, options)
+        known = inspect.signature(self.operations.read).parameters
+        reading = self.read(parameter, {name: given for name, given in options.items() if name in known})
+        return _compared(writing, reading, self._number_of(parameter, value))
+
+    def set_reference(
+        self, percent: Value | float | None, hz: Value | float | None, rpm: Value | float | None = None
+    ) -> Exchange[None]:
         """Set the reference in one of its units."""
-        if percent is not None and hz is None:
+        if sum(given is not None for given in (percent, hz, rpm)) != 1:
+            raise UsageError("a reference is set with percent, with hz or with rpm, one of them")
+        if percent is not None:
             return self.operations.set_reference_percent(percent)
-        if hz is not None and percent is None:
+        if hz is not None:
             return self.operations.set_reference_hz(hz)
-        raise UsageError("a reference is set with percent or with hz, one of the two")
+        return self._set_reference_rpm(exact(rpm if rpm is not None else 0, "reference"))
+
+    def _set_reference_rpm(self, rpm: Decimal) -> Exchange[None]:
+        for name in ("motor_rated_frequency", "motor_rated_speed"):
+            if name not in self._common:
+                raise NotSupported(f"{self._name}: without {name} in its model, revolutions are unknown; give hz")
+        if not self.operations.capabilities.reference_hz:
+            raise NotSupported(f"{self._name} takes its reference in percent only here; see its options for hertz")
+        frequency = yield from self.read("motor_rated_frequency", {})
+        speed = yield from self.read("motor_rated_speed", {})
+        yield from self.operations.set_reference_hz(frequency_for(rpm, frequency, speed))
+
+    def common(self, verb: str, arguments: Mapping[str, Any]) -> Exchange[Any]:
+        """Carry out a verb that means the same on every drive that has it."""
+        if verb not in self.operations.extra:
+            can = ", ".join(sorted(self.capabilities.verbs)) or "none of them"
+            raise NotSupported(f"{self._name} cannot {verb}; of the common verbs it has {can}")
+        return bound(self.operations.extra[verb], **arguments)
 
     def call(self, verb: str, arguments: Mapping[str, Any]) -> Exchange[Any]:
         """Carry out a verb that only this protocol has."""
@@ -77,6 +139,38 @@ def _told(exchange: Exchange[Reading], common: CommonName) -> Exchange[Reading]:
 def _confirmed(exchange: Exchange[Reading | None], common: CommonName) -> Exchange[Reading | None]:
     reading = yield from exchange
     return None if reading is None else common.told(reading)
+
+
+def _compared(
+    writing: Exchange[Reading | None], reading: Exchange[Reading], wanted: Value | float
+) -> Exchange[Reading | None]:
+    yield from writing
+    held = yield from reading
+    if not _same(held.value, wanted):
+        raise StateError(f"{held.parameter} was written as {wanted} and holds {held}; see the limits of the drive")
+    return held
+
+
+def _same(held: Value, wanted: Value | float) -> bool:
+    if isinstance(held, str):
+        return held.rstrip() == str(wanted).rstrip()
+    return Decimal(held) == exact(wanted, "read back")
+
+
+def frequency_for(rpm: Decimal, rated_frequency: Reading, rated_speed: Reading) -> Decimal:
+    """Return the frequency at which a motor with this name plate turns so fast without load, to 0.01 Hz.
+
+    The number of pole pairs is the whole number that the name plate comes nearest to from above: slip makes a motor
+    slower than its field. Raises UsageError for a name plate that is empty.
+    """
+    if isinstance(rated_frequency.value, str) or isinstance(rated_speed.value, str) or not rated_speed.value:
+        raise UsageError("the drive holds no name plate of its motor, so revolutions are unknown; give hz")
+    pole_pairs = int(60 * Decimal(rated_frequency.value) / Decimal(rated_speed.value))
+    if pole_pairs < 1:
+        raise UsageError(
+            f"a motor of {rated_frequency} with {rated_speed} has no pole pairs; correct its name plate in the drive"
+        )
+    return (rpm * pole_pairs / 60).quantize(Decimal("0.01"))
 
 
 def setting_up(operations: Operations, writes: Mapping[str, Any]) -> Exchange[None]:

@@ -72,6 +72,10 @@ class DanfossFcOperations:
         self._limits = span("output", options.output_minimum_hz, options.output_maximum_hz)
         self.extra: Mapping[str, Callable[..., Exchange[Any]]] = {
             "jog": self.jog,
+            "hold": self.freeze,
+            "select_setup": self.set_up,
+            "select_preset": self.preset,
+            "set_relay": self.set_relay,
             "preset": self.preset,
             "set_up": self.set_up,
             "relays": self.relays,
@@ -263,6 +267,11 @@ class DanfossFcOperations:
             mask |= 0 if on is None else 1 << bit
             bits |= 1 << bit if on else 0
         return self._switch("relays", mask, bits, at_once=True)
+
+    def set_relay(self, number: int, on: bool) -> Exchange[None]:
+        """Switch relay 1 or 2, as `relays` does."""
+        which = one_of(number, range(1, 3), "relay")
+        return self.relays(relay_1=on if which == 1 else None, relay_2=on if which == 2 else None)
 
     def ramp(self, number: int) -> Exchange[None]:
         """Use ramp 1 or ramp 2; no function on VLT 6000."""

@@ -269,6 +269,7 @@ class FujiOperations:
             state=_state(word),
             running=runs and not alarm,
             fault=alarm,
+            at_reference=runs and not alarm and not (bit(word, "ACC") or bit(word, "DEC")),
             reverse=bit(word, "REV") if runs else None,
             remote=bit(word, "RL"),
             fault_code=code,

@@ -26,7 +26,7 @@ from drivecomm_vabus import states
 from drivecomm_vabus.errorcodes import ERROR_REGISTER, LINE_FAULTS, error_text
 from drivecomm_vabus.parameters import Target, characters_for, reading, target
 from drivecomm_vabus.states import State, state_of
-from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Eot, Nak, Select, Value, number_of
+from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Eot, Nak, Select, Value, data_of, number_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -79,6 +79,7 @@ class VabusOperations:
         self._model = model
         self._maybe_locked = False
         self._unanswered = False
+        self._reversed = False
         # Model and options of a drive do not change, so that an address always means the same.
         self._known = lru_cache(_KEPT)(lambda name, kind: target(name, model, kind, None))
         self._enquiry = lru_cache(_KEPT, typed=True)(self._new_enquiry)
@@ -88,7 +89,7 @@ class VabusOperations:
         """What a VABus drive can be asked to do."""
         return Capabilities(
             stops=frozenset(_CONTROL_WORDS),
-            reverse=False,
+            reverse=self._options.ram_datasets,
             reference_percent=self._options.ram_datasets,
             reference_hz=self._options.ram_datasets,
             stored_writes=True,
@@ -136,13 +137,19 @@ class VabusOperations:
         return self._status()
 
     def start(self, *, reverse: bool = False) -> Exchange[None]:
-        """Walk the state machine to "operation enabled": 0006, 0007, 000F, each state awaited."""
+        """Walk the state machine to "operation enabled": 0006, 0007, 000F, each state awaited.
+
+        The control word has no bit for the direction, the sign of the references says it (Agile VABus manual p. 41): to
+        run backwards, those that are positive are made negative in RAM first, and made positive again by the next
+        start forwards of this object.
+        """
         self._must_be_one_drive("start")
-        if reverse:
+        if reverse and not self._options.ram_datasets:
             raise NotSupported(
-                "the VABus control word has no bit for reverse; set a negative reference frequency and start forward"
+                "this drive has no RAM data sets, and a reversed reference would go to EEPROM; "
+                "set a negative reference with store=True and start forward"
             )
-        return self._start()
+        return self._start_backwards() if reverse else self._start_forwards()
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop: 0007 (disable operation), 0000 (coast) or 0002 (quick stop)."""
@@ -283,6 +290,29 @@ class VabusOperations:
             return number_of(reply.data, "uint", lower_case_hex=self._options.lower_case_hex)
         except (RefusedError, ValueError):
             return None
+
+    def _start_forwards(self) -> Exchange[None]:
+        if self._reversed:
+            yield from self._turn_references(1)
+            self._reversed = False
+        yield from self._start()
+
+    def _start_backwards(self) -> Exchange[None]:
+        self._reversed = True
+        yield from self._turn_references(-1)
+        yield from self._start()
+
+    def _turn_references(self, sign: int) -> Exchange[None]:
+        """Give both references this sign, in RAM; one that has it, or is zero, is left alone."""
+        for number, kind in self._references():
+            wanted = target(str(number), self._model, kind, None)
+            held = yield from self._enquire(number, 0, wanted.address)
+            raw = number_of(held.data, wanted.type, lower_case_hex=self._options.lower_case_hex)
+            if raw * sign < 0:
+                yield from self._select(number, 5, data_of(-raw, wanted.type))
+
+    def _references(self) -> tuple[tuple[int, str], ...]:
+        return (self._options.reference_percent_parameter, "int"), (self._options.reference_hz_parameter, "long")
 
     def _start(self) -> Exchange[None]:
         word = yield from self._state_word()

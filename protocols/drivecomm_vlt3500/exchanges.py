@@ -83,6 +83,7 @@ class VltOperations:
             "slow_down": self.slow_down,
             "catch_up": self.catch_up,
             "hold": self.hold,
+            "select_setup": self.set_up,
             "set_up": self.set_up,
             "control_word": self.control_word,
         }

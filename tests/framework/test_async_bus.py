@@ -22,10 +22,12 @@ TASKS = 200
 
 TWINS = [(Bus, AsyncBus), (Drive, AsyncDrive), (Broadcast, AsyncBroadcast)]
 AT_ONCE = {
+    "storing",
     "drive",
     "poll",
     "broadcast",
     "commanding",
+    "storing",
     "now",
     "wall_time",
     "counters",

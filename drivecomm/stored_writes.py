@@ -1,0 +1,46 @@
+"""EEPROM cells wear: a guard that counts stored writes of each parameter and refuses to go on in a cycle."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import UsageError
+
+if TYPE_CHECKING:
+    from drivecomm.models import Model
+    from drivecomm.protocol import Capabilities
+
+WITHIN_S = 3600.0
+ALLOWED = 10
+"""So many stored writes of one parameter of one drive within an hour are what a person does; more are a cycle."""
+
+
+class StoredWrites:
+    """The stored writes of all drives of one bus, as long as it is open. allowed: of one parameter within an hour."""
+
+    def __init__(self, allowed: int = ALLOWED) -> None:
+        self._allowed = allowed
+        self._times: dict[tuple[str, str], deque[float]] = {}
+
+    def count(self, drive: str, parameter: str, now: float) -> None:
+        """Count a write that is about to be stored. Raises UsageError instead of letting one too many happen."""
+        times = self._times.setdefault((drive, parameter), deque())
+        while times and now - times[0] >= WITHIN_S:
+            times.popleft()
+        if len(times) >= self._allowed:
+            raise UsageError(
+                f"{parameter} of {drive} was stored {len(times)} times within an hour, and EEPROM cells wear out; "
+                "write it without store=True, or raise stored_writes_per_hour of the bus"
+            )
+        times.append(now)
+
+
+def is_stored(capabilities: Capabilities, model: Model | None, parameter: str, *, store: bool) -> bool:
+    """Whether a write may end in EEPROM: asked for, or nothing says that it does not."""
+    if store:
+        return True
+    if capabilities.volatile_writes:
+        return False
+    info = model.find(parameter.partition("[")[0]) if model else None
+    return info is None or info.storage != "volatile"
