@@ -37,10 +37,8 @@ class StoredWrites:
 
 
 def is_stored(capabilities: Capabilities, model: Model | None, parameter: str, *, store: bool) -> bool:
-    """Whether a write may end in EEPROM: asked for, or nothing says that it does not."""
-    if store:
-        return True
-    if capabilities.volatile_writes:
-        return False
+    """Whether a write is known to end in EEPROM: asked for, or the only way that this drive has for the parameter."""
+    if store or capabilities.volatile_writes:
+        return store
     info = model.find(parameter.partition("[")[0]) if model else None
-    return info is None or info.storage != "volatile"
+    return info is not None and info.storage == "stored"

@@ -27,7 +27,6 @@ AT_ONCE = {
     "poll",
     "broadcast",
     "commanding",
-    "storing",
     "now",
     "wall_time",
     "counters",

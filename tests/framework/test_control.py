@@ -156,12 +156,21 @@ def test_stored_writes_in_a_cycle_are_refused_and_nothing_is_sent():
         drive.write("481", 3, store=True)
 
 
-def test_what_may_be_stored_counts_too():
+def test_what_a_drive_always_stores_counts_too(tmp_path):
+    own = tmp_path / "own.toml"
+    own.write_text(
+        'format = 1\nprotocol = "vlt3500"\nname = "own"\n'
+        '[[parameter]]\naddress = "215"\nname = "ramp_up_time"\nstorage = "stored"\n'
+        '[[parameter]]\naddress = "216"\nname = "ramp_down_time"\n',
+        encoding="utf-8",
+    )
     _, bus = one("vlt3500", model="vlt3500")
     with bus:
-        drive = bus.drive("vlt3500", 1, model="vlt3500")
+        drive = bus.drive("vlt3500", 1, model=str(own))
         for _ in range(10):
             drive.write("215", 5)
+            drive.write("216", 5)
+        drive.write("216", 5)
         with pytest.raises(UsageError, match="215 of vlt3500:1 was stored"):
             drive.write("215", 5)
 

@@ -363,6 +363,10 @@ class TestFunctions:
             "slow_down",
             "control_word",
             "release",
+            "hold",
+            "select_setup",
+            "select_preset",
+            "set_relay",
         }
 
 

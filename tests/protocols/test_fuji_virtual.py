@@ -557,7 +557,7 @@ def test_two_thousand_disturbed_exchanges(seed, options):
     """No reading shows what the drive never held, and every failure is an error of the tree."""
     inverter = virtual_drive("fuji", 1)
     line = VirtualLine([inverter], faults=FaultPlan(rate=0.1, seed=seed))
-    bus = drivecomm.open_bus(line.port)
+    bus = drivecomm.open_bus(line.port, stored_writes_per_hour=2000)
     drive = bus.drive("fuji", 1, **options)
     steady = ["F07", "F11", "M25", "M23", "E03", "M06", "M14", "y09", "S10", "C31"]
     held = {"S05": {0}, "C05": {500}}

@@ -293,11 +293,31 @@ class TestControl:
         with pytest.raises(StateError, match="ready to switch on"):
             play(operations(state_timeout_s=0.1).start(), script)
 
-    def test_reverse_and_dc_brake_are_not_supported(self):
-        assert not operations().capabilities.reverse
+    def test_a_start_backwards_turns_the_references_in_ram_and_a_start_forwards_turns_them_back(self):
+        drive = operations()
+        play(
+            drive.start(reverse=True),
+            [
+                *asked(520, "0BB8"), *told(520, "F448", 5),
+                *asked(480, "FFFFFC18"), *asked(411, "0627"),
+            ],
+        )  # fmt: skip
+        play(
+            drive.start(),
+            [
+                *asked(520, "F448"), *told(520, "0BB8", 5),
+                *asked(480, "FFFFFC18"), *told(480, "000003E8", 5), *asked(411, "0627"),
+            ],
+        )  # fmt: skip
+        play(drive.start(), asked(411, "0627"))
+
+    def test_without_ram_nothing_is_reversed(self):
+        assert not operations(ram_datasets=False).capabilities.reverse
+        with pytest.raises(NotSupported, match="would go to EEPROM"):
+            operations(ram_datasets=False).start(reverse=True)
+
+    def test_the_dc_brake_is_not_supported(self):
         assert Stop.DC_BRAKE not in operations().capabilities.stops
-        with pytest.raises(NotSupported):
-            operations().start(reverse=True)
         with pytest.raises(NotSupported):
             operations().stop(Stop.DC_BRAKE)
 

@@ -357,7 +357,7 @@ class TestScanning:
 
 class TestVerbsBeyondTheCommonOnes:
     def test_they_are_all_listed(self) -> None:
-        assert set(drive().extra) == {"jog", "slow_down", "catch_up", "hold", "set_up", "control_word"}
+        assert set(drive().extra) == {"jog", "slow_down", "catch_up", "hold", "set_up", "select_setup", "control_word"}
 
     @pytest.mark.parametrize(("number", "control_word"), [(1, 0x053F), (2, 0x063F)])
     def test_jog_without_the_start_bit(self, number: int, control_word: int) -> None:
