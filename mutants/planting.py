@@ -16,7 +16,7 @@ from mutant import HERE, package_folder
 if TYPE_CHECKING:
     from mutant import Mutant
 
-LONGEST_S = 300
+LONGEST_S = 900
 """A mutant may make the kit wait for something that never comes; that is a kill, too."""
 
 

@@ -104,6 +104,15 @@ class Overheard:
         """Make the drive trip."""
         self._drive.trip(code, now)
 
+    @property
+    def has_mains(self) -> bool:
+        """Whether the drive's mains can be switched; the contract leaves that to the package."""
+        return hasattr(self._drive, "power_cycle")
+
+    def power_cycle(self, now: float) -> None:
+        """Switch the mains of a drive that has them off and on."""
+        self._drive.power_cycle(now)  # type: ignore[attr-defined]
+
 
 class Bench(NamedTuple):
     """A drive, its line, its master. others: further drives on the line."""

@@ -34,8 +34,11 @@ def has_a_readme(plugin: Protocol) -> None:
 
 
 def names_the_source_of_its_facts(plugin: Protocol) -> None:
-    """Line settings and timing say where they come from."""
+    """Line settings and timing say where they come from, with speed and form of a character as they are given."""
     expect(len(plugin.facts_source.split()) >= 3, f"the source of the line facts is {plugin.facts_source!r}")
+    settings = plugin.facts.settings
+    for fact in (f"{settings.baudrate}", f"{settings.bytesize}{settings.parity}{settings.stopbits:g}"):
+        expect(fact in plugin.facts_source, f"the line is {settings}, and the source of its facts does not say {fact}")
 
 
 def has_a_source_for_every_vector(plugin: Protocol) -> None:

@@ -22,9 +22,11 @@ from drivecomm.conformance import (
     contract_checks,
     document_checks,
     foreign_checks,
+    guarding_checks,
     live_checks,
     motion_checks,
     parameter_checks,
+    purpose_checks,
     silence_checks,
 )
 from drivecomm.conformance.checks import checks_of
@@ -87,6 +89,12 @@ _COMMANDS: _Checks = (
     silence_checks.a_start_is_not_repeated,
     silence_checks.a_stop_is_repeated,
     silence_checks.a_deaf_drive_is_reported,
+    purpose_checks.tells_asking_from_acting,
+    purpose_checks.tells_what_requests_are_for,
+    purpose_checks.what_only_asks_moves_no_drive,
+    guarding_checks.guards_its_limits,
+    guarding_checks.forgets_what_was_not_stored,
+    guarding_checks.heeds_the_sign_of_a_reference,
 )
 
 _CONFUSION: _Checks = (

@@ -268,6 +268,72 @@ def test_a_package_that_does_not_say_enough(in_place_of, fields, kind):
     assert kind in failed(plugin, f"/documents/{kind}")
 
 
+# What requests are for
+
+
+@pytest.mark.parametrize(
+    ("fields", "kind", "reason"),
+    [
+        ({"only_asks": lambda _: True}, "tells asking from acting", "makes the motor run, and is said to ask only"),
+        ({"only_asks": lambda _: False}, "tells asking from acting", "is sent to ask, and is said to do more"),
+        ({"purpose": lambda _: "read"}, "tells what requests are for", "and is said to be a read"),
+        ({"purpose": lambda _: "write"}, "tells what requests are for", "is sent to read a parameter"),
+        ({"purpose": lambda _: "command"}, "tells what requests are for", "and is said to be a command"),
+    ],
+)
+def test_requests_that_are_not_what_they_are_said_to_be(in_place_of, fields, kind, reason):
+    plugin = in_place_of("vabus", **fields)
+    assert reason in failed(plugin, kind)[kind]
+
+
+def test_a_single_telegram_that_commands_and_is_said_to_ask(in_place_of):
+    plugin = in_place_of("danfoss-fc", only_asks=lambda _: True)
+    kind = "what only asks moves no drive"
+    assert "is said to ask only, and tells the motor" in failed(plugin, kind)[kind]
+
+
+def test_who_says_nothing_of_requests_is_not_judged_by_it(in_place_of):
+    plugin = in_place_of("vabus", only_asks=None, purpose=None)
+    assert not failed(plugin, "only asks") | failed(plugin, "asking from") | failed(plugin, "requests are for")
+
+
+# What a virtual drive does by itself
+
+
+@pytest.mark.parametrize(
+    ("take", "kind", "reason"),
+    [
+        ("drivecomm_vabus.store._check", "guards its limits", "10 := 0 is taken, and its limits are 1 to 4"),
+        ("drivecomm_vabus.store.Store.power_cycle", "forgets what was not stored", "written without being stored"),
+    ],
+)
+def test_a_virtual_drive_that_does_not_do_its_part(monkeypatch, take, kind, reason):
+    monkeypatch.setattr(take, lambda *_: None)
+    assert reason in failed(installed["vabus"], kind)[kind]
+
+
+def test_a_virtual_drive_that_knows_no_sign(monkeypatch):
+    def unsigned(drive):
+        return drive.store.number(480) / 100 if drive.store.number(480) > 0 else 20.0
+
+    monkeypatch.setattr("drivecomm_vabus.virtual.VirtualVabusDrive._reference_hz", unsigned)
+    kind = "heeds the sign of a reference"
+    slow = failed(installed["vabus"], kind)
+    assert not slow, "as fast as at zero is as slow as it can"
+    monkeypatch.setattr(
+        "drivecomm_vabus.virtual.VirtualVabusDrive._reference_hz", lambda drive: abs(drive.store.number(480)) / 100
+    )
+    assert "at -20 hz the motor turns forwards, 20 Hz" in failed(installed["vabus"], kind)[kind]
+
+
+def test_line_facts_of_which_the_source_does_not_speak(in_place_of):
+    facts = installed["vabus"].facts
+    kind = "names the source of its facts"
+    for settings, missing in (({"baudrate": 9600}, "9600"), ({"parity": "N"}, "7N1")):
+        plugin = in_place_of("vabus", facts=replace(facts, settings=replace(facts.settings, **settings)))
+        assert f"does not say {missing}" in failed(plugin, kind)[kind]
+
+
 # Judging
 
 
