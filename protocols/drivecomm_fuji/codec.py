@@ -75,7 +75,8 @@ class FujiCodec:
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram.
 
-        Checked in this order: SOH, command, length, ETX, sum, station, control character, function, byte 8, data.
+        Checked in this order: SOH, command, length, ETX, sum, station, control character, function, byte 8, data; and
+        that what is not looked at holds no SOH, where a receiver starts anew (specification, section 1).
         """
         if data and data[:1] != SOH:
             raise TelegramError("framing", f"a telegram begins with SOH, not with {data[:1].hex().upper()}")
@@ -91,6 +92,8 @@ class FujiCodec:
             raise TelegramError("length", f"a {direction} with {command!r} has {needed} characters, not {len(data)}")
         form = FORMS[_kind(data[3:4], direction), command] if message else COMMAND_REFUSED
         decoded: Message = form.parse(data)
+        if SOH in data[1:]:
+            raise TelegramError("field", "SOH stands only in front of a telegram, not among its data", field="data")
         return decoded
 
     def encode(self, message: Message) -> bytes:

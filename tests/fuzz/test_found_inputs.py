@@ -3,7 +3,6 @@
 import pytest
 from all_targets import all_targets
 from target import FOUND
-from unfixed import UNFIXED
 
 KEPT = [path for path in sorted(FOUND.glob("*/*")) if path.is_file()]
 
@@ -13,8 +12,5 @@ def test_every_kept_input_belongs_to_a_target():
 
 
 @pytest.mark.parametrize("path", KEPT, ids=lambda path: f"{path.parent.name}/{path.name}")
-def test_found_before(path, request):
-    if path.parent.name in UNFIXED:
-        errors = UNFIXED[path.parent.name]
-        request.applymarker(pytest.mark.xfail(raises=errors, strict=True, reason="known, see tests/fuzz/unfixed.py"))
+def test_found_before(path):
     all_targets()[path.parent.name].check(path.read_bytes())
