@@ -11,7 +11,10 @@ from drivecomm.conformance.known_models import known_model
 from drivecomm.conformance.report import CheckFailure
 from drivecomm.drive_options import sort_out
 from drivecomm.framing import Framed
+from drivecomm.line import LineSettings
+from drivecomm.motor import Motor
 from drivecomm.virtual import VirtualLine
+from drivecomm.virtual.drive_setup import OfDrive
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,9 +22,7 @@ if TYPE_CHECKING:
     from drivecomm.bus import Bus
     from drivecomm.drive import Drive
     from drivecomm.framing import Codec, Damaged
-    from drivecomm.line import LineSettings
     from drivecomm.models import Model
-    from drivecomm.motor import Motor
     from drivecomm.protocol import Protocol, VirtualDrive, VirtualReply
     from drivecomm.virtual.faults import FaultPlan
 
@@ -36,56 +37,25 @@ class Overheard:
     told the request and the answer, returns what is sent.
     """
 
+    address = OfDrive[int]()
+    settings = OfDrive[LineSettings]()
+    gap_s = OfDrive[float]()
+    motor = OfDrive[Motor]()
+
     def __init__(self, drive: VirtualDrive) -> None:
-        self._drive = drive
+        self.inner = drive
         self.heard: list[Framed] = []
         self.said: list[VirtualReply | None] = []
         self.between: Callable[[Framed, VirtualReply | None], VirtualReply | None] = lambda _, reply: reply
 
     @property
-    def address(self) -> int:
-        """Where the drive is; some let a parameter change it."""
-        return self._drive.address
-
-    @address.setter
-    def address(self, address: int) -> None:
-        self._drive.address = address
-
-    @property
-    def settings(self) -> LineSettings:
-        """How the drive speaks."""
-        return self._drive.settings
-
-    @settings.setter
-    def settings(self, settings: LineSettings) -> None:
-        self._drive.settings = settings
-
-    @property
-    def gap_s(self) -> float:
-        """What ends a telegram for the drive."""
-        return self._drive.gap_s
-
-    @gap_s.setter
-    def gap_s(self, gap_s: float) -> None:
-        self._drive.gap_s = gap_s
-
-    @property
-    def motor(self) -> Motor:
-        """What the drive turns."""
-        return self._drive.motor
-
-    @motor.setter
-    def motor(self, motor: Motor) -> None:
-        self._drive.motor = motor
-
-    @property
     def codec(self) -> Codec:
         """What the drive understands."""
-        return self._drive.codec
+        return self.inner.codec
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Let the drive hear, and write down what it heard and said."""
-        reply = self._drive.hear(find, now)
+        reply = self.inner.hear(find, now)
         if not isinstance(find, Framed):
             return reply
         self.heard.append(find)
@@ -94,15 +64,15 @@ class Overheard:
 
     def peek(self, parameter: str, now: float) -> int | str:
         """Return what the drive holds."""
-        return self._drive.peek(parameter, now)
+        return self.inner.peek(parameter, now)
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what the drive holds."""
-        self._drive.poke(parameter, raw)
+        self.inner.poke(parameter, raw)
 
     def trip(self, code: int, now: float) -> None:
         """Make the drive trip."""
-        self._drive.trip(code, now)
+        self.inner.trip(code, now)
 
     @property
     def has_mains(self) -> bool:

@@ -8,12 +8,13 @@ from threading import RLock
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.framing import Framed
+from drivecomm.line import LineSettings
+from drivecomm.motor import Motor
 from drivecomm.telegram import Telegram
+from drivecomm.virtual.drive_setup import OfDrive
 
 if TYPE_CHECKING:
     from drivecomm.framing import Codec, Damaged
-    from drivecomm.line import LineSettings
-    from drivecomm.motor import Motor
     from drivecomm.protocol import Protocol, VirtualDrive, VirtualReply
     from drivecomm.telegram import Message
 
@@ -83,52 +84,21 @@ class Record:
 class RecordingDrive:
     """Stands in place of a virtual drive and does what it does; what is for it is written down before."""
 
+    address = OfDrive[int]()
+    settings = OfDrive[LineSettings]()
+    gap_s = OfDrive[float]()
+    motor = OfDrive[Motor]()
+
     def __init__(self, plugin: Protocol, drive: VirtualDrive, record: Record) -> None:
         self._plugin = plugin
-        self._drive = drive
+        self.inner = drive
         self._record = record
         self._alone = record.alone
 
     @property
-    def address(self) -> int:
-        """The drive's address."""
-        return self._drive.address
-
-    @address.setter
-    def address(self, address: int) -> None:
-        self._drive.address = address
-
-    @property
-    def settings(self) -> LineSettings:
-        """The line settings that it listens with."""
-        return self._drive.settings
-
-    @settings.setter
-    def settings(self, settings: LineSettings) -> None:
-        self._drive.settings = settings
-
-    @property
-    def gap_s(self) -> float:
-        """The pause that ends a telegram."""
-        return self._drive.gap_s
-
-    @gap_s.setter
-    def gap_s(self, gap_s: float) -> None:
-        self._drive.gap_s = gap_s
-
-    @property
-    def motor(self) -> Motor:
-        """The motor that it turns."""
-        return self._drive.motor
-
-    @motor.setter
-    def motor(self, motor: Motor) -> None:
-        self._drive.motor = motor
-
-    @property
     def codec(self) -> Codec:
         """The telegrams that it understands."""
-        return self._drive.codec
+        return self.inner.codec
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Write down what is for the drive, and let it act."""
@@ -140,27 +110,27 @@ class RecordingDrive:
                     protocol=self._plugin.name, direction="request", data=find.data, message=find.message
                 )
                 self._record.add(Received(time_s=now, telegram=telegram))
-            return self._drive.hear(find, now)
+            return self.inner.hear(find, now)
 
     def peek(self, parameter: str, now: float) -> int | str:
         """Return what it holds. Raises ParameterAddressError."""
         with self._alone:
-            return self._drive.peek(parameter, now)
+            return self.inner.peek(parameter, now)
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what it holds. Raises ParameterAddressError."""
         with self._alone:
-            self._drive.poke(parameter, raw)
+            self.inner.poke(parameter, raw)
 
     def trip(self, code: int, now: float) -> None:
         """Make it trip."""
         with self._alone:
-            self._drive.trip(code, now)
+            self.inner.trip(code, now)
 
     def power_cycle(self, now: float) -> None:
         """Switch its mains off and on, if it forgets anything by that."""
         with self._alone:
-            restart = getattr(self._drive, "power_cycle", None)
+            restart = getattr(self.inner, "power_cycle", None)
             if restart is not None:
                 restart(now)
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Sequence
 
     from drivecomm.sniffer.readings import Reading
 
 # A reading of random bytes is rare, two of them at once are rarer by far: number goes before everything else.
 _EACH = 8
 # A select of VABus holds the reply with the same value: who explains all bytes is right.
-_LEFT_OVER, _MOST_LEFT_OVER = 3, 6
+_LEFT_OVER, _MANY = 3, 2
 _CLEARLY_BETTER = 2
 
 
@@ -35,29 +35,37 @@ class Candidate:
         return self.readings[0].end
 
 
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    """Candidates one behind the other. end: where the last is over; left_over: characters before it that none has."""
+
+    weight: int
+    end: int
+    left_over: int
+    chosen: tuple[Candidate, ...] = ()
+
+    def behind(self, next_one: Candidate) -> _Choice:
+        left_over = min(_MANY, self.left_over + next_one.start - self.end)
+        return _Choice(self.weight + _EACH + next_one.merit, next_one.end, left_over, (*self.chosen, next_one))
+
+    def complete(self, end: int) -> int:
+        """Return the weight when nothing follows."""
+        return self.weight - _LEFT_OVER * min(_MANY, self.left_over + end - self.end)
+
+
 def choose(candidates: Sequence[Candidate]) -> list[Candidate] | None:
     """Return those that explain the bytes best and share none, in their order; None when two choices are as good."""
-    size = max(each.end for each in candidates) - min(each.start for each in candidates)
-    choices = _choices(sorted(candidates, key=lambda each: each.start))
-    ranked = sorted(((_weight(choice, size), choice) for choice in choices), key=lambda each: each[0], reverse=True)
-    (weight, best), *others = ranked
-    return None if others and weight - others[0][0] < _CLEARLY_BETTER else best
+    begin, end = min(each.start for each in candidates), max(each.end for each in candidates)
+    choices = [_Choice(weight=0, end=begin, left_over=0)]
+    for each in sorted(candidates, key=lambda each: each.end):
+        longer = [choice.behind(each) for choice in choices if choice.end <= each.start]
+        # What is not among the two best here is not among the two best in the end.
+        for left_over in range(_MANY + 1):
+            choices += _best(choice for choice in longer if choice.left_over == left_over)
+    ranked = sorted(choices, key=lambda choice: choice.complete(end), reverse=True)[:2]
+    best, second = ranked
+    return None if best.complete(end) - second.complete(end) < _CLEARLY_BETTER else list(best.chosen)
 
 
-def _weight(chosen: list[Candidate], size: int) -> int:
-    left_over = size - sum(each.end - each.start for each in chosen)
-    return sum(_EACH + each.merit for each in chosen) - min(_MOST_LEFT_OVER, _LEFT_OVER * left_over)
-
-
-def _choices(candidates: Sequence[Candidate]) -> Iterator[list[Candidate]]:
-    """Yield each choice to which none can be added."""
-    if not candidates:
-        yield []
-        return
-    # One of those that begin before the first of them is over is in every complete choice.
-    soonest = min(each.end for each in candidates)
-    for first in candidates:
-        if first.start >= soonest:
-            break
-        for rest in _choices([each for each in candidates if each.start >= first.end]):
-            yield [first, *rest]
+def _best(choices: Iterable[_Choice]) -> list[_Choice]:
+    return sorted(choices, key=lambda choice: choice.weight, reverse=True)[:2]

@@ -8,6 +8,9 @@ Requests and replies of some protocols look alike. Then these count, each with a
 - without a request that it could answer, it is rather a request itself;
 - after a silence longer than the reply time, a request is due;
 - in the bytes that were always different in this drive's requests and its replies lately, it is like one of them.
+
+What may be the late answer to a request that had none is judged by its bytes alone: whether it comes after silence says
+nothing then. Where they say nothing either, its direction stays open.
 """
 
 from __future__ import annotations
@@ -20,21 +23,28 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from drivecomm.line import Parity
     from drivecomm.protocol import Protocol
     from drivecomm.sniffer.readings import Reading
     from drivecomm.telegram import Direction, Message
 
-_ANSWERS_NOW, _ANSWERS_LATE = 4, 2
+_ANSWERS_NOW = 4
 _REPEATED = 3
 _NOTHING_ASKED = 2
 _AFTER_SILENCE = 3
 _ALIKE, _MOST_ALIKE = 2, 6
 
+# Bad lines, and the adapters at their ends, hold a reply back for longer than any drive does.
+_LATEST_S = 2.0
+# So often in a row nothing answers late: there is no such drive, and these are its requests.
+_MOST_DOUBTS = 3
+
 _KEPT_REQUESTS = 8
 _KEPT_EXAMPLES = 6
 _KEPT_ENDS = 4
 _CLEARLY_BETTER = 2
-_LONGEST_DOUBT = 16
+# An odd number: where requests and replies alternate, the next beginning is the other one.
+_LONGEST_DOUBT = 15
 _AGREED = 4
 
 
@@ -48,12 +58,16 @@ def is_broadcast(protocol: Protocol, message: Message) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What was on the line: the ways to read it, one for each direction that it may have, and when."""
+    """What was on the line: the ways to read it, one for each direction that it may have, and when.
+
+    behind_others: whether the telegram before it was one of another protocol.
+    """
 
     readings: Sequence[Reading]
     began_s: float
     ended_s: float
     silence_s: float
+    behind_others: bool = False
 
     def reading(self, direction: Direction) -> Reading | None:
         """Return how it reads in this direction."""
@@ -80,8 +94,11 @@ class Conversation:
     """Whether it is known who speaks when."""
     spoken: bool = False
     """Whether anything has been said in this protocol."""
+    parity: Parity | None = None
+    """Which parity came as the eighth bit of the last telegram; None before the first."""
     _just_answered: type[Message] | None = None
     _misheard_s: float = -inf
+    _doubts: dict[object, int] = field(default_factory=dict)
 
     def copy(self) -> Conversation:
         """Return one that goes its own way from here."""
@@ -93,8 +110,10 @@ class Conversation:
             {kind: deque(known, maxlen=_KEPT_ENDS) for kind, known in self._ends.items()},
             self.certain,
             self.spoken,
+            self.parity,
             self._just_answered,
             self._misheard_s,
+            dict(self._doubts),
         )
 
     def direction_of(self, heard: Heard) -> Direction | None:
@@ -102,16 +121,26 @@ class Conversation:
         request, reply = heard.reading("request"), heard.reading("reply")
         if request is None or reply is None:
             return "reply" if request is None else "request"
-        balance = self._weight_of_replying(heard, reply) - self._weight_of_asking(heard, request)
+        balance = _REPEATED * (reply.data in self._known(reply)) - _REPEATED * (request.data in self._known(request))
+        balance -= self._likeness(request)
+        if not self._may_be_late(heard, reply):
+            balance += self._timeliness(heard, reply)
         if balance == 0:
             return None
         return "reply" if balance > 0 else "request"
+
+    def doubt(self, heard: Heard) -> None:
+        """Note a telegram whose direction stays open."""
+        address = getattr(heard.readings[0].message, "address", None)
+        self._doubts[address] = self._doubts.get(address, 0) + 1
 
     def take(self, reading: Reading, ended_s: float) -> None:
         """Note what was said."""
         self.spoken = True
         if reading.short and reading.direction == "request":
             return
+        if not reading.short:
+            self.parity = reading.parity
         address = getattr(reading.message, "address", None)
         examples = self._examples.setdefault(
             (address, len(reading.data), reading.direction), deque(maxlen=_KEPT_EXAMPLES)
@@ -124,6 +153,7 @@ class Conversation:
             self._asked = deque([*kept, _Asked(reading.message, reading.data, ended_s)], maxlen=_KEPT_REQUESTS)
             self._end(closed=False)
             return
+        self._doubts.pop(address, None)
         self._just_answered = type(self._asked[-1].message) if self._asked else None
         if (place := self._answered_by(reading.message, ended_s)) is not None:
             self._asked[place] = replace(self._asked[place], answered=True)
@@ -176,12 +206,6 @@ class Conversation:
         ends = self._ends.get(self._just_answered) or [end for known in self._ends.values() for end in known]
         return sum(ends) * 2 >= len(ends)
 
-    @property
-    def closes_always(self) -> bool:
-        """Whether such a telegram is due, and none of the conversations like the last one went without it."""
-        ends = () if self._just_answered is None else self._ends.get(self._just_answered, ())
-        return len(ends) == _KEPT_ENDS and all(ends)
-
     def plausibility(self, heard: Heard) -> int:
         """Return how well a telegram fits into the conversation: 2 it answers, 1 its drive is known, 0 neither."""
         reply = heard.reading("reply")
@@ -199,26 +223,32 @@ class Conversation:
             self._ends.setdefault(self._just_answered, deque(maxlen=_KEPT_ENDS)).append(closed)
         self._just_answered = None
 
-    def _weight_of_replying(self, heard: Heard, reply: Reading) -> int:
-        weight = 0
-        timing = self.protocol.facts.timing
+    def _may_be_late(self, heard: Heard, reply: Reading) -> bool:
+        """Whether this may be what the drive says to a request that is over; not of a drive that never answers."""
+        if self._doubts.get(getattr(reply.message, "address", None), 0) >= _MOST_DOUBTS:
+            return False
+        timeout_s = self.protocol.facts.timing.reply_timeout_s
         for asked in reversed(self._asked):
-            if asked.answered or asked.data == reply.data:
+            passed_s = heard.began_s - asked.ended_s
+            if passed_s > self._latest_s:
+                return False
+            if asked.answered or asked.data == reply.data or self.protocol.mismatch(asked.message, reply.message):
                 continue
-            if self._may_answer(asked, reply.message, heard.began_s):
-                soon = asked is self._asked[-1] and heard.began_s - asked.ended_s <= timing.reply_timeout_s
-                weight += _ANSWERS_NOW if soon else _ANSWERS_LATE
-                break
-        weight += _REPEATED * (reply.data in self._known(reply))
-        return weight + max(0, -self._likeness(reply))
+            return passed_s > timeout_s or asked is not self._asked[-1]
+        return False
 
-    def _weight_of_asking(self, heard: Heard, request: Reading) -> int:
-        as_reply = heard.reading("reply")
-        waited_for = as_reply is not None and self.awaits(as_reply.message, heard.began_s)
-        weight = 0 if waited_for else _NOTHING_ASKED
-        weight += _REPEATED * (request.data in self._known(request))
-        weight += _AFTER_SILENCE * (heard.silence_s > self.protocol.facts.timing.reply_timeout_s)
-        return weight + max(0, self._likeness(request))
+    def _timeliness(self, heard: Heard, reply: Reading) -> int:
+        """Return what the pauses say, above 0 for a reply and below 0 for a request."""
+        timeout_s = self.protocol.facts.timing.reply_timeout_s
+        due = self.awaits(reply.message, heard.began_s)
+        prompt = due and self._asked[-1].data != reply.data and heard.began_s - self._asked[-1].ended_s <= timeout_s
+        weight = _ANSWERS_NOW * prompt - _NOTHING_ASKED * (not due)
+        return weight - _AFTER_SILENCE * (heard.silence_s > timeout_s)
+
+    @property
+    def _latest_s(self) -> float:
+        timing = self.protocol.facts.timing
+        return max(_LATEST_S, timing.reply_timeout_s + timing.late_s)
 
     def _answered_by(self, reply: Message, ended_s: float) -> int | None:
         for place in range(len(self._asked) - 1, -1, -1):
@@ -258,6 +288,7 @@ class Beginning:
     """Telegrams from before it was known who speaks when.
 
     Whoever begins to listen may do so at a reply. Both beginnings are played through until one explains clearly more.
+    Between the drives of several makers a reply comes behind its request, and a request behind what others said.
     """
 
     def __init__(self, conversation: Conversation) -> None:
@@ -303,8 +334,9 @@ class Beginning:
                 score -= 1
                 continue
             if direction == "reply":
-                if number or heard.silence_s > state.protocol.facts.timing.reply_timeout_s:
-                    score += 1 if state.awaits(reading.message, heard.began_s) else -1
+                if number or heard.behind_others or heard.silence_s > state.protocol.facts.timing.reply_timeout_s:
+                    due = state.awaits(reading.message, heard.began_s) and not heard.behind_others
+                    score += 1 if due else -1
             elif state.leaves_unanswered(reading):
                 score -= 1
             state.take(reading, heard.ended_s)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
 from drivecomm.errors import TelegramError
@@ -15,13 +16,18 @@ if TYPE_CHECKING:
 
 # More than any telegram has, see drivecomm.framing.
 _HEAD = 512
+# The same bytes are asked about again and again: by a master that polls, and in a flood.
+_REMEMBERED = 256
 # Bytes that say so little are a telegram only where one is due.
 _SHORT = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """A sound telegram from `start` up to `end`. data: without the parity bits, where the line has seven data bits."""
+    """A sound telegram from `start` up to `end`.
+
+    data: without the parity bits, where the line has seven data bits. parity: what those were, N where there are none.
+    """
 
     start: int
     end: int
@@ -29,6 +35,7 @@ class Reading:
     direction: Direction
     data: bytes
     message: Message
+    parity: Parity = "N"
 
     @property
     def short(self) -> bool:
@@ -63,8 +70,10 @@ class Reader:
     def __init__(self, protocol: Protocol, codec: Codec, direction: Direction) -> None:
         self.protocol = protocol
         self.direction: Direction = direction
+        self.parity: Parity = "N"
         self.gap_s = protocol.facts.gap_s
         self._codec = codec
+        self._decoded = lru_cache(maxsize=_REMEMBERED)(self._decode)
 
     def begins_with(self, byte: int) -> bool:
         """Whether a telegram can begin with this byte."""
@@ -72,26 +81,38 @@ class Reader:
 
     def look(self, data: bytes, start: int, limit: int) -> Look:
         """Return what begins at `start` when nothing from `limit` on can belong to it, but more may come there."""
-        head = data[start : min(limit, start + _HEAD)]
+        head = self._text(data, start, min(limit, start + _HEAD))
+        over = start + len(head) < min(limit, start + _HEAD)
         needed = self._codec.measure(head, self.direction)
         if not needed:
             return None
-        if needed > limit - start:
-            return Unfinished(needed)
-        return self._read(data, start, start + needed)
+        if needed <= len(head) or over:
+            return self._read(head[:needed], start)
+        if needed <= limit - start:
+            return self._read(self._text(data, start, start + needed), start)
+        return Unfinished(needed)
 
     def look_at_rest(self, data: bytes, start: int, limit: int) -> Look:
         """Return what begins at `start` when nothing comes behind `limit`: a whole telegram or a broken one."""
         found = self.look(data, start, limit)
-        return self._read(data, start, limit) if isinstance(found, Unfinished) else found
+        return self._read(self._text(data, start, limit), start) if isinstance(found, Unfinished) else found
 
-    def _read(self, data: bytes, start: int, end: int) -> Reading | Broken:
-        taken = data[start:end]
+    def _text(self, data: bytes, start: int, end: int) -> bytes:
+        """Return the characters from `start` on, those of this reader's format only."""
+        return data[start:end]
+
+    def _read(self, taken: bytes, start: int) -> Reading | Broken:
+        message = self._decoded(taken)
+        end = start + len(taken)
+        if isinstance(message, TelegramError):
+            return Broken(start, end, self.protocol, self.direction, message)
+        return Reading(start, end, self.protocol, self.direction, taken, message, self.parity)
+
+    def _decode(self, data: bytes) -> Message | TelegramError:
         try:
-            message = self._codec.decode(taken, self.direction)
+            return self._codec.decode(data, self.direction)
         except TelegramError as error:
-            return Broken(start, end, self.protocol, self.direction, error)
-        return Reading(start, end, self.protocol, self.direction, taken, message)
+            return error.with_traceback(None)
 
 
 class SevenBitReader(Reader):
@@ -99,26 +120,19 @@ class SevenBitReader(Reader):
 
     def __init__(self, protocol: Protocol, codec: Codec, direction: Direction, parity: Parity) -> None:
         super().__init__(protocol, codec, direction)
-        self._with_parity = [byte | _parity_bit(byte, parity) for byte in range(128)]
+        self.parity = parity
         self._plain = bytes(byte & 0x7F for byte in range(256))
+        self._wrong = bytes(byte != byte & 0x7F | _parity_bit(byte & 0x7F, parity) for byte in range(256))
 
     def begins_with(self, byte: int) -> bool:
         """Whether a telegram can begin with this byte."""
-        return self._with_parity[byte & 0x7F] == byte and super().begins_with(byte & 0x7F)
+        return not self._wrong[byte] and super().begins_with(byte & 0x7F)
 
-    def look(self, data: bytes, start: int, limit: int) -> Look:
-        """As `Reader.look`; a wrong parity bit ends the telegram."""
-        right = start
-        while right < min(limit, start + _HEAD) and self._with_parity[data[right] & 0x7F] == data[right]:
-            right += 1
-        plain = data.translate(self._plain)
-        found = super().look(plain, start, right)
-        return self._read(plain, start, right) if isinstance(found, Unfinished) and right < limit else found
-
-    def look_at_rest(self, data: bytes, start: int, limit: int) -> Look:
-        """As `Reader.look_at_rest`."""
-        found = self.look(data, start, limit)
-        return self._read(data.translate(self._plain), start, limit) if isinstance(found, Unfinished) else found
+    def _text(self, data: bytes, start: int, end: int) -> bytes:
+        """As `Reader._text`, without the parity bits; a wrong one ends it."""
+        heard = data[start:end]
+        wrong = heard.translate(self._wrong).find(1)
+        return (heard if wrong < 0 else heard[:wrong]).translate(self._plain)
 
 
 def _parity_bit(byte: int, parity: Parity) -> int:

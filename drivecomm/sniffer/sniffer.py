@@ -36,6 +36,8 @@ Belief: TypeAlias = Literal["yes", "no", "wait", "perhaps"]
 
 # Unexplained bytes that never pause are reported in pieces of this size.
 _LONGEST_RIDDLE = 4096
+# So many readings that share bytes are looked at together; what is sound by chance seldom shares them with two others.
+_TOGETHER = 16
 # What a pause inside a telegram says against it, see drivecomm.sniffer.choosing.
 _TORN = 6
 
@@ -74,6 +76,7 @@ class Sniffer:
         self._by_first_byte: dict[int, list[Reader]] = {}
         self._longest_gap_s = max((protocol.facts.gap_s for protocol in known), default=0.0)
         self._place = 0
+        self._spoken_last = ""
         self._silence_s = 0.0
         self._found: list[_Slot | Finding] = []
 
@@ -157,9 +160,26 @@ class Sniffer:
                 look = reader.look_at_rest(stretch.data, place, limit)
             if isinstance(look, Unfinished):
                 waiting = True
-            elif isinstance(look, Reading) and self._may_be_sent(look) and not _known(look, found):
+            elif isinstance(look, Reading) and self._may_be_sent(look):
                 found.append(look)
-        return found, waiting
+        return self._in_one_format(found) if found else found, waiting
+
+    def _in_one_format(self, readings: list[Reading]) -> list[Reading]:
+        """Return the readings without those that say the same as others in another character format.
+
+        A few characters are none at all in another format than the telegrams before them: one wrong bit may be what
+        looks like parity.
+        """
+        kept: dict[tuple[str, Direction, int], Reading] = {}
+        for reading in readings:
+            name = reading.protocol.name
+            usual = self._conversations[name].parity
+            if reading.short and usual not in (None, reading.parity):
+                continue
+            said = (name, reading.direction, reading.end)
+            if said not in kept or reading.parity == usual:
+                kept[said] = reading
+        return list(kept.values())
 
     def _may_begin_here(self, reading: Reading, others: list[Reading]) -> bool:
         """Whether this is no reply that only stands in a damaged request, as in a select of VABus without its EOT."""
@@ -179,7 +199,7 @@ class Sniffer:
         found = list(first)
         end = max(reading.end for reading in first)
         place = first[0].start + 1
-        while place < end:
+        while place < end and len(found) < _TOGETHER:
             if self._readers_for(self._stretch.data[place]):
                 inside = [reading for reading in self._readings_at(place)[0] if not reading.short]
                 found += inside
@@ -216,15 +236,12 @@ class Sniffer:
         if start:
             return "no"
         alone = self._stands_alone(end)
-        if alone == "wait":
-            return "wait"
+        if alone != "yes":
+            # Of a request that was damaged behind its first character, that one is left over.
+            return alone
         conversation = self._conversations[reading.protocol.name]
         if reading.direction == "reply":
-            due = alone == "yes" and conversation.may_come(reading, stretch.began_s(start))
-            return "yes" if due else "no"
-        if alone == "no":
-            whole = conversation.closes_always and self._broken_at(start, len(stretch)) is None
-            return "yes" if whole else "no"
+            return "yes" if conversation.may_come(reading, stretch.began_s(start)) else "no"
         often = conversation.closes_often
         known = conversation.spoken
         conversation.close()
@@ -251,11 +268,13 @@ class Sniffer:
             began_s=self._stretch.began_s(start),
             ended_s=self._stretch.ended_s(end - 1),
             silence_s=self._stretch.silence_before(start),
+            behind_others=self._spoken_last not in ("", readings[0].protocol.name),
         )
 
     def _take(self, readings: list[Reading]) -> None:
         heard = self._heard(readings)
         name, end = readings[0].protocol.name, readings[0].end
+        self._spoken_last = name
         self._riddle(self._place)
         self._forget(end - readings[0].start)
         conversation = self._conversations[name]
@@ -298,6 +317,7 @@ class Sniffer:
     def _told(self, conversation: Conversation, heard: Heard, direction: Direction | None) -> Finding:
         reading = heard.reading(direction) if direction else None
         if reading is None:
+            conversation.doubt(heard)
             return ambiguous_of(heard)
         conversation.take(reading, heard.ended_s)
         return telegram_of(reading, heard)
@@ -384,7 +404,3 @@ def _readers(protocol: Protocol, options: Any) -> list[Reader]:
             SevenBitReader(protocol, protocol.codec(chosen), direction, settings.parity) for direction in _DIRECTIONS
         ]
     return readers
-
-
-def _known(look: Reading, found: list[Reading]) -> bool:
-    return any((each.protocol, each.direction, each.end) == (look.protocol, look.direction, look.end) for each in found)

@@ -6,7 +6,10 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, DriveError, NoReplyError, ValueRefusedError
 from drivecomm.framing import Framed
+from drivecomm.line import LineSettings
+from drivecomm.motor import Motor
 from drivecomm.virtual.direct import carry_out
+from drivecomm.virtual.drive_setup import OfDrive
 from drivecomm.virtual.drives import drive_type
 from drivecomm.virtual.station import Restarts
 from drivecomm.virtual.stuck_answer import StuckAnswer
@@ -16,9 +19,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from drivecomm.framing import Codec, Damaged
-    from drivecomm.line import LineSettings
     from drivecomm.models import Model
-    from drivecomm.motor import Motor
     from drivecomm.plant import PlantDrive
     from drivecomm.protocol import Purpose, VirtualDrive, VirtualReply
     from drivecomm.reading import Reading
@@ -29,8 +30,14 @@ class PlantedDrive:
     """A drive as its line sees it; `inner` is the protocol's own virtual drive, another one after a factory reset.
 
     Times are seconds of the line; the process inside goes `speed` times as fast. asked: the last request that it
-    answered. Making one raises UsageError for what cannot be, with the drive's name.
+    answered. Making one raises UsageError for what cannot be, with the drive's name. motor: the motor's time is that of
+    the process. Some drives keep their address in a parameter.
     """
+
+    address = OfDrive[int]()
+    settings = OfDrive[LineSettings]()
+    gap_s = OfDrive[float]()
+    motor = OfDrive[Motor]()
 
     def __init__(
         self,
@@ -64,42 +71,6 @@ class PlantedDrive:
     def name(self) -> str:
         """What the plant calls it."""
         return self.planned.name
-
-    @property
-    def address(self) -> int:
-        """Its address, which some drives keep in a parameter."""
-        return self.inner.address
-
-    @address.setter
-    def address(self, address: int) -> None:
-        self.inner.address = address
-
-    @property
-    def settings(self) -> LineSettings:
-        """Its line settings."""
-        return self.inner.settings
-
-    @settings.setter
-    def settings(self, settings: LineSettings) -> None:
-        self.inner.settings = settings
-
-    @property
-    def gap_s(self) -> float:
-        """The longest pause inside a telegram."""
-        return self.inner.gap_s
-
-    @gap_s.setter
-    def gap_s(self, gap_s: float) -> None:
-        self.inner.gap_s = gap_s
-
-    @property
-    def motor(self) -> Motor:
-        """Its motor; the motor's time is that of the process."""
-        return self.inner.motor
-
-    @motor.setter
-    def motor(self, motor: Motor) -> None:
-        self.inner.motor = motor
 
     @property
     def codec(self) -> Codec:

@@ -204,7 +204,7 @@ def _check_pke(message: ParameterRequest | ParameterReply | TextRequest | TextRe
     if type(message.ind) is not int:
         raise _wrong("ind", f"{message.ind!r} is no number")
     direction: Direction = "request" if isinstance(message, ParameterRequest | TextRequest) else "reply"
-    if _is_text(message.ak, message.ind, direction) is not isinstance(message, TextRequest | TextReply):
+    if is_text(message.ak, message.ind, direction) is not isinstance(message, TextRequest | TextReply):
         raise _wrong("ak", f"AK {message.ak} with IND {message.ind:04X} in a {direction} is no {message.kind} block")
 
 
@@ -220,7 +220,7 @@ def _wrong(field: str, message: str) -> TelegramError:
     return TelegramError("field", f"{field}: {message}", field=field)
 
 
-def _is_text(ak: int, ind: int, direction: Direction) -> bool:
+def is_text(ak: int, ind: int, direction: Direction) -> bool:
     """Tell a text block from a parameter block (specification, section 4)."""
     if direction == "request":
         return ak == 15 and ind >> 8 == 5
@@ -258,7 +258,7 @@ class DanfossFcCodec:
         if direction == "request" and lge not in (_PROCESS_LGE, _PARAMETER_LGE):
             if len(head) < 6:
                 return 6
-            if not _is_text(head[3] >> 4, head[5] << 8, direction):
+            if not is_text(head[3] >> 4, head[5] << 8, direction):
                 return 0
         return lge + 2
 
@@ -280,7 +280,7 @@ class DanfossFcCodec:
         process, parameter, text = REQUESTS if direction == "request" else REPLIES
         if lge == _PROCESS_LGE:
             return self._parse(process, data)
-        if _is_text(data[3] >> 4, int.from_bytes(data[5:7], "big"), direction):
+        if is_text(data[3] >> 4, int.from_bytes(data[5:7], "big"), direction):
             return self._parse(text, data)
         if lge == _PARAMETER_LGE:
             return self._parse(parameter, data)

@@ -15,6 +15,7 @@ from drivecomm.motor import Motor
 from drivecomm.protocol import VirtualReply
 from drivecomm_danfoss_fc import access
 from drivecomm_danfoss_fc.faultcodes import NO_TEXT, NOT_SUPPORTED
+from drivecomm_danfoss_fc.hearing import DriveCodec
 from drivecomm_danfoss_fc.machine import Machine
 from drivecomm_danfoss_fc.messages import (
     FORMAT_31,
@@ -49,7 +50,7 @@ class VirtualDanfossFcDrive:
 
     def __init__(self, address: int, options: DanfossFcOptions, model: Model) -> None:
         self.address = address
-        self.codec = DanfossFcCodec(options.pnu_bits)
+        self.codec = DriveCodec(DanfossFcCodec(options.pnu_bits))
         self.settings = LineSettings(baudrate=9600, bytesize=8, parity="E", stopbits=1)
         self.gap_s = 0.050
         self.motor = Motor()

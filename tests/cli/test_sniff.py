@@ -3,17 +3,23 @@
 import json
 import os
 import socket
+import sys
 import threading
+from collections import defaultdict
+from io import StringIO
 
 import pytest
+from rich.console import Console
 
 from drivecomm.capture.files import CaptureWriter, read_capture
 from drivecomm.capture.pieces import Piece, Provenance
 from drivecomm.cli import main
 from drivecomm.cli.sniff import command
+from drivecomm.cli.sniff.table import drawn
 from drivecomm.decoding import encode
 from drivecomm.errors import LinkDownError
 from drivecomm.line import LineSettings
+from drivecomm.statistics import Statistics
 from drivecomm.virtual.uart import received
 
 SETTINGS = LineSettings(baudrate=19200, bytesize=7, parity="E")
@@ -141,8 +147,27 @@ def test_the_table_has_the_last_value_of_each_drive(run, capture):
     code, output = run(capture, "--table", "--names")
     assert code == 0
     assert "last value" in output.out
+    assert "1 retry, 1 damaged, 1 error" in output.out
     assert "fixed_frequency_2 = 10.00 Hz" in output.out
     assert "->" not in output.out
+
+
+@pytest.mark.parametrize("last", [{}, {("", "danfoss-fc:3"): "reference_via_bus = 100.00 %"}])
+def test_the_table_fits_into_80_columns(monkeypatch, last):
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    counted = defaultdict(Statistics)
+    for drive in ("danfoss-fc:3", "vabus:12", "vlt3500:4", "line"):
+        counters = {"requests": 123456, "replies": 123456, "retries": 12, "timeouts": 1, "strays": 3}
+        counted[drive].counters.update(counters)
+        counted[drive].reply_times.add(0.1234)
+    console = Console(width=80, file=StringIO())
+    console.print(drawn({"": counted}, last))
+    table = console.file.getvalue()
+    assert "…" not in table
+    assert all(len(line) <= 80 for line in table.splitlines())
+    words = set(table.replace(",", "").split())
+    assert words >= {"danfoss-fc:3", "requests", "123456", "mean", "123.4", "retries", "timeout", "strays"}
+    assert not last or "reference_via_bus" in words
 
 
 def test_only_the_protocols_that_are_named_are_looked_for(run, capture):

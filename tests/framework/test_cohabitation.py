@@ -36,6 +36,7 @@ VABUS_2 = LineDrive(protocol="vabus", address=2, options=SEVEN)
 FC = LineDrive(protocol="danfoss-fc", address=3, options={"baudrate": 9600, "parity": "E"})
 FC_8 = LineDrive(protocol="danfoss-fc", address=3, options={**EIGHT, "address_format": "1-31"})
 FC_8_LONG = LineDrive(protocol="danfoss-fc", address=3, options=EIGHT)
+FC_8_OTHER = LineDrive(protocol="danfoss-fc", address=4, options=EIGHT)
 FUJI = LineDrive(protocol="fuji", address=1, options=EIGHT)
 FUJI_2 = LineDrive(protocol="fuji", address=2, options=EIGHT)
 VLT = LineDrive(protocol="vlt3500", address=1, options=EIGHT)
@@ -51,7 +52,6 @@ TAKEN = [
     (VLT, FC_8),
     (VLT, FC_8_LONG),
     (VABUS_8, VLT),
-    (FC_8, LineDrive(protocol="danfoss-fc", address=4, options=EIGHT)),
     (VABUS, LineDrive(protocol="vabus", address=1, name="twin", options=SEVEN)),
 ]
 UNHEARD = [(VABUS_8, FC_8), (VABUS_8, FC_8_LONG), (VLT, VLT_2)]
@@ -64,6 +64,7 @@ SAFE = [
     (FUJI, VLT),
     (VABUS, VABUS_2),
     (FUJI, FUJI_2),
+    (FC_8, FC_8_OTHER),
 ]
 
 

@@ -239,7 +239,7 @@ class TestNothingIsLeft:
 
             def test_a(virtual_drive, monkeypatch):
                 drive = virtual_drive("vabus:1", listen="tcp")
-                monkeypatch.setattr(drive._drive._drive, "hear", lambda find, now: 1 / 0)
+                monkeypatch.setattr(drive._drive.inner, "hear", lambda find, now: 1 / 0)
                 host, _, port = drive.port.removeprefix("socket://").partition(":")
                 with socket.create_connection((host, int(port))) as master:
                     master.sendall(bytes.fromhex("04 41 30 30 34 38 31 05"))

@@ -6,7 +6,7 @@ import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.cli.output import emit
+from drivecomm.cli.output import emit, say
 from drivecomm.sniffer.tally import LINE
 
 if TYPE_CHECKING:
@@ -17,9 +17,20 @@ if TYPE_CHECKING:
 
     from drivecomm.cli.sniff.naming import Meaning
     from drivecomm.sniffer import Event
-    from drivecomm.statistics import Statistics
+    from drivecomm.statistics import ReplyTimes, Statistics
 
-_COUNTED = ("requests", "replies", "retries", "timeouts", "damaged", "strays")
+_COUNTED = ("requests", "replies")
+_TIMES: dict[str, Callable[[ReplyTimes], float]] = {
+    "mean ms": lambda times: times.mean_s,
+    "95 %": lambda times: times.percentile_s(95),
+    "longest": lambda times: times.longest_s,
+}
+_AMISS = {
+    "retries": ("retry", "retries"),
+    "timeouts": ("timeout", "timeouts"),
+    "damaged": ("damaged", "damaged"),
+    "strays": ("stray", "strays"),
+}
 _ERRORS = ("framing errors", "length errors", "checksum errors", "field errors")
 _PER_SECOND = 4
 _NOT_A_TERMINAL = 160
@@ -59,7 +70,8 @@ class LiveTable:
 
 
 def print_summary(counted: Mapping[str, Mapping[str, Statistics]]) -> None:
-    """Print what was counted for each drive."""
+    """Print what was counted for each drive, apart from what stands before it."""
+    say()
     _print(drawn(counted, {}))
 
 
@@ -90,14 +102,26 @@ def drawn(counted: Mapping[str, Mapping[str, Statistics]], last: Mapping[tuple[s
     from rich import box  # noqa: PLC0415 - as above
     from rich.table import Table  # noqa: PLC0415
 
-    table = Table(box=box.ROUNDED if sys.stdout.isatty() else box.ASCII2)
-    heads = ["drive", *_COUNTED, "errors", "noise bytes", "mean", "95 %", "longest", *(["last value"] if last else [])]
-    for number, head in enumerate(heads):
-        table.add_column(head, justify="left" if number == 0 or head == "last value" else "right", no_wrap=number == 0)
-    for line, drives in counted.items():
-        for drive in sorted(drives, key=_order):
-            value = [last.get((line, drive), "")] if last else []
-            table.add_row(f"{line} {drive}".strip(), *_cells(drives[drive]), *value)
+    narrow = {"box": box.SIMPLE_HEAD, "padding": (0, 1, 0, 0), "show_edge": False, "pad_edge": False}
+    table = Table(**narrow if sys.stdout.isatty() else {"box": box.ASCII2})
+    table.add_column("drive", no_wrap=True)
+    # A terminal has 80 columns, and the last values need them.
+    times = dict(list(_TIMES.items())[: 1 if last else None])
+    for head in (*_COUNTED, *times):
+        table.add_column(head, justify="right", no_wrap=True)
+    rows = [(line, drive, drives[drive]) for line, drives in counted.items() for drive in sorted(drives, key=_order)]
+    amiss = [_amiss(each) for _, _, each in rows]
+    told = [("amiss", any(amiss)), ("last value", bool(last))]
+    for head in (head for head, is_told in told if is_told):
+        table.add_column(head)
+    for (line, drive, each), wrong in zip(rows, amiss, strict=True):
+        texts = (wrong, last.get((line, drive), ""))
+        table.add_row(
+            f"{line} {drive}".strip(),
+            *(str(each.counters[name]) for name in _COUNTED),
+            *(_milliseconds(each.reply_times, how) for how in times.values()),
+            *(text for text, (_, is_told) in zip(texts, told, strict=True) if is_told),
+        )
     return table
 
 
@@ -107,15 +131,16 @@ def _order(drive: str) -> tuple[bool, str, int, str]:
     return drive == LINE, protocol, int(address) if address.isdigit() else -1, address
 
 
-def _cells(each: Statistics) -> list[str]:
-    times = each.reply_times
-    shown = [f"{time * 1000:.1f} ms" for time in (times.mean_s, times.percentile_s(95), times.longest_s)]
-    return [
-        *(str(each.counters[name]) for name in _COUNTED),
-        str(sum(each.counters[name] for name in _ERRORS)),
-        str(each.counters["noise bytes"]),
-        *(shown if times.count else [""] * len(shown)),
-    ]
+def _milliseconds(times: ReplyTimes, how: Callable[[ReplyTimes], float]) -> str:
+    return f"{how(times) * 1000:.1f}" if times.count else ""
+
+
+def _amiss(each: Statistics) -> str:
+    """Return what should not have happened, in words: a table of noughts hides it."""
+    counts = [(each.counters[name], *words) for name, words in _AMISS.items()]
+    counts.append((sum(each.counters[name] for name in _ERRORS), "error", "errors"))
+    counts.append((each.counters["noise bytes"], "noise byte", "noise bytes"))
+    return ", ".join(f"{count} {one if count == 1 else many}" for count, one, many in counts if count)
 
 
 def _print(table: Any) -> None:

@@ -1,0 +1,54 @@
+"""What a drive makes of the line: requests, and the text that other drives answer.
+
+It receives by LGE and by silence and does not look for STX inside a telegram (specification, section 3). A reply of
+another drive is as long as a request and passes for one to somebody else, but for text: that has to be known, so that
+nothing is found in the middle of it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import TelegramError
+from drivecomm_danfoss_fc.telegrams import is_text
+
+if TYPE_CHECKING:
+    from drivecomm.telegram import Direction, Message
+    from drivecomm_danfoss_fc.telegrams import DanfossFcCodec
+
+_STX, _LGE, _EMPTY_TEXT_LGE = 0x02, 1, 10
+_HEAD = 7
+"""As far as IND, which tells text from numbers."""
+
+
+class DriveCodec:
+    """The telegrams as a drive receives them; beyond requests, the text replies of others, as the replies they are."""
+
+    def __init__(self, codec: DanfossFcCodec) -> None:
+        self._codec = codec
+
+    def measure(self, head: bytes, direction: Direction) -> int:
+        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        needed = self._codec.measure(head, direction)
+        if needed or direction == "reply" or head[0] != _STX or head[_LGE] < _EMPTY_TEXT_LGE:
+            return needed
+        if len(head) < _HEAD:
+            return _HEAD
+        return head[_LGE] + 2 if _is_text_reply(head) else 0
+
+    def decode(self, data: bytes, direction: Direction) -> Message:
+        """Return the content of one telegram. Raises TelegramError."""
+        try:
+            return self._codec.decode(data, direction)
+        except TelegramError:
+            if direction == "request" and len(data) >= _HEAD and _is_text_reply(data):
+                return self._codec.decode(data, "reply")
+            raise
+
+    def encode(self, message: Message) -> bytes:
+        """Return the bytes of one telegram."""
+        return self._codec.encode(message)
+
+
+def _is_text_reply(head: bytes) -> bool:
+    return is_text(head[3] >> 4, int.from_bytes(head[5:7], "big"), "reply")
