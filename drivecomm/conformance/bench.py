@@ -77,11 +77,11 @@ class Overheard:
     @property
     def has_mains(self) -> bool:
         """Whether the drive's mains can be switched; the contract leaves that to the package."""
-        return hasattr(self._drive, "power_cycle")
+        return hasattr(self.inner, "power_cycle")
 
     def power_cycle(self, now: float) -> None:
         """Switch the mains of a drive that has them off and on."""
-        self._drive.power_cycle(now)  # type: ignore[attr-defined]
+        self.inner.power_cycle(now)  # type: ignore[attr-defined]
 
 
 class Bench(NamedTuple):
