@@ -28,6 +28,7 @@ class Extent:
     starts: int
     tries: int
     virtual_seconds: float
+    plant_seconds: float
 
 
 FULL = Extent(
@@ -41,6 +42,7 @@ FULL = Extent(
     starts=21,
     tries=4,
     virtual_seconds=60.0,
+    plant_seconds=60.0,
 )
 QUICK = Extent(
     repetitions=3,
@@ -53,4 +55,5 @@ QUICK = Extent(
     starts=5,
     tries=2,
     virtual_seconds=20.0,
+    plant_seconds=8.0,
 )

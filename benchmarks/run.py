@@ -21,6 +21,7 @@ import efficiency
 import forecast_accuracy
 import neighbour
 import peers
+import plant_of_50_lines
 import processor_time
 import scale
 import scan_time
@@ -46,6 +47,7 @@ MEASUREMENTS = {
     "scan_time": scan_time.measure,
     "forecast": forecast_accuracy.measure,
     "served": served.measure,
+    "plant_of_50_lines": plant_of_50_lines.measure,
     "telegrams": telegrams.measure,
     "start_up": start_up.measure,
     "peers": peers.measure,

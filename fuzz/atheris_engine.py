@@ -55,7 +55,7 @@ def run(target: Target, *, runs: int | None, seconds: float | None, seed: int) -
         # Loading and instrumenting the code is not counted, where libFuzzer came far enough to say so.
         seconds=_number(said, r"Done \d+ (?:runs )?in (\d+) second") or perf_counter() - began,
         flaws=(*known, *flaws),
-        grown_mib=_number(said, r"peak_rss_mb: +(\d+)"),
+        grown_mib=_grown_mib(said),
     )
 
 
@@ -65,6 +65,13 @@ def _flaw(target: Target, path: Path, said: str) -> Flaw:
     places = re.findall(r'File "([^"]*)", line (\d+)', said)
     place = f"{Path(places[-1][0]).name}:{places[-1][1]}" if places else ""
     return Flaw(error=error[1] if error else kind, place=place, kept=keep(target, path.read_bytes()))
+
+
+def _grown_mib(said: str) -> int:
+    """Return by how much memory grew since the corpus was read; all of it where libFuzzer says no more than that."""
+    sizes = [int(size) for size in re.findall(r"\brss: (\d+)Mb", said)]
+    peak = _number(said, r"peak_rss_mb: +(\d+)")
+    return max(*sizes, peak) - sizes[0] if sizes else peak
 
 
 def _number(said: str, pattern: str) -> int:

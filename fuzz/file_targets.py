@@ -135,7 +135,7 @@ def _check_json_lines(data: bytes) -> None:
         capture = read_json_lines(_CAPTURE, data)
     except FileFormatError:
         return
-    again = _written_again(JsonLines(capture.provenance), capture)
+    again = _written_again(JsonLines, capture)
     if again is None:
         return
     back = read_json_lines(_CAPTURE, again)
@@ -151,17 +151,17 @@ def _check_pcapng(data: bytes) -> None:
         capture = read_pcapng(_CAPTURE, data)
     except FileFormatError:
         return
-    again = _written_again(Pcapng(capture.provenance), capture)
+    again = _written_again(Pcapng, capture)
     if again is None:
         return
     back = read_pcapng(_CAPTURE, again)
     expect([each.data for each in back.pieces] == [each.data for each in capture.pieces], "other bytes when rewritten")
 
 
-def _written_again(form: JsonLines | Pcapng, capture: Capture) -> bytes | None:
+def _written_again(form: type[JsonLines | Pcapng], capture: Capture) -> bytes | None:
     """Return the file that a program makes of what it has read, None where it is refused."""
     try:
-        return _file_of(form, capture)
+        return _file_of(form(capture.provenance), capture)
     except DriveCommError:
         return None
 

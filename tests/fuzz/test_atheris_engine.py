@@ -56,6 +56,13 @@ def test_a_run_without_a_find(monkeypatch):
     assert {"-seed=7", "-atheris_runs=5000"} <= set(commands[0])
 
 
+def test_memory_is_what_it_has_grown_by(monkeypatch):
+    pulses = "#214 INITED cov: 11 exec/s: 0 rss: 60Mb\n#262144 pulse cov: 11 lim: 2620 exec/s: 43690 rss: 63Mb\n"
+    libfuzzer(monkeypatch, f"{pulses}Done 300000 in 7 second(s)\n", 0)
+    result = atheris_engine.run(target_with(bool), runs=300000, seconds=None, seed=7)
+    assert (result.inputs, result.seconds, result.grown_mib) == (300000, 7, 3)
+
+
 def test_a_find_is_kept(monkeypatch):
     libfuzzer(monkeypatch, CRASHED, 77, b"bad")
     (flaw,) = atheris_engine.run(target_with(bool), runs=None, seconds=2.0, seed=1).flaws

@@ -1,0 +1,126 @@
+"""Many talks at once for some time, and somebody who sees that none of them hangs."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+_USUAL_S = 3.0
+MOST_SILENT_S = 15.0
+"""No exchange may take longer, with all its repetitions: three times the half second of VABus, and an error read."""
+
+
+class Talker(Protocol):
+    """One partner of a drive, which makes an exchange when it is its turn, and counts."""
+
+    name: str
+    exchanges: int
+    failed: int
+    wrong: list[str]
+
+    def turn(self) -> None:
+        """Make one exchange."""
+        ...
+
+
+def seconds() -> float:
+    """Return how long a campaign lasts: DRIVECOMM_MINUTES, or some seconds."""
+    given = os.environ.get("DRIVECOMM_MINUTES")
+    return float(given) * 60 if given else _USUAL_S
+
+
+class Campaign:
+    """Talks on several lines at once, a thread for each line; those on one line take turns.
+
+    in_a_row: how many turns each has before the next one. most_silent_s: a turn that takes longer is called a hang.
+    hangs, errors: what went wrong in the end.
+    """
+
+    def __init__(
+        self, lines: Iterable[Sequence[Talker]], *, in_a_row: int = 1, most_silent_s: float = MOST_SILENT_S
+    ) -> None:
+        self._in_a_row = in_a_row
+        self._lines = [list(line) for line in lines]
+        self._most_silent_s = most_silent_s
+        self._stop = threading.Event()
+        self._since = [0.0] * len(self._lines)
+        self.slowest_s = 0.0
+        self.hangs: list[str] = []
+        self.errors: list[str] = []
+
+    @property
+    def talkers(self) -> list[Talker]:
+        """All that talk."""
+        return [talker for line in self._lines for talker in line]
+
+    def run(self, duration_s: float) -> None:
+        """Let them talk."""
+        threads = [
+            threading.Thread(target=self._talk, args=(number, line), daemon=True)
+            for number, line in enumerate(self._lines)
+        ]
+        began = time.monotonic()
+        self._since = [began] * len(self._lines)
+        for thread in threads:
+            thread.start()
+        while time.monotonic() - began < duration_s and any(thread.is_alive() for thread in threads):
+            time.sleep(0.1)
+            self._look_for_hangs()
+        self._stop.set()
+        until = time.monotonic() + self._most_silent_s
+        for thread in threads:
+            thread.join(max(0.0, until - time.monotonic()))
+        self.hangs += [f"line {number} does not end" for number, thread in enumerate(threads) if thread.is_alive()]
+
+    def report(self, title: str) -> str:
+        """Return what came of it, a row for each that talked."""
+        rows = [f"{title}: slowest exchange {self.slowest_s:.2f} s, {len(self.hangs)} hangs"]
+        rows += [
+            f"  {talker.name:<32} {talker.exchanges:>7} exchanges {getattr(talker, 'repeats', 0):>6} repeated "
+            f"{talker.failed:>4} failed {len(talker.wrong):>3} wrong"
+            for talker in self.talkers
+        ]
+        exchanges = sum(talker.exchanges for talker in self.talkers)
+        failed = sum(talker.failed for talker in self.talkers)
+        wrong = sum(len(talker.wrong) for talker in self.talkers)
+        return "\n".join([*rows, f"  {'all':<32} {exchanges:>7} exchanges {failed:>18} failed {wrong:>3} wrong"])
+
+    def judge(self, *, most_failed: float) -> None:
+        """Assert that nothing was wrong, nothing hung, and that at most this share of each talk's exchanges failed."""
+        assert not self.errors, self.errors
+        assert not self.hangs, self.hangs
+        wrong = [text for talker in self.talkers for text in talker.wrong]
+        assert not wrong, "\n".join(wrong[:10])
+        for talker in self.talkers:
+            assert talker.exchanges > 0, f"{talker.name} was never heard"
+            assert talker.failed <= 2 + most_failed * talker.exchanges, (talker.name, talker.exchanges, talker.failed)
+
+    def _talk(self, number: int, line: list[Talker]) -> None:
+        try:
+            # Each is heard once at least, however slow this machine is.
+            for talker in line:
+                self._turn(number, talker)
+            while not self._stop.is_set():
+                for talker in line:
+                    for _ in range(self._in_a_row):
+                        if not self._stop.is_set():
+                            self._turn(number, talker)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the test tells it
+            self.errors.append(f"{line[0].name}: {type(error).__name__}: {error}")
+
+    def _turn(self, number: int, talker: Talker) -> None:
+        began = time.monotonic()
+        self._since[number] = began
+        talker.turn()
+        self.slowest_s = max(self.slowest_s, time.monotonic() - began)
+
+    def _look_for_hangs(self) -> None:
+        now = time.monotonic()
+        for number, since in enumerate(self._since):
+            if now - since > self._most_silent_s and not any(text.startswith(f"line {number} ") for text in self.hangs):
+                self.hangs.append(f"line {number} has been silent for {now - since:.0f} s")
