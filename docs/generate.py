@@ -21,6 +21,7 @@ from mkdocs.structure.files import File
 from drivecomm.conformance.vectors import packaged_vectors
 from drivecomm.errors import FileFormatError
 from drivecomm.model_files import load_model, model_names
+from drivecomm.quantities import quantities
 from drivecomm.registry import installed
 from drivecomm.status import Stop
 
@@ -269,17 +270,65 @@ def _model(plugin: Protocol, model: Model, extends: str | None) -> Iterator[str]
     yield f"### {model.title}: `{model.name}`"
     if model.source:
         yield f"Source: {model.source}."
-    inherited = load_model(plugin.package, plugin.name, extends).parameters if extends else {}
-    if extends:
+    base = load_model(plugin.package, plugin.name, extends) if extends else None
+    if base:
         yield f"It has all parameters of `{extends}`."
     if model.options:
         yield "Options that it sets: " + ", ".join(_code(f"{key} = {value!r}") for key, value in model.options.items())
-    own = [info for address, info in model.parameters.items() if inherited.get(address) != info]
+    yield from _identification(model)
+    yield from _common_names(model, base)
+    yield from _watchdog(model, base)
+    own = [info for address, info in model.parameters.items() if base is None or base.parameters.get(address) != info]
     if own:
         heads = ("parameter", "name", "meaning", "type", "unit", "factor", "access", "range", "source", "how sure")
         yield _table(heads, map(_parameter, own))
-    if model.faults and (not extends or model.faults != load_model(plugin.package, plugin.name, extends).faults):
+    if model.faults and (base is None or model.faults != base.faults):
         yield "Fault texts: " + ", ".join(f"{code} {text}" for code, text in sorted(model.faults.items())) + "."
+    if model.warnings and (base is None or model.warnings != base.warnings):
+        yield "Warning texts: " + ", ".join(f"{code} {text}" for code, text in sorted(model.warnings.items())) + "."
+
+
+def _identification(model: Model) -> Iterator[str]:
+    if model.identified_by:
+        rules = ", ".join(f"{name} {_code(pattern)}" for name, pattern in model.identified_by.items())
+        yield f"A drive is taken for this model by what it tells of itself: {rules} (regular expressions)."
+
+
+def _common_names(model: Model, base: Model | None) -> Iterator[str]:
+    """Yield the common names that a model has and the one that it extends has not, or has elsewhere."""
+    own = {name: at for name, at in model.quantities.items() if base is None or base.quantities.get(name) != at}
+    if not own:
+        if model.quantities and base:
+            yield f"Its common names are those of `{base.name}`."
+        return
+    yield "Common names, which are read and written in the unit that the quantity has on every drive:"
+    known = quantities()
+    rows = (
+        (_code(name), known[name].unit, known[name].meaning, _code(own[name]), _sureness(model, own[name]))
+        for name in known
+        if name in own
+    )
+    yield _table(("common name", "unit", "meaning", "parameter", "how sure"), rows)
+
+
+def _sureness(model: Model, address: str) -> str:
+    info = model.find(address) or model.find(address.partition("[")[0])
+    return info.sure if info else ""
+
+
+def _watchdog(model: Model, base: Model | None) -> Iterator[str]:
+    watchdog = model.watchdog
+    if watchdog is None or (base is not None and base.watchdog == watchdog):
+        return
+    yield "When its master falls silent:"
+    actions = "; ".join(
+        f"{policy}: {_code(f'{watchdog.action} = {number}')}" if watchdog.action else policy
+        for policy, number in watchdog.actions.items()
+    )
+    off = f"{_code(f'{watchdog.time} = {watchdog.off}')}" if watchdog.off is not None else "by the action for hold"
+    rows = [("time, in seconds", _code(watchdog.time)), ("what it can do", actions), ("switched off", off)]
+    rows += [("besides", watchdog.note), ("source", watchdog.source), ("how sure", watchdog.sure)]
+    yield _table(("watchdog", ""), [row for row in rows if row[1]])
 
 
 def _parameter(info: ParameterInfo) -> tuple[str, ...]:

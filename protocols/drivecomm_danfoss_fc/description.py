@@ -58,6 +58,16 @@ UNITS = {
 # raw value is in rpm, kWh and degrees (specification, sections 10 and 15).
 _SPECIAL = {67: "rpm", 70: "minutes", 74: "hours", 75: "kWh", 77: "days", 100: "no conversion"}
 
+_UNITS_OF_SPECIAL = {67: "rpm", 70: "min", 74: "h", 75: "kWh", 77: "d"}
+_POWERS_OF_TEN = range(-7, 7)
+
+# Indices of powers of ten count in the base unit of the quantity (specification, section 10). Power is given in kW all
+# the same, as the drives show it, and a rotation in rpm.
+_BASE_UNITS = {
+    4: "s", 8: "J", 9: "kW", 11: "rpm", 16: "Nm", 17: "degC", 21: "V", 22: "A", 23: "Ohm", 24: "%", 27: "%", 28: "Hz"
+}  # fmt: skip
+_TIME, _POWER = 4, 9
+
 
 def conversion(index: int) -> str:
     """Return what a conversion index does to the raw value, in words."""
@@ -66,6 +76,25 @@ def conversion(index: int) -> str:
     if -7 <= index <= 6:
         return f"factor {Decimal(1).scaleb(index).normalize():f}"
     return "not listed"
+
+
+def unit_and_factor(index: int, unit_index: int) -> tuple[str, Decimal]:
+    """Return unit and factor of a value by its conversion index and unit index; no unit and 1 where they do not tell.
+
+    Times with three decimals and more are in milliseconds, as the drives show them.
+    """
+    if index in _UNITS_OF_SPECIAL:
+        return _UNITS_OF_SPECIAL[index], Decimal(1)
+    unit = _BASE_UNITS.get(unit_index, "")
+    if index in _SPECIAL:
+        return unit, Decimal(1)
+    if index not in _POWERS_OF_TEN or unit_index not in UNITS:
+        return "", Decimal(1)
+    if unit_index == _TIME and index <= -3:
+        unit, index = "ms", index + 3
+    elif unit_index == _POWER:
+        index -= 3
+    return unit, Decimal(f"{Decimal(1).scaleb(index):f}")
 
 
 def description_reading(wanted: Target, element: int, pwe: int) -> Reading:

@@ -9,7 +9,7 @@ from drivecomm.errors import NotSupported, RefusedError, UnexpectedReplyError, U
 from drivecomm.numbers import exact
 from drivecomm.protocol import Capabilities
 from drivecomm.status import DriveState, DriveStatus, Stop
-from drivecomm_danfoss_fc import access, words
+from drivecomm_danfoss_fc import access, describing, words
 from drivecomm_danfoss_fc.conversation import Conversation
 from drivecomm_danfoss_fc.motion import (
     PERCENT_PER_STEP,
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from decimal import Decimal
 
     from drivecomm.exchange import Exchange
-    from drivecomm.models import Model
+    from drivecomm.models import Model, ParameterInfo
     from drivecomm.reading import Reading, Value
     from drivecomm_danfoss_fc.options import DanfossFcOptions
 
@@ -52,8 +52,8 @@ class DanfossFcOperations:
     """The verbs of one drive, or of all drives at address 0.
 
     extra: verbs beyond those that every protocol has: `jog(number=1)`, `preset(number)`, `set_up(number)`,
-    `relays(relay_1=None, relay_2=None)`, `ramp(number)`, `freeze()`, `catch_up()`, `slow_down()`, `control_word(word)`
-    and `release()`.
+    `relays(relay_1=None, relay_2=None)`, `ramp(number)`, `freeze()`, `catch_up()`, `slow_down()`, `control_word(word)`,
+    `release()` and `describe(parameter, option_texts=32)`.
     """
 
     def __init__(self, address: int, options: DanfossFcOptions, model: Model | None) -> None:
@@ -85,6 +85,7 @@ class DanfossFcOperations:
             "slow_down": self.slow_down,
             "control_word": self.control_word,
             "release": self.release,
+            "describe": self.describe,
         }
 
     @property
@@ -299,6 +300,15 @@ class DanfossFcOperations:
     def release(self) -> Exchange[None]:
         """Stop repeating the control word, so that another master can take over. Sends nothing."""
         return self._motion.release()
+
+    def describe(self, parameter: str, *, option_texts: int = 32) -> Exchange[ParameterInfo]:
+        """Ask the drive what a parameter is: its name, type, unit, scale, limits and access, and what its options mean.
+
+        option_texts: how many values of an option parameter are asked for their text, 0 to 254, a telegram each.
+        Changes nothing.
+        """
+        self._must_be_one_drive("describe")
+        return describing.describe(self._talk, self._known(parameter, ""), option_texts)
 
     # Conversations
 

@@ -31,6 +31,8 @@ RANGES = {
     "uint32": range(2**32),
 }
 
+_HOW_SURE = {"derived": "derived", "field": "as seen on a drive", "unconfirmed": "unconfirmed"}
+
 _ADDRESS = re.compile(
     r"(?:(?P<group>\d{1,2})-(?P<member>\d{2})|(?P<number>\d{1,4}))(?:\[(?P<index>\d{1,3})\])?", re.ASCII
 )
@@ -156,7 +158,7 @@ def _physical(wanted: Target, raw: int, value: int, notes: list[str]) -> Reading
             note="; ".join(notes),
         )
     if info.sure != "printed":
-        notes.append(f"type and unit are {info.sure}")
+        notes.append(f"type and unit are {_HOW_SURE[info.sure]}")
     return Reading(
         parameter=wanted.address,
         name=info.name,

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from drivecomm.models import Model, ParameterInfo
 
-_UNIT_INDICES = {"s": 4, "ms": 4, "h": 4, "kWh": 8, "kW": 9, "rpm": 11, "Nm": 16, "deg C": 17}
+_UNIT_INDICES = {"s": 4, "ms": 4, "h": 4, "kWh": 8, "kW": 9, "rpm": 11, "Nm": 16, "degC": 17}
 _UNIT_INDICES |= {"V": 21, "A": 22, "%": 24, "Hz": 28}
 
 

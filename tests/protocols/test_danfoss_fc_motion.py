@@ -367,6 +367,7 @@ class TestFunctions:
             "select_setup",
             "select_preset",
             "set_relay",
+            "describe",
         }
 
 

@@ -1,0 +1,102 @@
+"""Models as text: what `drivecomm.model_files` reads, one key a line, so that two editions compare well.
+
+Only keys that say something are written, in the order in which docs/models.md explains them.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields
+from decimal import Decimal
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import UsageError
+from drivecomm.models import ParameterInfo, Watchdog
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from drivecomm.models import Model
+
+_FORMAT = 1
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+_ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
+_ALWAYS_WRITTEN = ("address", "name", "title", "access")
+_DEFAULTS = {field.name: field.default for field in fields(ParameterInfo)}
+_WATCHDOG_DEFAULTS = {field.name: field.default for field in fields(Watchdog)}
+# The dataclass has the order of the page; where a fact comes from stands below it.
+_LAST = ("source", "sure")
+_PARAMETER_KEYS = tuple(key for key in _DEFAULTS if key not in (*_LAST, "extra"))
+
+
+def model_text(model: Model) -> str:
+    """Return a model as the text of a model file, which reads as an equal model.
+
+    Raises UsageError for what no file can hold: a value of a protocol's own key that TOML has no form for.
+    """
+    head = {"format": _FORMAT, "protocol": model.protocol, "name": model.name, "title": model.title}
+    parts = [_lines({**head, **({"source": model.source} if model.source else {})}.items())]
+    tables: dict[str, Mapping[Any, Any]] = {
+        "options": model.options,
+        "quantities": model.quantities,
+        "watchdog": _watchdog(model.watchdog) if model.watchdog else {},
+        "identified_by": model.identified_by,
+        "faults": model.faults,
+        "warnings": model.warnings,
+    }
+    parts += [f"[{name}]\n{_lines(table.items())}" for name, table in tables.items() if table]
+    parts += [f"[[parameter]]\n{_lines(_parameter(info))}" for info in model.parameters.values()]
+    return "\n".join(parts)
+
+
+def _parameter(info: ParameterInfo) -> Iterator[tuple[str, Any]]:
+    for key in _PARAMETER_KEYS:
+        value = getattr(info, key)
+        # Without a default there is a factory: an empty table says nothing either.
+        if key in _ALWAYS_WRITTEN or (value != _DEFAULTS[key] and value != {}):
+            yield key, value
+    yield from info.extra.items()
+    for key in _LAST:
+        if getattr(info, key) != _DEFAULTS[key]:
+            yield key, getattr(info, key)
+
+
+def _watchdog(watchdog: Watchdog) -> dict[str, Any]:
+    chosen = {key: getattr(watchdog, key) for key in _WATCHDOG_DEFAULTS}
+    return {key: value for key, value in chosen.items() if value != _WATCHDOG_DEFAULTS[key] and value != {}}
+
+
+def _lines(items: Iterable[tuple[Any, Any]]) -> str:
+    return "".join(f"{_key(key)} = {_value(value)}\n" for key, value in items)
+
+
+def _key(key: object) -> str:
+    text = str(key)
+    return text if _BARE_KEY.fullmatch(text) else _quoted(text)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, str):
+        return _quoted(value)
+    if isinstance(value, Decimal):
+        return _quoted(f"{value:f}")
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    if isinstance(value, dict):
+        inside = ", ".join(f"{_key(key)} = {_value(each)}" for key, each in value.items())
+        return f"{{ {inside} }}" if inside else "{}"
+    raise UsageError(f"{value!r} cannot be written into a model file; TOML has no form for {type(value).__name__}")
+
+
+def _quoted(text: str) -> str:
+    return '"' + "".join(map(_character, text)) + '"'
+
+
+def _character(one: str) -> str:
+    if one in _ESCAPES:
+        return _ESCAPES[one]
+    return f"\\u{ord(one):04x}" if ord(one) < 0x20 or ord(one) == 0x7F else one

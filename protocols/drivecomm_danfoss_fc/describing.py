@@ -1,0 +1,158 @@
+"""What a parameter is by the drive's own word: description elements and option texts, made into one `ParameterInfo`.
+
+AK 4 and its elements: VLT 5000 Design Guide p. 95-98, VLT 5000 Crane manual p. 105-106; option texts: VLT 5000 Design
+Guide p. 99.
+"""
+
+from __future__ import annotations
+
+import re
+from decimal import Decimal
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import RefusedError, UsageError
+from drivecomm.models import ParameterInfo
+from drivecomm_danfoss_fc import access
+from drivecomm_danfoss_fc.description import (
+    BASIC,
+    CONVERSION,
+    DEFAULT,
+    ELEMENTS,
+    LOWER_LIMIT,
+    NAME,
+    UPPER_LIMIT,
+    unit_and_factor,
+)
+from drivecomm_danfoss_fc.faultcodes import NO_SUCH_ELEMENT
+from drivecomm_danfoss_fc.parameters import DATA_TYPES, signed
+
+if TYPE_CHECKING:
+    from drivecomm.exchange import Exchange
+    from drivecomm_danfoss_fc.conversation import Conversation
+    from drivecomm_danfoss_fc.parameters import Target
+
+SOURCE = "read from the drive, AK 4"
+
+_ARRAY_FLAG, _OPTION_TEXTS_FLAG, _READ_ONLY_FLAG, _NO_LIMITS_FLAG = 14, 10, 9, 8
+
+# N2 (4000 hex is 100 %) and V2 (a sequence of bits) are 16 bits on the line, whatever they are called.
+_NAMED_OTHERWISE = {33: "int16", 35: "uint16"}
+_TYPES = {number: name for name, number in DATA_TYPES.items()} | _NAMED_OTHERWISE
+
+_OPTIONS = range(254)
+
+
+def describe(talk: Conversation, wanted: Target, option_texts: int) -> Exchange[ParameterInfo]:
+    """Ask the drive what a parameter is; at most so many of its option values are asked for their text.
+
+    A type that the protocol cannot carry, such as a byte string, is left empty. Raises RefusedError where the drive has
+    no such parameter or tells nothing of it, UsageError for a number of texts that cannot be.
+    """
+    if type(option_texts) is not int or option_texts not in range(len(_OPTIONS) + 1):
+        raise UsageError(f"{option_texts!r} option texts cannot be asked for: IND names 254 options, 0 to 253")
+    return _describe(talk, wanted, option_texts)
+
+
+def _describe(talk: Conversation, wanted: Target, option_texts: int) -> Exchange[ParameterInfo]:
+    basic = yield from _raw_element(talk, wanted, BASIC)
+    number, flags = basic & 0xFF, basic >> 8 << 8
+    kind = _TYPES.get(number, "")
+    title = yield from _title(talk, wanted)
+    extra: dict[str, object] = {}
+    if number not in DATA_TYPES.values():
+        extra["data_type"] = number
+    if flags >> _ARRAY_FLAG & 1:
+        extra["elements"] = yield from _raw_element(talk, wanted, ELEMENTS)
+    unit, factor, limits = "", Decimal(1), _NO_LIMITS
+    if kind not in ("", "text"):
+        conversion = yield from _maybe_element(talk, wanted, CONVERSION)
+        if conversion is not None:
+            index = signed(conversion >> 8 & 0xFF, 8)
+            extra["conversion_index"] = index
+            unit, factor = unit_and_factor(index, conversion & 0xFF)
+        if not flags >> _NO_LIMITS_FLAG & 1:
+            limits = yield from _limits(talk, wanted, kind)
+    values: dict[int, str] = {}
+    if flags >> _OPTION_TEXTS_FLAG & 1:
+        values = yield from _option_texts(talk, wanted, _options_within(limits, option_texts))
+    lowest, highest, default = (None if each is None else each * factor for each in limits)
+    return ParameterInfo(
+        address=wanted.name,
+        name=_name_from(title, wanted),
+        title=title or f"parameter {wanted.name}",
+        type=kind,
+        unit=unit,
+        factor=factor,
+        access="r" if flags >> _READ_ONLY_FLAG & 1 else "rw",
+        values=values,
+        minimum=lowest,
+        maximum=highest,
+        start=default,
+        source=SOURCE,
+        sure="field",
+        extra=extra,
+    )
+
+
+_NO_LIMITS: tuple[int | None, int | None, int | None] = (None, None, None)
+
+
+def _raw_element(talk: Conversation, wanted: Target, element: int) -> Exchange[int]:
+    return int((yield from access.read_element(talk, wanted, element)).raw)
+
+
+def _maybe_element(talk: Conversation, wanted: Target, element: int) -> Exchange[int | None]:
+    """Read an element as a number; None where the parameter does not have it."""
+    try:
+        return (yield from _raw_element(talk, wanted, element))
+    except RefusedError as refused:
+        if refused.code != NO_SUCH_ELEMENT:
+            raise
+        return None
+
+
+def _title(talk: Conversation, wanted: Target) -> Exchange[str]:
+    try:
+        return " ".join(str((yield from access.read_element(talk, wanted, NAME)).value).split())
+    except RefusedError as refused:
+        if refused.code != NO_SUCH_ELEMENT:
+            raise
+        return ""
+
+
+def _limits(talk: Conversation, wanted: Target, kind: str) -> Exchange[tuple[int | None, int | None, int | None]]:
+    """Return lower limit, upper limit and default as the drive counts them."""
+    bits = 32 if kind in ("int32", "uint32") else 16
+    found: list[int | None] = []
+    for element in (LOWER_LIMIT, UPPER_LIMIT, DEFAULT):
+        raw = yield from _maybe_element(talk, wanted, element)
+        if raw is not None:
+            raw = signed(raw % 2**bits, bits) if kind.startswith("int") else raw % 2**bits
+        found.append(raw)
+    return found[0], found[1], found[2]
+
+
+def _options_within(limits: tuple[int | None, int | None, int | None], most: int) -> range:
+    """Return the option values that are asked for their texts."""
+    lowest, highest, _ = limits
+    first = max(_OPTIONS.start, _OPTIONS.start if lowest is None else lowest)
+    end = min(_OPTIONS.stop, _OPTIONS.stop if highest is None else highest + 1)
+    return range(first, min(end, first + most))
+
+
+def _option_texts(talk: Conversation, wanted: Target, options: range) -> Exchange[dict[int, str]]:
+    texts = {}
+    for option in options:
+        try:
+            text = str((yield from access.read_option_text(talk, wanted, option)).value)
+        except RefusedError:
+            # A value without a text is no option: the numbers of an option parameter have gaps.
+            continue
+        if text:
+            texts[option] = text
+    return texts
+
+
+def _name_from(title: str, wanted: Target) -> str:
+    words = re.findall(r"[a-z0-9]+", title.lower())
+    return "_".join(words) or "parameter_" + "_".join(re.findall(r"\d+", wanted.name))

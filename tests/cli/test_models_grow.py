@@ -1,0 +1,82 @@
+"""The command that grows a model from a drive."""
+
+import pytest
+
+from drivecomm.cli.app import app
+from drivecomm.cli.line_options import LineCommand, on_a_line
+from drivecomm.cli.models_grow import grow
+from drivecomm.model_files import read_model
+from drivecomm.virtual import virtual_drive
+
+
+@pytest.fixture
+def line(shell):
+    return shell.line(virtual_drive("danfoss-fc", 3), virtual_drive("vabus", 1))
+
+
+@pytest.fixture
+def grown(shell, line, monkeypatch):
+    """Run the command by itself, whatever group it belongs to, on a line with two drives."""
+    assert line.time == 0
+    monkeypatch.setattr(app, "registered_commands", list(app.registered_commands))
+    app.command("grow-by-itself", cls=LineCommand)(on_a_line(grow))
+    return lambda *arguments: shell("grow-by-itself", *arguments)
+
+
+def test_a_range_and_a_name(grown, line, shell, tmp_path):
+    path = tmp_path / "fan.toml"
+    assert grown("danfoss-fc:3", "16-10..16-14", "3-41", "--write", str(path), "--model", "fc302") == 0
+    assert "5 parameters written to" in shell.out
+    assert "left out: the drive refused parameter 16-11" in shell.out
+    model = read_model(path, "danfoss-fc")
+    assert list(model.parameters) == ["16-10", "16-12", "16-13", "16-14", "3-41"]
+    assert model.quantities["output_current"] == "16-14"
+    assert model.name == "fan"
+    assert shell("read", "danfoss-fc:3", "output_frequency", "--model", str(path)) == 0
+    assert "0.0 Hz" in shell.out
+    assert not line.drives[0].motor.running
+
+
+def test_all_that_the_protocols_own_model_knows(grown, shell, tmp_path):
+    path = tmp_path / "all.toml"
+    assert grown("danfoss-fc:3", "-w", str(path), "--json", "-o", "option_texts=0") == 0
+    assert shell.objects == [{"drive": "danfoss-fc:3", "file": str(path), "parameters": 95, "left_out": []}]
+    assert len(read_model(path, "danfoss-fc").parameters) == 95
+
+
+def test_many_that_are_not_there_are_counted(grown, shell, tmp_path):
+    path = tmp_path / "few.toml"
+    assert grown("danfoss-fc:3", "8-00..8-49", "--write", str(path)) == 0
+    assert shell.out.count("left out") == 11
+    assert "left out: 28 more" in shell.out
+
+
+def test_a_drive_that_tells_nothing(grown, shell, tmp_path):
+    path = tmp_path / "none.toml"
+    assert grown("danfoss-fc:3", "9-00..9-05", "--write", str(path)) == 5
+    assert "tells nothing of 6 parameters" in shell.err
+    assert not path.exists()
+
+
+def test_a_protocol_that_cannot(grown, shell, tmp_path):
+    path = tmp_path / "no.toml"
+    assert grown("vabus:1", "480", "--write", str(path)) == 2
+    assert shell.err.count("\n") == 1
+    assert "vabus:1 does not tell what its parameters are" in shell.err
+    assert not path.exists()
+
+
+def test_files_that_cannot_be_written_are_refused_before_anything_is_sent(grown, line, shell, tmp_path):
+    (tmp_path / "there.toml").write_text("mine", encoding="utf-8")
+    bad = {"there.toml": "is there already", "model.txt": "ends in .toml", "no/where.toml": "there is no folder"}
+    for file, words in bad.items():
+        assert grown("danfoss-fc:3", "16-14", "--write", str(tmp_path / file)) == 2
+        assert words in shell.err
+    assert line.time == 0
+    assert (tmp_path / "there.toml").read_text(encoding="utf-8") == "mine"
+
+
+def test_a_drive_that_does_not_answer(grown, tmp_path):
+    path = tmp_path / "silent.toml"
+    assert grown("danfoss-fc:4", "16-14", "--write", str(path)) == 4
+    assert not path.exists()

@@ -1,0 +1,60 @@
+"""What the page of a protocol says of its models: common names, watchdogs, rules of identification."""
+
+import importlib.util
+import re
+
+import pytest
+from pages import ROOT
+
+from drivecomm.model_files import load_model, model_names
+from drivecomm.quantities import quantities
+from drivecomm.registry import installed
+
+pytest.importorskip("mkdocs", reason="the pages need the extra named docs")
+
+
+@pytest.fixture(scope="module")
+def generate():
+    spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module", params=[plugin.name for plugin in installed.working()])
+def plugin(request):
+    return installed[request.param]
+
+
+def sections(page):
+    """The part of the page about each model, by its name."""
+    tables = page.partition("\n## Model tables\n")[2]
+    parts = re.split(r"^### .*: `([^`]+)`$", tables, flags=re.MULTILINE)[1:]
+    return dict(zip(parts[::2], parts[1::2], strict=True))
+
+
+def test_every_common_name_stands_with_its_unit_and_parameter_at_the_model_that_brings_it(plugin, generate):
+    told = sections(generate.protocol_page(plugin))
+    models = {name: load_model(plugin.package, plugin.name, name) for name in model_names(plugin.package, plugin.name)}
+    assert set(told) == set(models)
+    shown = "".join(told.values())
+    for name, model in models.items():
+        for common, address in model.quantities.items():
+            unit = quantities()[common].unit or " "
+            row = re.compile(
+                rf"^\| `{common}` \| {re.escape(unit)} \| [^|]+ \| `{re.escape(address)}` \|", re.MULTILINE
+            )
+            own = row.search(told[name])
+            assert own or "Its common names are" in told[name] or "It has all parameters of" in told[name]
+            assert row.search(shown)
+
+
+def test_watchdogs_and_rules_are_told(plugin, generate):
+    told = sections(generate.protocol_page(plugin))
+    for name, text in told.items():
+        model = load_model(plugin.package, plugin.name, name)
+        for key, pattern in model.identified_by.items():
+            assert f"{key} {generate._code(pattern)}" in text
+        if model.watchdog:
+            assert f"| time, in seconds | `{model.watchdog.time}` |" in "".join(told.values())
+            assert model.watchdog.source in "".join(told.values())

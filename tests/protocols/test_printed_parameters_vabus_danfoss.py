@@ -1,0 +1,98 @@
+"""Every parameter of the manuals' tables is in the models, with its source; the tables are kept here as lists.
+
+The lists stand for what was read (the sources are named in the models), so that nothing gets lost from a model file.
+"""
+
+import pytest
+
+from drivecomm.model_files import load_model, model_names
+
+PACKAGES = {"vabus": "drivecomm_vabus", "danfoss-fc": "drivecomm_danfoss_fc"}
+
+
+def numbers(text):
+    """`372 375 480..482` as addresses, leading zeros kept."""
+    found = []
+    for word in text.split():
+        first, _, last = word.partition("..")
+        before, _, member = first.rpartition("-")
+        prefix = f"{before}-" if before else ""
+        end = int(last.rpartition("-")[2]) if last else int(member)
+        found += [f"{prefix}{number:0{len(member)}d}" for number in range(int(member), end + 1)]
+    return found
+
+
+# Bonfiglioli: parameters named in a document.
+VABUS = numbers(
+    "10 11 17..19 30 66..70 210 211 213 228 230 241 250 251 260 269 270 282 283 372 375 376 394 395 405 406 410..413 "
+    "418..423 426 434 450 475 476 480..482 518..520 541 542 549 631 632 637 638 900"
+)
+# Bonfiglioli: numbers of which only hearsay is known.
+HEARSAY = numbers(
+    "29 212 214 224 222 223 240 244 245 249 254 255 256 259 273 274 310..325 362 370 371 373 374 483 521..523 484 524"
+)
+# Danfoss FC series: the table, 8-51 to 8-56 in the row of 8-50.
+FC = numbers(
+    "0-01 0-37 1-20 1-22..1-25 2-01 3-00 3-02 3-03 3-10 3-11 3-41 3-42 3-51 3-81 4-10 4-12 4-14 4-18 5-40 8-01..8-04 "
+    "8-10 8-30..8-33 8-35..8-37 8-50..8-56 8-80 8-90 14-01 14-20..14-22 15-00..15-03 15-30..15-32 15-40..15-46 15-51 "
+    "15-53 16-00..16-03 16-05 16-10 16-12..16-14 16-16..16-18 16-22 16-30 16-34..16-36 16-50 16-60 16-62 16-71 16-85 "
+    "16-86 16-90 16-92 16-94"
+)
+# Danfoss FC series: named in the text beside the table.
+FC_TEXT = numbers("0-10 2-02 3-19 4-11 4-13 8-91")
+VLT_5000 = numbers(
+    "001 102..106 201..205 207 208 212 213 215..218 500..510 512..522 524 525 528 534 537 538 540 615 621..635"
+)
+VLT_5000_TEXT = numbers("004 225 226")
+VLT_6000 = numbers("206 207 209 211..214 323 326 415 501 502 503..508 533 534 556 621..631")
+
+PRINTED = {
+    ("vabus", "act"): VABUS,
+    ("vabus", "acu"): VABUS,
+    ("vabus", "agile"): VABUS,
+    ("vabus", "family"): VABUS,
+    ("vabus", "unconfirmed"): VABUS + HEARSAY,
+    ("danfoss-fc", "fc101"): FC + FC_TEXT,
+    ("danfoss-fc", "fc102"): FC + FC_TEXT + ["0-38", "0-39"],
+    ("danfoss-fc", "fc202"): FC + FC_TEXT,
+    ("danfoss-fc", "fc300"): FC + FC_TEXT,
+    ("danfoss-fc", "fc302"): FC + FC_TEXT,
+    ("danfoss-fc", "vlt5000"): VLT_5000 + VLT_5000_TEXT,
+    ("danfoss-fc", "vlt6000"): VLT_6000,
+}
+
+# A sister manual or the protocol's text names them with a number, and a virtual drive cannot do without.
+NAMED_ELSEWHERE = {("danfoss-fc", "vlt6000"): numbers("001 201..205")}
+
+
+def model_of(which):
+    protocol, name = which
+    return load_model(PACKAGES[protocol], protocol, name)
+
+
+def test_every_model_is_listed():
+    assert set(PRINTED) == {
+        (protocol, name) for protocol, package in PACKAGES.items() for name in model_names(package, protocol)
+    }
+
+
+@pytest.mark.parametrize("which", PRINTED, ids="-".join)
+def test_the_model_has_every_printed_parameter_and_no_other(which):
+    assert set(model_of(which).parameters) == {*PRINTED[which], *NAMED_ELSEWHERE.get(which, ())}
+
+
+@pytest.mark.parametrize("which", PRINTED, ids="-".join)
+def test_every_parameter_has_its_own_source(which):
+    assert not [info.address for info in model_of(which).parameters.values() if not info.source]
+
+
+def test_hearsay_is_marked_as_such():
+    parameters = model_of(("vabus", "unconfirmed")).parameters
+    assert {parameters[address].sure for address in HEARSAY} == {"unconfirmed"}
+
+
+@pytest.mark.parametrize("which", PRINTED, ids="-".join)
+def test_names_and_titles_tell_parameters_apart(which):
+    parameters = model_of(which).parameters.values()
+    assert len({info.name for info in parameters}) == len(parameters)
+    assert all(info.name.isidentifier() and info.name == info.name.lower() for info in parameters)

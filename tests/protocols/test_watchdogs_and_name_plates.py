@@ -1,0 +1,71 @@
+"""What models say beyond their parameters: watchdogs that can be set, name plates that tell models apart."""
+
+import pytest
+
+import drivecomm
+from drivecomm.model_files import load_model, model_names
+from drivecomm.registry import installed
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+MODELS = {
+    f"{plugin.name}-{name}": (plugin, load_model(plugin.package, plugin.name, name))
+    for plugin in installed.working()
+    for name in model_names(plugin.package, plugin.name)
+}
+WATCHED = {title: model for title, (_, model) in MODELS.items() if model.watchdog}
+TOLD = {title: (plugin, model) for title, (plugin, model) in MODELS.items() if model.identified_by}
+
+
+@pytest.mark.parametrize("model", WATCHED.values(), ids=WATCHED)
+def test_a_watchdog_is_made_of_parameters_that_can_be_set(model):
+    watchdog = model.watchdog
+    time = model.parameters[watchdog.time]
+    assert (time.unit, "r" in time.access, "w" in time.access) == ("s", True, True)
+    assert watchdog.source
+    assert watchdog.actions
+    if not watchdog.action:
+        assert len(watchdog.actions) == 1
+        return
+    action = model.parameters[watchdog.action]
+    assert "w" in action.access
+    assert set(watchdog.actions.values()) <= set(action.values), "the option texts say what each number does"
+    assert watchdog.off is not None or "hold" in watchdog.actions
+
+
+@pytest.mark.parametrize("model", WATCHED.values(), ids=WATCHED)
+def test_the_time_until_silence_is_noticed_has_its_common_name(model):
+    assert model.quantities["link_timeout"] == model.watchdog.time
+
+
+@pytest.mark.parametrize(
+    ("told", "name"),
+    [
+        ({"FC type": "FC-101"}, "fc101"),
+        ({"FC type": "FC-102", "power section": "P7K5T4"}, "fc102"),
+        ({"FC type": "FC-202"}, "fc202"),
+        ({"FC type": "FC-301"}, "fc300"),
+        ({"FC type": "FC-302"}, "fc302"),
+        ({"unit type": "VLT 5004"}, "vlt5000"),
+        ({"unit type": "VLT6002"}, "vlt6000"),
+        ({"unit type": "VLT 8006"}, None),
+        ({}, None),
+    ],
+)
+def test_what_a_danfoss_drive_tells_of_itself_is_one_model(told, name):
+    fitting = [model.name for plugin, model in MODELS.values() if plugin.name == "danfoss-fc" and model.matches(told)]
+    assert fitting == ([] if name is None else [name])
+
+
+# The model of the whole series shows the drive whose parameter list was captured.
+SHOWN_AS = {"danfoss-fc-fc300": "danfoss-fc-fc302"}
+
+
+@pytest.mark.parametrize("title", TOLD)
+def test_a_drive_is_identified_by_its_own_name_plate_and_as_one_model(title):
+    plugin, model = TOLD[title]
+    virtual = virtual_drive(plugin.name, plugin.addresses[0], model=model)
+    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+        # As a scan does it: who asks does not know the model yet.
+        identity = bus.drive(plugin.name, virtual.address).identify()
+    fitting = [name for name, (_, each) in TOLD.items() if each.protocol == plugin.name and each.matches(identity)]
+    assert fitting == [SHOWN_AS.get(title, title)]
