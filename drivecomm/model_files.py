@@ -49,18 +49,18 @@ sure = "printed"              # "printed", "derived", "field", "unconfirmed"
 from __future__ import annotations
 
 import os
-from decimal import Decimal, InvalidOperation
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, get_args
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.models import Access, LinkLoss, Model, ParameterInfo, Storage, Sureness, Watchdog
+from drivecomm.model_schema import EXACT, PARAMETER_KEYS, PLAIN, TEXT_TYPES, Mistake, mistakes_in, number_in
+from drivecomm.models import Model, ParameterInfo, Watchdog
 from drivecomm.toml_places import Places
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-_FORMAT = 1
 FOLDERS_VARIABLE = "DRIVECOMM_MODELS"
 
 
@@ -82,7 +82,21 @@ def load_model(package: str, protocol: str, model: str | Path | Model) -> Model:
 
 def model_names(package: str, protocol: str) -> list[str]:
     """Return the names of the models in the user's folders and in the protocol's package."""
-    return sorted({path.stem for folder in _folders(package, protocol) for path in folder.glob("*.toml")})
+    return sorted(model_paths(package, protocol))
+
+
+def model_paths(package: str, protocol: str) -> dict[str, Path]:
+    """Return where each model comes from: its file, the user's before that of the package."""
+    found: dict[str, Path] = {}
+    for folder in _folders(package, protocol):
+        for path in sorted(folder.glob("*.toml")):
+            found.setdefault(path.stem, path)
+    return found
+
+
+def packaged_models(package: str) -> list[Path]:
+    """Return the model files of a protocol's package, whatever the user's folders hold."""
+    return sorted(_packaged(package).glob("*.toml"))
 
 
 def read_model(path: Path, protocol: str, package: str = "") -> Model:
@@ -105,13 +119,119 @@ def user_folders(protocol: str) -> list[Path]:
     return [each / protocol for each in (*listed, user_config_path("drivecomm", appauthor=False) / "models")]
 
 
-def _folders(package: str, protocol: str) -> Iterator[Path]:
-    from importlib import resources  # noqa: PLC0415 - loaded with the first model, not with drivecomm
+@dataclass(frozen=True, slots=True)
+class ModelFile:
+    """One file as TOML gives it, and in which line each of its keys stands."""
 
+    path: Path
+    content: Mapping[str, Any]
+    places: Places
+
+    def line_of(self, mistake: Mistake) -> int:
+        """Return the line that a mistake is about."""
+        return self.places.of(mistake.table, mistake.number, mistake.key)
+
+    def refusal(self, mistake: Mistake) -> FileFormatError:
+        """Return the error for a mistake: file, line, key, what is wrong."""
+        return FileFormatError(f"{self.path}, line {self.line_of(mistake)}: {mistake}")
+
+
+def open_model_file(path: Path) -> ModelFile:
+    """Read a file without judging what it says. Raises FileFormatError where there is none, or it is no TOML."""
+    import tomllib  # noqa: PLC0415 - as above
+
+    try:
+        text = path.read_text(encoding="utf-8")
+        return ModelFile(path, tomllib.loads(text), Places(text))
+    except (OSError, ValueError, RecursionError) as error:
+        raise FileFormatError(f"{path}: cannot be read as a model: {error}") from error
+
+
+def base_of(file: ModelFile, protocol: str, package: str, extended_by: Sequence[Path] = ()) -> Model | None:
+    """Return the model that a file extends, None where it extends none.
+
+    extended_by: the files that extend this one. Raises FileFormatError for one that is not there or cannot be read, and
+    for a circle.
+    """
+    name = file.content.get("extends")
+    if name is None:
+        return None
+    beside = file.path.with_name(f"{name}.toml") if name == Path(name).name else None
+    found = [beside] if beside is not None and beside.is_file() else []
+    found += [path for path in _files_named(package, protocol, name) if path not in found]
+    if not found:
+        what = f"there is no model {name!r} beside this one or among those of {protocol}"
+        raise file.refusal(Mistake(key="extends", text=what))
+    # A user's model may have the name of the one that it changes.
+    circle = (*extended_by, file.path)
+    left = [path for path in found if path not in circle]
+    if not left:
+        what = f"extends itself, by way of {', '.join(path.stem for path in circle)}"
+        raise file.refusal(Mistake(key="extends", text=what))
+    return _read(left[0], protocol, package, circle)
+
+
+def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
+    """Return the model that a file without mistakes and what it extends make together."""
+    quantities = {**(base.quantities if base else {}), **content.get("quantities", {})}
+    parameters = [parameter_of(entry) for entry in content.get("parameter", [])]
+    watchdog = Watchdog(**content["watchdog"]) if "watchdog" in content else None
+    return Model(
+        protocol=content["protocol"],
+        name=content["name"],
+        title=content.get("title", content["name"]),
+        source=content.get("source", ""),
+        parameters={**(base.parameters if base else {}), **{known.address: known for known in parameters}},
+        faults={**(base.faults if base else {}), **_by_code(content, "faults")},
+        warnings={**(base.warnings if base else {}), **_by_code(content, "warnings")},
+        options={**(base.options if base else {}), **content.get("options", {})},
+        quantities={name: address for name, address in quantities.items() if address},
+        watchdog=watchdog or (base.watchdog if base else None),
+        # A rule is about one series, so it is not taken over.
+        identified_by=dict(content.get("identified_by", {})),
+    )
+
+
+def parameter_of(entry: Mapping[str, Any]) -> ParameterInfo:
+    """Return the parameter that a table without mistakes is about."""
+    exact: dict[str, Any] = {key: number_in(entry[key]) for key in EXACT if key in entry}
+    plain = {key: entry[key] for key in PLAIN if key in entry}
+    start = entry.get("start")
+    return ParameterInfo(
+        address=entry["address"],
+        name=entry["name"],
+        values=_by_code(entry, "values"),
+        start=start if start is None or entry.get("type") in TEXT_TYPES else number_in(start),
+        extra={key: value for key, value in entry.items() if key not in PARAMETER_KEYS},
+        **{"title": entry["name"], **plain},
+        **exact,
+    )
+
+
+def _read(path: Path, protocol: str, package: str, extended_by: Sequence[Path]) -> Model:
+    file = open_model_file(path)
+    mistake = next(mistakes_in(file.content, protocol), None)
+    if mistake is not None:
+        raise file.refusal(mistake)
+    return assembled(file.content, base_of(file, protocol, package, extended_by))
+
+
+def _by_code(table: Mapping[str, Any], name: str) -> dict[int, str]:
+    return {int(code): text for code, text in table.get(name, {}).items()}
+
+
+def _folders(package: str, protocol: str) -> Iterator[Path]:
     yield from user_folders(protocol)
     if package:
-        with resources.as_file(resources.files(package) / "models") as folder:
-            yield folder
+        yield _packaged(package)
+
+
+def _packaged(package: str) -> Path:
+    from importlib import resources  # noqa: PLC0415 - as above
+
+    # Packages are installed as files; what is read here is extended and named by its path.
+    with resources.as_file(resources.files(package) / "models") as folder:
+        return folder
 
 
 def _files_named(package: str, protocol: str, name: str) -> Iterator[Path]:
@@ -121,196 +241,3 @@ def _files_named(package: str, protocol: str, name: str) -> Iterator[Path]:
         path = folder / f"{name}.toml"
         if path.is_file():
             yield path
-
-
-def _read(path: Path, protocol: str, package: str, extended_by: Sequence[Path]) -> Model:
-    import tomllib  # noqa: PLC0415 - as above
-
-    try:
-        text = path.read_text(encoding="utf-8")
-        content = tomllib.loads(text)
-    except (OSError, ValueError, RecursionError) as error:
-        raise FileFormatError(f"{path}: cannot be read as a model: {error}") from error
-    document = _Document(path, text)
-    if content.get("format") != _FORMAT:
-        document.refuse("format", f"a model begins with format = {_FORMAT}")
-    if content.get("protocol") != protocol:
-        document.refuse("protocol", f"is a model for {content.get('protocol')!r}, not for {protocol!r}")
-    unknown = sorted(set(content) - _TOP)
-    if unknown:
-        document.refuse(unknown[0], f"no model has the key {unknown[0]!r}; its keys are {', '.join(sorted(_TOP))}")
-    if "name" not in content:
-        document.refuse("", "the key 'name' is missing")
-    base = _base(content.get("extends"), document, protocol, package, (*extended_by, path))
-    options = document.table(content, "options")
-    quantities = {**(base.quantities if base else {}), **_quantities(document.table(content, "quantities"), document)}
-    parameters = [document.parameter(number, entry) for number, entry in enumerate(document.parameters(content))]
-    watchdog = document.watchdog(document.table(content, "watchdog")) if "watchdog" in content else None
-    return Model(
-        protocol=protocol,
-        name=str(content["name"]),
-        title=str(content.get("title", content["name"])),
-        source=str(content.get("source", "")),
-        parameters={**(base.parameters if base else {}), **{known.address: known for known in parameters}},
-        faults={**(base.faults if base else {}), **document.texts("faults", content)},
-        warnings={**(base.warnings if base else {}), **document.texts("warnings", content)},
-        options={**(base.options if base else {}), **options},
-        quantities={name: address for name, address in quantities.items() if address},
-        watchdog=watchdog or (base.watchdog if base else None),
-        # A rule is about one series, so it is not taken over.
-        identified_by=document.patterns(document.table(content, "identified_by")),
-    )
-
-
-def _base(name: object, document: _Document, protocol: str, package: str, extended_by: Sequence[Path]) -> Model | None:
-    if name is None:
-        return None
-    if not isinstance(name, str):
-        document.refuse("extends", f"{name!r} is no name of a model")
-    beside = document.path.with_name(f"{name}.toml")
-    found = [beside] if beside.is_file() else []
-    found += [path for path in _files_named(package, protocol, name) if path not in found]
-    if not found:
-        document.refuse("extends", f"there is no model {name!r} beside this one or among those of {protocol}")
-    # A user's model may have the name of the one that it changes.
-    left = [path for path in found if path not in extended_by]
-    if not left:
-        document.refuse("extends", f"extends itself, by way of {', '.join(path.stem for path in extended_by)}")
-    return _read(left[0], protocol, package, extended_by)
-
-
-def _quantities(given: Mapping[str, Any], document: _Document) -> dict[str, str]:
-    for name, address in given.items():
-        if not isinstance(address, str):
-            document.refuse(name, f"{address!r} is no parameter address; write it as a text", "quantities")
-    return dict(given)
-
-
-_TOP = frozenset(
-    {
-        "format", "protocol", "name", "title", "extends", "source",
-        "options", "quantities", "watchdog", "identified_by", "faults", "warnings", "parameter",
-    }
-)  # fmt: skip
-_WORDS: dict[str, tuple[str, ...]] = {
-    "access": get_args(Access),
-    "sure": get_args(Sureness),
-    "storage": tuple(word for word in get_args(Storage) if word),
-}
-_EXACT = ("factor", "minimum", "maximum")
-_PLAIN = ("type", "unit", "access", "storage", "source", "sure")
-_TEXT_TYPES = ("string", "text")
-_WATCHDOG = frozenset(Watchdog.__dataclass_fields__)
-_KNOWN_KEYS = frozenset(ParameterInfo.__dataclass_fields__) - {"extra"}
-
-
-class _Document:
-    """One file, whose errors name it, the line and the key."""
-
-    def __init__(self, path: Path, text: str) -> None:
-        self.path = path
-        self._places = Places(text)
-
-    def refuse(self, key: str, what: str, table: str = "", number: int = 0) -> NoReturn:
-        """Raise the error for a key."""
-        line = self._places.of(table, number, key)
-        raise FileFormatError(f"{self.path}, line {line}: {f'{key}: ' if key else ''}{what}")
-
-    def table(self, content: Mapping[str, Any], name: str) -> dict[str, Any]:
-        """Return a table, an empty one where there is none."""
-        found = content.get(name, {})
-        if not isinstance(found, dict):
-            self.refuse(name, f"is no table; write [{name}] and its keys below")
-        return found
-
-    def parameters(self, content: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """Return the tables of the parameters."""
-        found = content.get("parameter", [])
-        if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
-            self.refuse("parameter", "parameters are tables; write [[parameter]] and its keys below")
-        return found
-
-    def texts(self, name: str, content: Mapping[str, Any]) -> dict[int, str]:
-        """Return texts by their codes."""
-        return self._by_code(self.table(content, name), name, 0)
-
-    def patterns(self, given: Mapping[str, Any]) -> dict[str, str]:
-        """Return regular expressions by the name of what they are for."""
-        import re  # noqa: PLC0415 - as above
-
-        for key, pattern in given.items():
-            try:
-                re.compile(pattern)
-            except (TypeError, re.error) as error:
-                self.refuse(key, f"{pattern!r} is no regular expression: {error}", "identified_by")
-        return dict(given)
-
-    def watchdog(self, given: Mapping[str, Any]) -> Watchdog:
-        """Return how a drive notices a master's silence."""
-        for key in sorted(set(given) - _WATCHDOG):
-            self.refuse(key, f"no watchdog has this key; its keys are {', '.join(sorted(_WATCHDOG))}", "watchdog")
-        if not isinstance(given.get("time"), str):
-            self.refuse("time", "a watchdog names the parameter with its time", "watchdog")
-        actions = given.get("actions", {})
-        if not isinstance(actions, dict) or not all(
-            key in get_args(LinkLoss) and type(value) is int for key, value in actions.items()
-        ):
-            self.refuse("actions", f"whole numbers for some of {', '.join(get_args(LinkLoss))}", "watchdog")
-        for key, kind in {"action": str, "source": str, "note": str, "off": int}.items():
-            if key in given and type(given[key]) is not kind:
-                self.refuse(key, f"cannot be {given[key]!r}", "watchdog")
-        self._one_of("sure", given, "watchdog", 0)
-        return Watchdog(**given)
-
-    def parameter(self, number: int, entry: Mapping[str, Any]) -> ParameterInfo:
-        """Return a parameter."""
-        for key in ("address", "name"):
-            if key not in entry:
-                self.refuse("", f"parameter: the key {key!r} is missing", "parameter", number)
-            if not isinstance(entry[key], str) or not entry[key]:
-                self.refuse(key, f"{entry[key]!r} is no text", "parameter", number)
-        exact: dict[str, Any] = {key: self._number(key, entry[key], number) for key in _EXACT if key in entry}
-        plain: dict[str, Any] = {key: entry[key] for key in _PLAIN if key in entry}
-        for key, value in plain.items():
-            if not isinstance(value, str):
-                self.refuse(key, f"{value!r} is no text", "parameter", number)
-        for key in _WORDS:
-            self._one_of(key, entry, "parameter", number)
-        values = entry.get("values", {})
-        if not isinstance(values, dict):
-            self.refuse("values", "is no table of numbers and texts", "parameter", number)
-        start = entry.get("start")
-        if start is not None and entry.get("type") not in _TEXT_TYPES:
-            start = self._number("start", start, number)
-        return ParameterInfo(
-            address=entry["address"],
-            name=entry["name"],
-            title=str(entry.get("title", entry["name"])),
-            values=self._by_code(values, "parameter", number, "values"),
-            start=start,
-            extra={key: value for key, value in entry.items() if key not in _KNOWN_KEYS},
-            **exact,
-            **plain,
-        )
-
-    def _one_of(self, key: str, entry: Mapping[str, Any], table: str, number: int) -> None:
-        if key in entry and entry[key] not in _WORDS[key]:
-            self.refuse(key, f"cannot be {entry[key]!r}; it is one of {', '.join(_WORDS[key])}", table, number)
-
-    def _number(self, key: str, value: Any, number: int) -> Decimal:
-        try:
-            found = Decimal(str(value))
-        except InvalidOperation:
-            found = Decimal("nan")
-        if not found.is_finite() or isinstance(value, bool):
-            self.refuse(key, f"{value!r} is no number", "parameter", number)
-        return found
-
-    def _by_code(self, given: Mapping[str, Any], table: str, number: int, inside: str = "") -> dict[int, str]:
-        found = {}
-        for code, text in given.items():
-            try:
-                found[int(code)] = str(text)
-            except ValueError:
-                self.refuse(inside or code, f"{code!r} is no whole number", table, number)
-        return found

@@ -184,6 +184,8 @@ class Protocol:
     it again; None where nobody has said so, and then every request counts as a command.
     purpose: what a request is for: to read or to write a parameter, or a command without one; None where a package does
     not tell, and what asks for it cannot be had.
+    parameter_keys: keys of a model's parameters that only this protocol knows, such as `datasets`; None where a package
+    does not tell, and then a misspelt key of a parameter goes unnoticed.
     """
 
     name: str
@@ -206,3 +208,4 @@ class Protocol:
     parameter_examples: tuple[str, ...] = field(default=())
     only_asks: Callable[[Message], bool] | None = None
     purpose: Callable[[Message], Purpose] | None = None
+    parameter_keys: frozenset[str] | None = None

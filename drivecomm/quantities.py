@@ -17,7 +17,7 @@ from drivecomm.units import converted
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.models import Model
+    from drivecomm.models import Model, ParameterInfo
     from drivecomm.reading import Reading, Value
 
 
@@ -46,7 +46,7 @@ class CommonName:
     def __init__(self, name: str, model: Model) -> None:
         self.quantity = quantities()[name]
         self.address = model.quantities[name]
-        info = model.find(self.address.partition("[")[0])
+        info = parameter_at(self.address, model)
         self._unit = info.unit if info else ""
 
     def told(self, reading: Reading) -> Reading:
@@ -62,6 +62,11 @@ class CommonName:
         if self._unit == self.quantity.unit:
             return value
         return converted(exact(value, self.address), self.quantity.unit, self._unit)
+
+
+def parameter_at(address: str, model: Model) -> ParameterInfo | None:
+    """Return what a model knows of an address: of the element itself, or else of the parameter that it is part of."""
+    return model.find(address) or model.find(address.partition("[")[0])
 
 
 def not_said(name: str, model: Model | None) -> ParameterAddressError:

@@ -13,6 +13,8 @@ from drivecomm.cli.demo import demo
 from drivecomm.cli.doctor import doctor
 from drivecomm.cli.forecast import forecast
 from drivecomm.cli.line_options import LineCommand, on_a_line
+from drivecomm.cli.models import models
+from drivecomm.cli.models_grow import grow
 from drivecomm.cli.plant import plant
 from drivecomm.cli.poll import poll
 from drivecomm.cli.replay import replay
@@ -75,5 +77,7 @@ app.command()(simulate)
 app.command(cls=LineCommand)(on_a_line(replay))
 app.command()(sniff)
 app.add_typer(plant)
+models.command("grow", cls=LineCommand)(on_a_line(grow))
+app.add_typer(models)
 app.command()(conformance)
 app.add_typer(vectors)

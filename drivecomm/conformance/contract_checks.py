@@ -52,6 +52,7 @@ _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
     "broadcast_address": (int, type(None)),
     "options": type,
     "parameter_examples": tuple,
+    "parameter_keys": (frozenset, type(None)),
 }
 
 

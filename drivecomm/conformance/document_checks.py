@@ -12,7 +12,8 @@ from drivecomm.conformance.bench import raise_all
 from drivecomm.conformance.case import expect
 from drivecomm.conformance.known_models import known_model
 from drivecomm.conformance.vectors import packaged_vectors
-from drivecomm.model_files import model_names
+from drivecomm.model_check import check_model
+from drivecomm.model_files import model_names, packaged_models
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Protocol
@@ -83,6 +84,11 @@ def has_a_source_for_every_parameter(plugin: Protocol) -> None:
             if not (info.source.strip() or model.source.strip())
         ]
     raise_all(wrong)
+
+
+def has_models_in_order(plugin: Protocol) -> None:
+    """Every model file of the package is in order, as `drivecomm models check` sees it."""
+    raise_all([str(finding) for path in packaged_models(plugin.package) for finding in check_model(path, plugin)])
 
 
 def explains_its_options(plugin: Protocol) -> None:

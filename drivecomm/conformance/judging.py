@@ -67,6 +67,7 @@ _DOCUMENTS: _Checks = (
     document_checks.has_a_source_for_every_vector,
     document_checks.has_vectors_for_everything,
     document_checks.has_a_source_for_every_parameter,
+    document_checks.has_models_in_order,
     document_checks.explains_its_options,
 )
 

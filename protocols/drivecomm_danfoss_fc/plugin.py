@@ -64,4 +64,18 @@ protocol = Protocol(
     purpose=purpose,
     parameter_examples=("16-14", "3-10[3]", "1614", "520", "615[1]"),
     only_asks=only_asks,
+    parameter_keys=frozenset(
+        {
+            "characters",
+            "conversion_index",
+            "data_type",
+            "elements",
+            "fc_value",
+            "multi",
+            "role",
+            "starts",
+            "virtual_maximum",
+            "virtual_minimum",
+        }
+    ),
 )

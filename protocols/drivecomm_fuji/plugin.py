@@ -65,4 +65,5 @@ protocol = Protocol(
     purpose=purpose,
     parameter_examples=("S05", "M09", "F03", "o05"),
     only_asks=only_asks,
+    parameter_keys=frozenset(),
 )

@@ -70,4 +70,5 @@ protocol = Protocol(
     purpose=purpose,
     parameter_examples=("481", "520[2]", "C00"),
     only_asks=only_asks,
+    parameter_keys=frozenset({"datasets"}),
 )

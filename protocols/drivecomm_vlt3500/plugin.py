@@ -62,4 +62,5 @@ protocol = Protocol(
     purpose=purpose,
     parameter_examples=("516", "502[17]", "602[13,5]"),
     only_asks=only_asks,
+    parameter_keys=frozenset({"decimals", "indexed", "limits", "note"}),
 )

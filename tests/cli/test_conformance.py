@@ -28,7 +28,7 @@ def test_a_sound_protocol(command):
     code, out, err = command("fuji", "--quick", "--only", "/documents/")
     assert (code, err) == (0, "")
     assert "documents\n  ok           1/1  has a readme: The README of the package names" in out
-    assert "fuji: 6 checks passed, 0 failed, " in out
+    assert "fuji: 7 checks passed, 0 failed, " in out
 
 
 @pytest.mark.usefixtures("vague")
@@ -37,7 +37,7 @@ def test_what_does_not_hold(command):
     assert code == 1
     assert out.startswith("FAILED fuji/documents/names the source of its facts: the source of the line facts is '?'\n")
     assert "  FAILED       0/1  names the source of its facts" in out
-    assert "fuji: 5 checks passed, 1 failed, " in out
+    assert "fuji: 6 checks passed, 1 failed, " in out
 
 
 @pytest.mark.usefixtures("vague")
@@ -55,14 +55,14 @@ def test_as_json(command):
     assert checks[0]["check"] == "fuji/documents/has a readme"
     assert checks[0]["meaning"].startswith("The README")
     assert checks[0]["reason"] == ""
-    assert total == {"protocol": "fuji", "passed": 6, "failed": 0, "left_out": []}
+    assert total == {"protocol": "fuji", "passed": 7, "failed": 0, "left_out": []}
 
 
 def test_a_page(command, tmp_path):
     place = tmp_path / "report.html"
     code, _, _ = command("fuji", "--quick", "--only", "/documents/", "--html", str(place))
     assert code == 0
-    assert "all 6 checks hold" in place.read_text(encoding="utf-8")
+    assert "all 7 checks hold" in place.read_text(encoding="utf-8")
 
 
 def test_a_page_that_cannot_be_written_is_noticed_before_anything_is_judged(command, tmp_path):

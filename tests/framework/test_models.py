@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.model_files import load_model, model_names, read_model
+from drivecomm.model_files import load_model, model_names, model_paths, packaged_models, read_model
 from drivecomm.models import Model
+from drivecomm.quantities import CommonName, parameter_at
 from drivecomm.registry import installed
 
 HEAD = 'format = 1\nprotocol = "vabus"\nname = "some"\n'
@@ -156,3 +157,33 @@ def test_every_packaged_model_is_read(plugin):
         assert all(info.sure in ("printed", "derived", "field", "unconfirmed") for info in model.parameters.values())
         assert all(info.access in ("r", "w", "rw", "rw*") for info in model.parameters.values())
         assert all(info.source for info in model.parameters.values() if info.sure == "printed")
+
+
+def test_where_models_come_from(tmp_path, monkeypatch):
+    monkeypatch.setenv("DRIVECOMM_MODELS", str(tmp_path))
+    (tmp_path / "vabus").mkdir()
+    for name in ("act", "own"):
+        (tmp_path / "vabus" / f"{name}.toml").write_text(HEAD.replace("some", name), encoding="utf-8")
+    paths = model_paths("drivecomm_vabus", "vabus")
+    assert paths["act"] == tmp_path / "vabus" / "act.toml"
+    assert paths["own"] == tmp_path / "vabus" / "own.toml"
+    packaged = packaged_models("drivecomm_vabus")
+    assert paths["agile"] in packaged
+    assert paths["act"] not in packaged
+    assert "act" in {path.stem for path in packaged}, "a hidden one is still there"
+
+
+def test_a_factor_of_nothing(read):
+    with pytest.raises(FileFormatError, match=r"some\.toml, line 7: factor: no value can be made from steps of 0"):
+        read(HEAD + PARAMETER + 'factor = "0.00"')
+
+
+def test_elements_of_a_parameter_have_units_of_their_own(read):
+    model = read(
+        HEAD + "[quantities]\nacceleration_time = '481[1]'\ndeceleration_time = '481[2]'\n" + PARAMETER
+        + 'unit = "s"\n' + PARAMETER.replace("481", "481[1]").replace("fixed", "first") + 'unit = "ms"\n'
+    )  # fmt: skip
+    assert CommonName("acceleration_time", model).given(2) == 2000
+    assert CommonName("deceleration_time", model).given(2) == 2
+    assert parameter_at("481[2]", model) is model.parameters["481"]
+    assert parameter_at("482", model) is None

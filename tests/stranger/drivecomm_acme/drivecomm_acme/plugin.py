@@ -75,4 +75,5 @@ protocol = Protocol(
     parameter_examples=("001", "100"),
     only_asks=_only_asks,
     purpose=_purpose,
+    parameter_keys=frozenset(),
 )

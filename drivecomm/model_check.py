@@ -1,0 +1,131 @@
+"""Checking model files: everything that can be said about one with its protocol at hand, not only the first mistake.
+
+    for finding in check_model(Path("dryer.toml")):
+        print(finding)
+
+What the loader refuses, the names, limits, sources, common names and watchdog that must agree, and what the protocol
+makes of it: its options, addresses, types, keys, start values, and a virtual drive.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import FileFormatError, ProtocolLoadError, UnknownProtocolError
+from drivecomm.model_files import ModelFile, assembled, base_of, open_model_file, parameter_of
+from drivecomm.model_rules import Given, broken_rules
+from drivecomm.model_schema import Mistake, mistakes_in
+from drivecomm.model_trials import failed_trials, wrong_keys, wrong_options
+from drivecomm.registry import installed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+    from pathlib import Path
+
+    from drivecomm.protocol import Protocol
+
+_TOML_PLACE = re.compile(r"\(at line (\d+), column \d+\)$")
+"""How the standard library's reader ends what it says of text that is no TOML."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelFinding:
+    """One thing that is wrong in a model file.
+
+    line: counted from 1. key: empty where it is about a whole table, or the file. text: what is wrong, and what to do.
+    """
+
+    path: Path
+    line: int
+    key: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.path}, line {self.line}: {f'{self.key}: ' if self.key else ''}{self.text}"
+
+
+def check_model(path: Path, plugin: Protocol | None = None) -> list[ModelFinding]:
+    """Return all that is wrong in a model file, by line; nothing for one that is in order.
+
+    plugin: its protocol, the installed one that the file names unless given. What a file takes over by `extends` is
+    judged where it stands.
+    """
+    try:
+        file = open_model_file(path)
+    except FileFormatError as error:
+        text = str(error).removeprefix(f"{path}: ")
+        place = _TOML_PLACE.search(text)
+        return [ModelFinding(path=path, line=int(place[1]) if place else 1, key="", text=text)]
+    found = [
+        ModelFinding(path=path, line=file.line_of(mistake), key=mistake.key, text=mistake.text)
+        for mistake in dict.fromkeys(_mistakes(file, plugin))
+    ]
+    return sorted(found, key=lambda finding: finding.line)
+
+
+def _mistakes(file: ModelFile, plugin: Protocol | None) -> Iterator[Mistake]:
+    protocol = plugin.name if plugin is not None else file.content.get("protocol")
+    if not isinstance(protocol, str):
+        known_names = ", ".join(sorted(installed)) or "none"
+        yield Mistake(key="protocol", text=f"names the protocol that this is a model for; installed are {known_names}")
+        return
+    refused = list(mistakes_in(file.content, protocol))
+    yield from refused
+    if any(not mistake.table and mistake.key in ("", "format", "name", "parameter", "protocol") for mistake in refused):
+        return
+    try:
+        known = plugin or installed[protocol]
+    except (UnknownProtocolError, ProtocolLoadError) as error:
+        yield Mistake(key="protocol", text=str(error))
+        return
+    options = file.content.get("options", {})
+    wrong = list(wrong_options(options, known)) if isinstance(options, dict) else []
+    yield from wrong
+    content = _without(file.content, [*refused, *wrong])
+    refused_parameters = {mistake.number for mistake in refused if mistake.table == "parameter"}
+    entries = [
+        (number, entry)
+        for number, entry in enumerate(file.content.get("parameter", []))
+        if number not in refused_parameters
+    ]
+    yield from wrong_keys(entries, known)
+    if any(not mistake.table and mistake.key == "extends" for mistake in refused):
+        return
+    try:
+        base = base_of(file, protocol, known.package)
+    except FileFormatError as error:
+        # Without it, much of what follows would be missing that is not.
+        yield Mistake(key="extends", text=_remark(file, error))
+        return
+    model = assembled({**content, "parameter": [entry for _, entry in entries]}, base)
+    own = [(number, parameter_of(entry)) for number, entry in entries]
+    given = Given(
+        parameters=own,
+        quantities=content.get("quantities", {}),
+        watchdog="watchdog" in content,
+        source=content.get("source", ""),
+    )
+    yield from broken_rules(given, model, base)
+    yield from failed_trials(own, model, known)
+
+
+def _without(content: Mapping[str, Any], mistakes: Iterable[Mistake]) -> dict[str, Any]:
+    """Return what is left of a file when the keys are taken away that are wrong."""
+    left = {key: dict(value) if isinstance(value, dict) else value for key, value in content.items()}
+    for mistake in mistakes:
+        if not mistake.table:
+            left.pop(mistake.key, None)
+        elif mistake.table == "watchdog":
+            # Half of one says nothing.
+            left.pop("watchdog", None)
+        elif mistake.table != "parameter":
+            left[mistake.table].pop(mistake.key, None)
+    return left
+
+
+def _remark(file: ModelFile, error: FileFormatError) -> str:
+    """Return what is wrong with a base; where it is this file that names a wrong one, without the place again."""
+    place = file.refusal(Mistake(key="extends", text=""))
+    return str(error).removeprefix(str(place))

@@ -1,0 +1,165 @@
+"""What the tables of a model must agree in: parameters among themselves, common names, the watchdog.
+
+Nothing here asks a protocol; `drivecomm.model_trials` does.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from drivecomm.model_schema import Mistake, near
+from drivecomm.quantities import parameter_at, quantities
+from drivecomm.units import factor_between
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from drivecomm.models import Model, ParameterInfo, Watchdog
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
+_NO_SOURCE = "nothing says where it is from; name the manual and the page under source"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Given:
+    """What a file says itself, of what its model is in the end.
+
+    parameters: with their places among those of the file. quantities: as they stand there. watchdog: whether it has
+    that table. source: of the file as a whole.
+    """
+
+    parameters: Sequence[tuple[int, ParameterInfo]]
+    quantities: Mapping[str, str]
+    watchdog: bool
+    source: str
+
+
+def broken_rules(given: Given, model: Model, base: Model | None) -> Iterator[Mistake]:
+    """Yield every disagreement that this file brings; what it takes over from another one is that one's matter."""
+    yield from _names(given, model)
+    for number, info in given.parameters:
+        yield from _limits(number, info)
+        if not (info.source.strip() or given.source.strip()):
+            yield _of(number, "", f"parameter {info.address}: {_NO_SOURCE}")
+    yield from _quantities(given, model, base)
+    if given.watchdog and model.watchdog is not None:
+        yield from _watchdog(model.watchdog, given, model)
+
+
+def starts_within_limits(info: ParameterInfo) -> bool:
+    """Whether the start value, where there is one, is between minimum and maximum, where there are such."""
+    start, low, high = info.start, info.minimum, info.maximum
+    if start is None or isinstance(start, str):
+        return True
+    return (low is None or start >= low) and (high is None or start <= high)
+
+
+def _of(number: int, key: str, text: str) -> Mistake:
+    return Mistake(text=text, key=key, table="parameter", number=number)
+
+
+def _names(given: Given, model: Model) -> Iterator[Mistake]:
+    own = {info.address for _, info in given.parameters}
+    names = {info.name: info.address for info in model.parameters.values() if info.address not in own}
+    addresses: set[str] = set()
+    for number, info in given.parameters:
+        if info.address in addresses:
+            yield _of(number, "address", f"{info.address} stands here for the second time")
+            continue
+        addresses.add(info.address)
+        if not _NAME.fullmatch(info.name):
+            yield _of(number, "name", f"{info.name!r} is no name; use lower case and join words by underscores")
+        other = names.setdefault(info.name, info.address)
+        if other != info.address:
+            yield _of(number, "name", f"{info.name} is parameter {other} already; a name means one parameter")
+        common = quantities().get(info.name)
+        mapped = model.quantities.get(info.name)
+        if common is not None and (mapped is None or parameter_at(mapped, model) is not model.find(info.address)):
+            meant = f"{common.meaning}{f', in {common.unit}' if common.unit else ''}"
+            remedy = f'say {info.name} = "{info.address}" under [quantities] if it is that, else choose another name'
+            yield _of(number, "name", f"{info.name} is a common name ({meant}); {remedy}")
+
+
+def _limits(number: int, info: ParameterInfo) -> Iterator[Mistake]:
+    low, high, unit = info.minimum, info.maximum, f" {info.unit}".rstrip()
+    if low is not None and high is not None and low > high:
+        yield _of(number, "minimum", f"{low}{unit} is above the maximum of {high}{unit}")
+        return
+    if not starts_within_limits(info):
+        limits = " and ".join(
+            text
+            for text, end in ((f"the minimum of {low}{unit}", low), (f"the maximum of {high}{unit}", high))
+            if end is not None
+        )
+        yield _of(number, "start", f"{info.start}{unit} is not within {limits}")
+
+
+def _quantities(given: Given, model: Model, base: Model | None) -> Iterator[Mistake]:
+    known = quantities()
+    for name, address in given.quantities.items():
+        if name not in known:
+            remedy = near(name, known) or "drivecomm models names lists them"
+            yield Mistake(table="quantities", key=name, text=f"no common name; {remedy}")
+        elif not address and (base is None or name not in base.quantities):
+            yield Mistake(table="quantities", key=name, text="is empty, and no other model has mapped it before")
+    own = {info.address: number for number, info in given.parameters}
+    for name, address in model.quantities.items():
+        info = parameter_at(address, model)
+        stands_here = name in given.quantities
+        if name not in known:
+            continue
+        if info is None:
+            if stands_here:
+                yield Mistake(table="quantities", key=name, text=_unknown(address, model))
+            continue
+        if stands_here:
+            place = {"table": "quantities", "key": name}
+        elif info.address in own:
+            place = {"table": "parameter", "key": "unit"}
+        else:
+            continue
+        number = 0 if stands_here else own[info.address]
+        for text in _misfits(name, info):
+            yield Mistake(text=text, number=number, **place)
+
+
+def _misfits(name: str, info: ParameterInfo) -> Iterator[str]:
+    wanted = quantities()[name].unit
+    if "r" not in info.access:
+        yield f"parameter {info.address} cannot be read"
+    if factor_between(info.unit, wanted) is None:
+        is_in = f"is in {info.unit}" if info.unit else "has no unit"
+        yield f"parameter {info.address} {is_in}, and {name} is {f'given in {wanted}' if wanted else 'without one'}"
+
+
+def _unknown(address: str, model: Model) -> str:
+    remedy = near(address, {*model.parameters, *(info.name for info in model.parameters.values())})
+    return f"there is no parameter {address!r}" + (f"; {remedy}" if remedy else "")
+
+
+def _watchdog(watchdog: Watchdog, given: Given, model: Model) -> Iterator[Mistake]:
+    for key, address in (("time", watchdog.time), ("action", watchdog.action)):
+        info = parameter_at(address, model)
+        if key == "action" and not address:
+            continue
+        if info is None:
+            yield _in_watchdog(key, _unknown(address, model))
+        elif "r" not in info.access:
+            yield _in_watchdog(key, f"parameter {address} cannot be read")
+        elif key == "time" and factor_between(info.unit, "s") is None:
+            yield _in_watchdog(key, f"parameter {address} is in {info.unit or 'no unit'}, and a time is in s")
+        elif key == "action" and info.values:
+            for policy, code in watchdog.actions.items():
+                if code not in info.values:
+                    known = ", ".join(map(str, info.values))
+                    yield _in_watchdog("actions", f"{policy} = {code}, and parameter {address} takes {known}")
+    if not watchdog.action and len(watchdog.actions) != 1:
+        yield _in_watchdog("actions", "without a parameter for the action there is one thing that a drive does")
+    if not (watchdog.source.strip() or given.source.strip()):
+        yield _in_watchdog("", _NO_SOURCE)
+
+
+def _in_watchdog(key: str, text: str) -> Mistake:
+    return Mistake(text=text, key=key, table="watchdog")

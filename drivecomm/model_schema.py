@@ -1,0 +1,192 @@
+"""What a model file may hold: its tables, their keys, and what each can be, whatever its protocol.
+
+`drivecomm.model_files` refuses a file at the first mistake; `drivecomm.model_check` lists all of them.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from typing import TYPE_CHECKING, Any, get_args
+
+from drivecomm.models import Access, LinkLoss, ParameterInfo, Storage, Sureness, Watchdog
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Mapping
+
+FORMAT = 1
+TABLES = ("options", "quantities", "watchdog", "identified_by", "faults", "warnings")
+TEXTS = ("name", "title", "extends", "source")
+TEXT_TYPES = ("string", "text")
+"""Types of parameters that hold characters; their `start` is a text."""
+
+PARAMETER_KEYS = frozenset(ParameterInfo.__dataclass_fields__) - {"extra"}
+"""Keys of a parameter that every protocol knows."""
+
+EXACT = ("factor", "minimum", "maximum")
+PLAIN = ("title", "type", "unit", "access", "storage", "source", "sure")
+
+_TOP = frozenset({"format", "protocol", "parameter", *TEXTS, *TABLES})
+_WATCHDOG = frozenset(Watchdog.__dataclass_fields__)
+_WORDS: dict[str, tuple[str, ...]] = {
+    "access": get_args(Access),
+    "sure": get_args(Sureness),
+    "storage": tuple(word for word in get_args(Storage) if word),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mistake:
+    """What is wrong in a file, and where: the table and which of its name, and the key, empty for all of the table."""
+
+    text: str
+    key: str = ""
+    table: str = ""
+    number: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.key}: {self.text}" if self.key else self.text
+
+
+def mistakes_in(content: Mapping[str, Any], protocol: str) -> Iterator[Mistake]:
+    """Yield what no model of this protocol can hold, from a file that TOML can read."""
+    if content.get("format") != FORMAT or isinstance(content["format"], bool):
+        yield Mistake(key="format", text=f"a model begins with format = {FORMAT}")
+    if content.get("protocol") != protocol:
+        yield Mistake(key="protocol", text=f"is a model for {content.get('protocol')!r}, not for {protocol!r}")
+    for key in sorted(set(content) - _TOP):
+        known = f"its keys are {', '.join(sorted(_TOP))}"
+        yield Mistake(key=key, text=f"no model has the key {key!r}; {near(key, _TOP) or known}")
+    if "name" not in content:
+        yield Mistake(text="the key 'name' is missing")
+    for key in TEXTS:
+        if key in content and (not isinstance(content[key], str) or not (content[key] or key == "source")):
+            yield Mistake(key=key, text=f"{content[key]!r} is no text")
+    for name in TABLES:
+        if not isinstance(content.get(name, {}), dict):
+            yield Mistake(key=name, text=f"is no table; write [{name}] and its keys below")
+        else:
+            yield from _TABLE_RULES[name](name, content.get(name))
+    parameters = content.get("parameter", [])
+    if not isinstance(parameters, list) or not all(isinstance(each, dict) for each in parameters):
+        yield Mistake(key="parameter", text="parameters are tables; write [[parameter]] and its keys below")
+        return
+    for number, entry in enumerate(parameters):
+        for mistake in _in_parameter(entry):
+            yield Mistake(text=mistake.text, key=mistake.key, table="parameter", number=number)
+
+
+def near(name: str, known: Collection[str]) -> str:
+    """Return a question that names what was perhaps meant, nothing where no known name is like this one."""
+    from difflib import get_close_matches  # noqa: PLC0415 - only who has made a mistake needs it
+
+    found = get_close_matches(name, sorted(known), n=1)
+    return f"is {found[0]} meant?" if found else ""
+
+
+def number_in(value: Any) -> Decimal | None:
+    """Return the exact number that a file gives, as text or as a number of TOML; None where it is none."""
+    try:
+        found = Decimal(str(value))
+    except InvalidOperation:
+        return None
+    return found if found.is_finite() and not isinstance(value, bool) else None
+
+
+def code_in(value: str) -> int | None:
+    """Return the whole number that a key stands for, None where it is none."""
+    try:
+        return int(value)
+    except ValueError:
+        return None
+
+
+def _options(_: str, __: Mapping[str, Any] | None) -> Iterator[Mistake]:
+    """What options there are is for the protocol to say."""
+    yield from ()
+
+
+def _addresses(table: str, given: Mapping[str, Any] | None) -> Iterator[Mistake]:
+    for name, address in (given or {}).items():
+        if not isinstance(address, str):
+            yield Mistake(table=table, key=name, text=f"{address!r} is no parameter address; write it as a text")
+
+
+def _texts_by_code(table: str, given: Mapping[str, Any] | None) -> Iterator[Mistake]:
+    for code, text in (given or {}).items():
+        if code_in(code) is None:
+            yield Mistake(table=table, key=code, text=f"{code!r} is no whole number")
+        elif not isinstance(text, str):
+            yield Mistake(table=table, key=code, text=f"{text!r} is no text")
+
+
+def _patterns(table: str, given: Mapping[str, Any] | None) -> Iterator[Mistake]:
+    for key, pattern in (given or {}).items():
+        try:
+            re.compile(pattern)
+        except (TypeError, re.error) as error:
+            yield Mistake(table=table, key=key, text=f"{pattern!r} is no regular expression: {error}")
+
+
+def _watchdog(table: str, given: Mapping[str, Any] | None) -> Iterator[Mistake]:
+    if given is None:
+        return
+    for key in sorted(set(given) - _WATCHDOG):
+        known = f"its keys are {', '.join(sorted(_WATCHDOG))}"
+        yield Mistake(table=table, key=key, text=f"no watchdog has this key; {near(key, _WATCHDOG) or known}")
+    if not isinstance(given.get("time"), str):
+        yield Mistake(table=table, key="time", text="a watchdog names the parameter with its time")
+    actions = given.get("actions", {})
+    if not isinstance(actions, dict) or not all(
+        key in get_args(LinkLoss) and type(value) is int for key, value in actions.items()
+    ):
+        yield Mistake(table=table, key="actions", text=f"has whole numbers for some of {', '.join(get_args(LinkLoss))}")
+    for key, kind in {"action": str, "source": str, "note": str, "off": int}.items():
+        if key in given and type(given[key]) is not kind:
+            yield Mistake(table=table, key=key, text=f"cannot be {given[key]!r}")
+    for mistake in _words(given):
+        yield Mistake(table=table, key=mistake.key, text=mistake.text)
+
+
+_TABLE_RULES = {
+    "options": _options,
+    "quantities": _addresses,
+    "watchdog": _watchdog,
+    "identified_by": _patterns,
+    "faults": _texts_by_code,
+    "warnings": _texts_by_code,
+}
+
+
+def _in_parameter(entry: Mapping[str, Any]) -> Iterator[Mistake]:
+    for key in ("address", "name"):
+        if key not in entry:
+            yield Mistake(text=f"parameter: the key {key!r} is missing")
+        elif not isinstance(entry[key], str) or not entry[key]:
+            yield Mistake(key=key, text=f"{entry[key]!r} is no text")
+    for key in EXACT:
+        if key in entry and number_in(entry[key]) is None:
+            yield Mistake(key=key, text=f"{entry[key]!r} is no number")
+    if number_in(entry.get("factor")) == 0:
+        yield Mistake(key="factor", text="no value can be made from steps of 0")
+    for key in PLAIN:
+        if key in entry and not isinstance(entry[key], str):
+            yield Mistake(key=key, text=f"{entry[key]!r} is no text")
+    yield from _words(entry)
+    values = entry.get("values", {})
+    if not isinstance(values, dict):
+        yield Mistake(key="values", text="is no table of numbers and texts")
+    else:
+        for mistake in _texts_by_code("", values):
+            yield Mistake(key="values", text=mistake.text)
+    if "start" in entry:
+        is_text = entry.get("type") in TEXT_TYPES
+        if not isinstance(entry["start"], str) if is_text else number_in(entry["start"]) is None:
+            yield Mistake(key="start", text=f"{entry['start']!r} is no {'text' if is_text else 'number'}")
+
+
+def _words(entry: Mapping[str, Any]) -> Iterator[Mistake]:
+    for key, words in _WORDS.items():
+        if key in entry and entry[key] not in words:
+            yield Mistake(key=key, text=f"cannot be {entry[key]!r}; it is one of {', '.join(words)}")

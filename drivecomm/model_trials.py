@@ -1,0 +1,187 @@
+"""What only its protocol can say of a model: tried out, without a line."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
+from decimal import Decimal
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.drive_options import option_names, sort_out
+from drivecomm.errors import DriveCommError, NotSupported, ParameterAddressError, UsageError, ValueRefusedError
+from drivecomm.line import LINE_FACT_NAMES
+from drivecomm.model_files import load_model
+from drivecomm.model_rules import starts_within_limits
+from drivecomm.model_schema import PARAMETER_KEYS, Mistake, near
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from drivecomm.models import Model, ParameterInfo
+    from drivecomm.protocol import Operations, Protocol
+
+_PLAIN_TEXTS = ("A",)
+_PLAIN_VALUES = (Decimal(0), Decimal(1), Decimal(100))
+_KINDS: dict[str, tuple[type, ...]] = {"bool": (bool,), "int": (int,), "str": (str,), "float": (int, float)}
+
+
+def wrong_options(options: Mapping[str, Any], plugin: Protocol) -> Iterator[Mistake]:
+    """Yield the options that drives of this protocol do not have, or not with this value."""
+    own = option_names(plugin)
+    allowed = own | LINE_FACT_NAMES
+    kinds = {field.name: _KINDS.get(str(field.type)) for field in fields(plugin.options)}
+    for name, value in options.items():
+        kind = kinds.get(name)
+        if name not in allowed:
+            remedy = near(name, allowed) or f"they have {', '.join(sorted(own)) or 'none of their own'}"
+            text = f"{plugin.name} drives have no such option; {remedy}"
+        elif kind is not None and (not isinstance(value, kind) or (isinstance(value, bool) and bool not in kind)):
+            text = f"cannot be {value!r}"
+        else:
+            text = _trouble(plugin, {name: value})
+        if text:
+            yield Mistake(table="options", key=name, text=text)
+
+
+def _trouble(plugin: Protocol, options: Mapping[str, Any]) -> str:
+    try:
+        sort_out(plugin, None, options)
+    except UsageError as error:
+        return str(error)
+    except Exception as error:  # noqa: BLE001 - whatever a package does with a value that it did not expect
+        return f"cannot be {', '.join(map(repr, options.values()))} ({type(error).__name__}: {error})"
+    return ""
+
+
+def wrong_keys(entries: Sequence[tuple[int, Mapping[str, Any]]], plugin: Protocol) -> Iterator[Mistake]:
+    """Yield the keys of parameters that neither all protocols know nor this one, where it says which it knows."""
+    if plugin.parameter_keys is None:
+        return
+    known = PARAMETER_KEYS | plugin.parameter_keys
+    for number, entry in entries:
+        for key in sorted(set(entry) - known):
+            remedy = near(key, known) or f"its keys are {', '.join(sorted(known))}"
+            text = f"no parameter of {plugin.name} has this key; {remedy}"
+            yield Mistake(table="parameter", number=number, key=key, text=text)
+
+
+def failed_trials(own: Sequence[tuple[int, ParameterInfo]], model: Model, plugin: Protocol) -> Iterator[Mistake]:
+    """Yield the parameters that cannot be asked for, start values that no drive can take, and a drive not to be made.
+
+    The model's options must be those of the protocol.
+    """
+    try:
+        options = sort_out(plugin, model, {})[1]
+        operations = plugin.operations(plugin.addresses[0], options, model)
+    except Exception as error:  # noqa: BLE001 - as above
+        yield Mistake(
+            table="options", key="options", text=f"no drive of {plugin.name} can have these together: {_said(error)}"
+        )
+        return
+    trial = _Trial(plugin=plugin, options=options, operations=operations)
+    sound = []
+    for number, info in own:
+        key, text = trial.trouble_with(info, model)
+        if text:
+            yield Mistake(table="parameter", number=number, key=key, text=text)
+        else:
+            sound.append((number, info))
+    # What was named already is left out, so that it is not named a second time.
+    named = {info.address for _, info in own} - {info.address for _, info in sound}
+    left = {address: info for address, info in model.parameters.items() if address not in named}
+    trouble = trial.made_and_looked_at(replace(model, parameters=left), [info for _, info in sound])
+    if not trouble:
+        return
+    # Which it is shows with each of them alone, on a drive that is known to be made.
+    known = load_model(plugin.package, plugin.name, plugin.default_model)
+    alone = [(number, info, trial.made_and_looked_at(_with(known, info), [info])) for number, info in sound]
+    culprits = [
+        Mistake(table="parameter", number=number, text=f"parameter {info.address}: {text}")
+        for number, info, text in alone
+        if text
+    ]
+    remedy = f"take over a model that has what a drive needs, such as extends = {plugin.default_model!r}"
+    yield from culprits or [Mistake(text=f"{trouble}; {remedy}")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Trial:
+    """A drive that nobody talks to: its operations are begun, and its virtual twin is made."""
+
+    plugin: Protocol
+    options: Any
+    operations: Operations
+
+    def trouble_with(self, info: ParameterInfo, model: Model) -> tuple[str, str]:
+        """Return the key that is at fault when a parameter is asked for or set, and why; nothing where none is."""
+        try:
+            _begin(self.operations.read, info.address)
+        except NotSupported:
+            # It can only be written.
+            pass
+        except ParameterAddressError as error:
+            return "address", str(error)
+        except Exception as error:  # noqa: BLE001 - as above
+            if info.type and self._reads_without_type(info, model):
+                return "type", _said(error)
+            return "", f"parameter {info.address}: {_said(error)}"
+        start = info.start
+        if start is None or "w" not in info.access or not starts_within_limits(info):
+            return "", ""
+        plain = _PLAIN_TEXTS if isinstance(start, str) else (*_PLAIN_VALUES, info.minimum, info.maximum)
+        refusal = self._refusal(info, start)
+        # Where no value at all is taken, it is not about this one.
+        if refusal and any(value is not None and not self._refusal(info, value) for value in plain):
+            return "start", refusal
+        return "", ""
+
+    def made_and_looked_at(self, model: Model, infos: Sequence[ParameterInfo]) -> str:
+        """Return why no virtual drive with these parameters can be made and looked at; nothing where it can."""
+        try:
+            drive = self.plugin.virtual(self.plugin.addresses[0], self.options, model)
+            for info in infos:
+                # A parameter that a drive holds under another address, or not at all, is no mistake of the file.
+                with suppress(ParameterAddressError):
+                    drive.peek(info.address, 0.0)
+        except Exception as error:  # noqa: BLE001 - as above
+            return f"no virtual drive can be made with it ({_said(error)})"
+        return ""
+
+    def _reads_without_type(self, info: ParameterInfo, model: Model) -> bool:
+        without = _with(model, replace(info, type=""))
+        try:
+            _begin(self.plugin.operations(self.plugin.addresses[0], self.options, without).read, info.address)
+        except Exception:  # noqa: BLE001 - as above
+            return False
+        return True
+
+    def _refusal(self, info: ParameterInfo, value: Decimal | str) -> str:
+        """Return why a value cannot be written, nothing where it can, or where writing is refused whatever it is."""
+        try:
+            try:
+                _begin(self.operations.write, info.address, value)
+            except NotSupported:
+                _begin(self.operations.write, info.address, value, store=True)
+        except ValueRefusedError as error:
+            return str(error)
+        except DriveCommError:
+            return ""
+        except Exception as error:  # noqa: BLE001 - as above
+            return _said(error)
+        return ""
+
+
+def _begin(verb: Any, *values: Any, **options: Any) -> None:
+    """Carry out an operation up to its first request, which nobody gets."""
+    exchange = verb(*values, **options)
+    with suppress(StopIteration):
+        next(exchange)
+    exchange.close()
+
+
+def _with(model: Model, info: ParameterInfo) -> Model:
+    return replace(model, parameters={**model.parameters, info.address: info})
+
+
+def _said(error: Exception) -> str:
+    return str(error) if isinstance(error, DriveCommError) else f"{type(error).__name__}: {error}"

@@ -1,0 +1,55 @@
+"""The page about drive models: its files are checked, simulated and read as the page says, and its tables are whole."""
+
+import re
+
+import pytest
+from console import Console, in_process
+from pages import ROOT, blocks_of
+
+from drivecomm.model_check import check_model
+from drivecomm.model_schema import PARAMETER_KEYS, TABLES, TEXTS
+from drivecomm.models import Watchdog
+
+PAGE = ROOT / "docs" / "models.md"
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    for block in blocks_of(PAGE):
+        if block.title:
+            (tmp_path / block.title).write_text(block.code, encoding="utf-8")
+    return tmp_path
+
+
+def test_the_example_is_in_order_and_complete(files):
+    path = files / "dryer.toml"
+    assert check_model(path) == []
+    text = path.read_text(encoding="utf-8")
+    used = set(re.findall(r"^(\w+) = ", text, re.MULTILINE)) | set(re.findall(r"^\[(\w+)\]", text, re.MULTILINE))
+    assert {*PARAMETER_KEYS, *TEXTS, *TABLES, *Watchdog.__dataclass_fields__} - used <= {"warnings", "kind"}
+
+
+@pytest.mark.usefixtures("files")
+def test_the_console():
+    with Console(in_process) as console:
+        for block in blocks_of(PAGE):
+            if block.language == "console" and block.remark.startswith("not run"):
+                console.play(block)
+
+
+@pytest.mark.parametrize(
+    "keys", [PARAMETER_KEYS, {*TEXTS, *(f"[{name}]" for name in TABLES)}], ids=["parameter", "top"]
+)
+def test_every_key_is_explained(keys):
+    text = PAGE.read_text(encoding="utf-8")
+    explained = set(re.findall(r"`([\[\]\w]+)`", "\n".join(re.findall(r"^\|([^|]*)\|", text, re.MULTILINE))))
+    assert keys - explained == set()
+
+
+def test_the_rules_for_common_names_are_those_of_the_registry():
+    registry = (ROOT / "drivecomm" / "quantities.toml").read_text(encoding="utf-8")
+    rules = re.findall(r"^# (\d\. .*)$", registry, re.MULTILINE)
+    assert len(rules) == 5
+    assert all(rule in PAGE.read_text(encoding="utf-8") for rule in rules)

@@ -1,0 +1,221 @@
+"""The models of Fuji and VLT 3500 hold what the tables of their specifications print, and the common names of it.
+
+Which addresses stand in the tables is written down here by hand: section 5.1, 6.1, 10 and 11 of the one specification,
+section 14 of the other.
+"""
+
+from __future__ import annotations
+
+from decimal import Decimal
+
+import pytest
+
+import drivecomm
+from drivecomm.model_files import load_model
+from drivecomm.quantities import parameter_at, quantities
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+FUJI = {
+    "e11s": "S01 S05 S06 S08-S11 M01 M05-M21 M23-M27 M31-M37"
+    " F01 F02 F03 F07 F08 F11 F15 F17 F18 E01-E05 C05 C31 P01 P02 P04 A13 H03 H28 H30 H31 H34-H37",
+    "g11s": "S01 S05-S12 M01 M05-M21 M23-M27 M31-M37"
+    " F01 F02 F03 F07 F08 F11 F15 F17 F18 E01-E05 C05 C31 P01 P02 P04 A13 H03 H28 H30 H31 H34-H37 o05",
+    "vg": "S01-S12 M01 M05-M21 M23-M27 M31-M37"
+    " F01 F02 F03 F07 F08 F11 F15 F17 F18 E01-E05 C05 C31 P01 P02 P04 A13 H03 H28 H30-H40 o05",
+    "frenic": "S01 S05-S13 M01-M21 M23-M27 M31-M37"
+    " F01 F02 F03 F07 F08 F11 F15 F17 F18 E01-E05 C05 C31 P01 P02 P04 A13 H03 H28 H30 o05 y01-y20 y98 y99",
+}
+
+# A public program's list for VLT 2000, which the others start from.
+PUBLISHED = (
+    "000-010 013 101-105 107-112 114 119-122 125 200-211 213 215 216 218 224 230 300 306-310 315 402-405 408 409"
+    " 411-413 500-511 514 516 517 606-610"
+)
+READ_OUTS = [*range(6), *range(8, 20)]
+CONFIRMED = ("215", "216", "218", "309", "500", "501", "503", "516", "601", "602")
+UNVERIFIED = ("512", "515", "600", "601", "603")
+
+
+def expanded(ranges):
+    """Return `S05-S07 M09` as S05, S06, S07, M09."""
+    for each in ranges.split():
+        first, dash, last = each.partition("-")
+        if not dash:
+            yield first
+            continue
+        letter = first.rstrip("0123456789")
+        digits = len(first) - len(letter)
+        for number in range(int(first[len(letter) :]), int(last[len(letter) :]) + 1):
+            yield f"{letter}{number:0{digits}d}"
+
+
+@pytest.mark.parametrize("name", FUJI)
+def test_every_function_of_the_tables(name):
+    model = load_model("drivecomm_fuji", "fuji", name)
+    assert set(expanded(FUJI[name])) == set(model.parameters)
+
+
+@pytest.mark.parametrize("name", ["vlt3500", "vlt3000", "vlt2000"])
+def test_every_parameter_of_the_tables(name):
+    model = load_model("drivecomm_vlt3500", "vlt3500", name)
+    wanted = set(expanded(PUBLISHED)) | {f"502[{index}]" for index in READ_OUTS}
+    if name != "vlt2000":
+        wanted |= {*CONFIRMED, *UNVERIFIED}
+    assert wanted == set(model.parameters)
+
+
+@pytest.mark.parametrize("name", ["vlt3500", "vlt3000"])
+def test_what_is_confirmed_is_marked_so(name):
+    model = load_model("drivecomm_vlt3500", "vlt3500", name)
+    sure = {address: model.parameters[address].sure for address in CONFIRMED}
+    assert {address for address, mark in sure.items() if mark != "printed"} == {"503"}
+    assert sure["503"] == "derived", "the page names it; its options are the public program's"
+    others = {info.sure for address, info in model.parameters.items() if address not in CONFIRMED}
+    assert others == {"unconfirmed"}
+
+
+EVERYWHERE = {
+    "output_frequency",
+    "output_voltage",
+    "dc_link_voltage",
+    "operating_hours",
+    "status_word",
+    "control_word",
+    "software_version",
+    "maximum_frequency",
+    "acceleration_time",
+    "deceleration_time",
+}
+VLT = {
+    "output_current",
+    "motor_thermal_load",
+    "drive_thermal_load",
+    "warning_word",
+    "alarm_word",
+    "reference_percent",
+    "running_hours",
+    "power_ups",
+    "quick_stop_time",
+    "minimum_frequency",
+    "jog_frequency",
+    "motor_rated_voltage",
+    "motor_rated_current",
+    "motor_rated_frequency",
+    "switching_frequency",
+    "bus_address",
+}
+HAS = {
+    "fuji/e11s": {"torque_percent", "reference_frequency", "fault_code", "bus_address"},
+    "fuji/g11s": {"torque_percent", "reference_frequency", "fault_code", "bus_address"},
+    "fuji/vg": {"torque_percent", "reference_frequency", "fault_code", "bus_address", "link_timeout"},
+    "fuji/frenic": {"torque_percent", "reference_frequency", "fault_code", "bus_address", "link_timeout"},
+    "vlt3500/vlt3500": VLT,
+    "vlt3500/vlt3000": VLT,
+    "vlt3500/vlt2000": VLT,
+}
+
+
+def loaded(name):
+    protocol, _, model = name.partition("/")
+    return protocol, load_model(f"drivecomm_{protocol}", protocol, model)
+
+
+@pytest.mark.parametrize("name", HAS)
+def test_the_common_names_of_each_model(name):
+    _, model = loaded(name)
+    assert set(model.quantities) == EVERYWHERE | HAS[name]
+
+
+@pytest.mark.parametrize("name", HAS)
+def test_each_common_name_is_read_with_its_unit(name):
+    """At rest every drive holds what its model starts with, and what turns stands still."""
+    protocol, model = loaded(name)
+    drive = virtual_drive(protocol, 1, model=model)
+    line = VirtualLine([drive])
+    with drivecomm.open_bus(line.port) as bus:
+        master = bus.drive(protocol, 1, model=model)
+        for common, address in model.quantities.items():
+            reading = master.read(common)
+            assert (reading.name, reading.unit) == (common, quantities()[common].unit)
+            assert reading.raw == drive.peek(address, line.time)
+            start = parameter_at(address, model).start
+            if common not in ("status_word", "dc_link_voltage", "motor_thermal_load", "drive_thermal_load"):
+                assert reading.value == start, common
+        assert 500 < master.read("dc_link_voltage").value < 600
+
+
+@pytest.mark.parametrize("name", HAS)
+def test_a_motor_shows_by_its_common_names(name):
+    protocol, model = loaded(name)
+    options = {"maximum_hz": 50} if protocol == "vlt3500" else {}
+    line = VirtualLine([virtual_drive(protocol, 1, model=model)])
+    with drivecomm.open_bus(line.port) as bus:
+        master = bus.drive(protocol, 1, model=model, **options)
+        master.set_reference(percent=30)
+        master.start()
+        line.advance(20)
+        assert master.read("output_frequency").value == Decimal(15)
+        assert master.read("output_voltage").value > 50
+        if "torque_percent" in model.quantities:
+            assert master.read("torque_percent").value > 10
+            assert master.read("reference_frequency").value == Decimal(15)
+        line.drives[0].trip(7, line.time)
+        if "fault_code" in model.quantities:
+            fault = master.read("fault_code")
+            assert (fault.value, fault.text) == (7, model.faults[7])
+        if "alarm_word" in model.quantities:
+            assert master.read("alarm_word").value == 7
+
+
+@pytest.mark.parametrize("name", HAS)
+def test_a_ramp_that_is_written_by_its_common_name_is_that_of_the_motor(name):
+    protocol, model = loaded(name)
+    line = VirtualLine([virtual_drive(protocol, 1, model=model)])
+    stored = protocol == "fuji" and model.quantities["acceleration_time"] == "F07"
+    with drivecomm.open_bus(line.port) as bus:
+        master = bus.drive(protocol, 1, model=model)
+        master.write("acceleration_time", 10, **({"store": True} if stored else {}))
+        assert master.read("acceleration_time").value == 10
+        master.set_reference(percent=100)
+        master.start()
+        line.advance(5)
+        assert float(master.read("output_frequency").value) == pytest.approx(25, abs=1)
+
+
+@pytest.mark.parametrize("name", ["fuji/vg", "fuji/frenic"])
+def test_the_watchdog_goes_on_or_trips(name):
+    _, model = loaded(name)
+    watchdog = model.watchdog
+    assert watchdog.actions == {"trip": 0, "hold": 3}
+    assert model.find(watchdog.action).values[3] == "go on"
+    assert model.find(watchdog.time).unit == "s"
+    assert watchdog.time == model.quantities["link_timeout"]
+    assert watchdog.off == 0
+
+
+@pytest.mark.parametrize("name", ["fuji/e11s", "fuji/g11s", "vlt3500/vlt3500", "vlt3500/vlt3000", "vlt3500/vlt2000"])
+def test_no_page_says_what_the_others_do(name):
+    assert loaded(name)[1].watchdog is None
+
+
+@pytest.mark.parametrize("name", [name for name in HAS if name.startswith("fuji")])
+def test_what_a_fuji_inverter_keeps(name):
+    _, model = loaded(name)
+    by_type = {}
+    for info in model.parameters.values():
+        by_type.setdefault(info.address[0], set()).add(info.storage)
+    assert by_type["S"] == {"volatile"}
+    assert "stored" not in by_type["M"]
+    unknown = {address for address, info in model.parameters.items() if info.storage == ""}
+    memory = set(expanded("M16-M20 M23-M27 M31-M37"))
+    commands = {"H03", "P04", "A13"}
+    assert unknown == memory | commands
+    assert by_type["F"] == by_type["C"] == by_type["E"] == {"stored"}
+    assert {letter for letter, storages in by_type.items() if "volatile" in storages} == {"S", "M"}
+
+
+def test_no_page_says_what_a_vlt_keeps():
+    _, model = loaded("vlt3500/vlt3500")
+    kept = {info.address for info in model.parameters.values() if info.storage}
+    assert kept == {"516", *(f"502[{index}]" for index in READ_OUTS if index != 19)}
+    assert {model.parameters[address].storage for address in kept} == {"volatile"}
