@@ -85,7 +85,7 @@ def test_a_finding_names_file_line_and_key(tmp_path):
         (HEAD + "[quantities]\nenergie = '481'\n" + PARAMETER, 7, "energie", "no common name; is energy meant?"),
         (HEAD + "[quantities]\nqqqq = '481'\n" + PARAMETER, 7, "qqqq", "drivecomm models names lists them"),
         (HEAD + "[quantities]\nfault_code = 'rump'\n" + PARAMETER, 7, "fault_code", "no parameter 'rump'; is ramp"),
-        (HEAD + "[quantities]\nfault_code = ''\n" + PARAMETER, 7, "fault_code", "no other model has mapped it"),
+        (HEAD + "[quantities]\nenergy = ''\n" + PARAMETER, 7, "energy", "no other model has mapped it"),
         (HEAD + "[quantities]\nenergy = '481'\n" + PARAMETER, 7, "energy", "has no unit, and energy is given in kWh"),
         (
             HEAD + "[quantities]\nfault_code = '481'\n" + PARAMETER + "unit = 'Hz'\n",
