@@ -100,21 +100,33 @@ if _TYPE_CHECKING:
     from drivecomm.async_bus import open_bus_async as open_bus_async
     from drivecomm.async_drive import AsyncBroadcast as AsyncBroadcast
     from drivecomm.async_drive import AsyncDrive as AsyncDrive
+    from drivecomm.keeping import keep as keep
+    from drivecomm.keeping import keep_async as keep_async
     from drivecomm.poll_loops import poll_async as poll_async
+    from drivecomm.watchdog import read_watchdog as read_watchdog
+    from drivecomm.watchdog import read_watchdog_async as read_watchdog_async
+    from drivecomm.watchdog import set_watchdog as set_watchdog
+    from drivecomm.watchdog import set_watchdog_async as set_watchdog_async
 
-_ASYNCHRONOUS = {
+_ON_DEMAND = {
     "AsyncBroadcast": "drivecomm.async_drive",
     "AsyncBus": "drivecomm.async_bus",
     "AsyncDrive": "drivecomm.async_drive",
     "open_bus_async": "drivecomm.async_bus",
+    "keep": "drivecomm.keeping",
+    "keep_async": "drivecomm.keeping",
     "poll_async": "drivecomm.poll_loops",
+    "read_watchdog": "drivecomm.watchdog",
+    "read_watchdog_async": "drivecomm.watchdog",
+    "set_watchdog": "drivecomm.watchdog",
+    "set_watchdog_async": "drivecomm.watchdog",
 }
 
 
 def __getattr__(name: str) -> _Any:
-    # asyncio is loaded by those who use it, not by those who import drivecomm.
-    if name not in _ASYNCHRONOUS:
+    # asyncio and threads are loaded by those who use them, not by those who import drivecomm.
+    if name not in _ON_DEMAND:
         raise AttributeError(f"module 'drivecomm' has no attribute {name!r}")
     from importlib import import_module  # noqa: PLC0415
 
-    return getattr(import_module(_ASYNCHRONOUS[name]), name)
+    return getattr(import_module(_ON_DEMAND[name]), name)

@@ -149,6 +149,11 @@ class AsyncBus:
             raise UsageError("this bus is not open; use it in `async with`")
         return self._clock.now()
 
+    @property
+    def real_time(self) -> bool:
+        """Whether time passes by itself, as it does everywhere but on a virtual line."""
+        return self._clock is None or self._clock.real_time
+
     async def sleep_until(self, until: float) -> None:
         """Let time pass on the line's clock; others may use the line meanwhile."""
         left = until - self.now()

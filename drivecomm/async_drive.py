@@ -48,6 +48,11 @@ class AsyncRuns(Protocol):
         """Return the time on the line's clock."""
         ...
 
+    @property
+    def real_time(self) -> bool:
+        """Whether time passes by itself."""
+        ...
+
     async def sleep_until(self, until: float) -> None:
         """Let time pass on the line's clock."""
         ...

@@ -159,6 +159,11 @@ class Bus:
             raise UsageError(_CLOSED)
         return self._clock.now()
 
+    @property
+    def real_time(self) -> bool:
+        """Whether time passes by itself, as it does everywhere but on a virtual line."""
+        return self._clock.real_time
+
     def sleep_until(self, until: float) -> None:
         """Let time pass on the line's clock; others may use the line meanwhile."""
         if self._clock.real_time:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from decimal import Decimal, InvalidOperation
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -90,31 +91,74 @@ def status(drive: Name, line: LineOptions, model: Model = None) -> int:
 def start(
     drive: Name,
     line: LineOptions,
+    link_loss: Annotated[
+        str | None,
+        typer.Option("--link-loss", metavar="POLICY", help="If this line falls silent: hold, ramp, coast or trip."),
+    ] = None,
+    watchdog: Annotated[
+        str | None, typer.Option("--watchdog", metavar="SECONDS", help="How long the drive's own watchdog waits; 5.")
+    ] = None,
     reverse: Annotated[bool, typer.Option("--reverse", help="Backwards.")] = False,
     percent: Annotated[str | None, typer.Option(help="Set the reference first, in percent.")] = None,
     hz: Annotated[str | None, typer.Option(help="Set the reference first, in hertz.")] = None,
     model: Model = None,
 ) -> int:
-    """Start the motor."""
+    """Start the motor; --link-loss says what it does when nobody speaks to it any more.
+
+    With hold it goes on, and the command ends. Otherwise the drive's own watchdog is set first, and the command stays
+    and feeds it until Ctrl-C, which stops the motor. Exit code 5 when the drive has a fault meanwhile.
+    """
+    # Threads and signals are for motors that turn.
+    from drivecomm.cli import starting  # noqa: PLC0415
+
     with _drive(line, drive, model) as one:
-        if percent is not None or hz is not None:
-            one.set_reference(percent=_number(percent), hz=_number(hz))
-        one.start(reverse=reverse)
-        _done(one, line, "started", note=f"if this line falls silent: {one.capabilities.link_loss}")
+        policy = starting.chosen_policy(one, link_loss)
+
+        def run() -> None:
+            if percent is not None or hz is not None:
+                one.set_reference(percent=_number(percent), hz=_number(hz))
+            one.start(reverse=reverse)
+
+        if policy != "hold":
+            return starting.start_and_stay(one, run, policy, watchdog or "5", as_json=line.json)
+        if watchdog is not None:
+            raise UsageError("hold is without a watchdog; leave --watchdog out, or choose another policy")
+        starting.start_and_leave(one, run, as_json=line.json)
     return 0
 
 
 def stop(
-    drive: Name,
     line: LineOptions,
+    drive: Annotated[
+        str | None, typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS, or PROTOCOL:* for all of them at once.")
+    ] = None,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Stop everything that is on the line or in the plant.")
+    ] = False,
+    plant: Annotated[
+        Path | None, typer.Option("--plant", metavar="FILE", help="With --all: the plant file with lines and drives.")
+    ] = None,
     how: Annotated[str, typer.Option("--how", help="ramp, coast, quick or dc_brake.")] = "ramp",
     model: Model = None,
 ) -> int:
-    """Stop the motor. The address `*` stops all drives of the protocol at once; nobody confirms that."""
-    try:
-        chosen = Stop(how.lower().replace("-", "_"))
-    except ValueError:
-        raise UsageError(f"{how!r} is no way to stop; they are ramp, coast, quick and dc_brake") from None
+    """Stop the motor. The address `*` stops all drives of the protocol at once; nobody confirms that.
+
+    --all sends every line a broadcast for each protocol, all lines at the same time, and then stops each drive of the
+    plant by itself, so that it confirms. Exit code 5 unless every drive has confirmed; without a plant file none can.
+    """
+    chosen = _way_to_stop(how)
+    if everything:
+        # Kept apart, because nothing of it must be loaded to stop one drive, nor the other way round.
+        from drivecomm.cli import stopping  # noqa: PLC0415
+
+        if drive is not None:
+            raise UsageError(f"--all stops everything; leave {drive} out, or leave --all out")
+        wanted = stopping.Everything(port=line.port, plant=plant, how=chosen, opening=line.opening)
+        return stopping.stop_all(wanted, as_json=line.json)
+    if plant is not None:
+        raise UsageError("--plant goes with --all; write both, or name one drive")
+    if drive is None:
+        raise UsageError("no drive named; write PROTOCOL:ADDRESS, or --all to stop everything")
     protocol, colon, address = drive.partition(":")
     if colon and address == "*":
         with line.bus() as bus:
@@ -176,6 +220,13 @@ def call(
     return 0
 
 
+def _way_to_stop(how: str) -> Stop:
+    try:
+        return Stop(how.lower().replace("-", "_"))
+    except ValueError:
+        raise UsageError(f"{how!r} is no way to stop; they are ramp, coast, quick and dc_brake") from None
+
+
 @contextmanager
 def _drive(line: LineOptions, text: str, model: str | None) -> Iterator[Drive]:
     """Open the line and yield the drive; errors within the block then name both."""
@@ -228,10 +279,8 @@ def _show_status(drive: Drive, found: DriveStatus, *, as_json: bool) -> None:
     say("  ".join(words))
 
 
-def _done(drive: Drive, line: LineOptions, what: str, *, note: str = "", result: object = None) -> None:
+def _done(drive: Drive, line: LineOptions, what: str, *, result: object = None) -> None:
     if line.json:
         emit(drive=drive.name, done=what, result=result)
         return
     say(f"{drive.name}  {what}" + (f": {result}" if result is not None else ""))
-    if note:
-        say(f"  {note}")

@@ -18,6 +18,12 @@ def main(arguments: list[str] | None = None) -> int:
         # Answered before anything is loaded: scripts ask for it often.
         sys.stdout.write(f"drivecomm {__version__}\n")
         return 0
+    if given[:1] == ["stop"] and "--all" in given:
+        from drivecomm.cli.stop_at_once import stop_at_once  # noqa: PLC0415
+
+        code = stop_at_once(given[1:])
+        if code is not None:
+            return code
     from drivecomm.cli.run import run  # noqa: PLC0415
 
     return run(given)

@@ -125,16 +125,20 @@ class LineOptions:
             error.args = (sentence(str(error), where=where), *error.args[1:])
             raise
 
-    def _open_bus(self, port: str, listener: Callable[[TraceEvent], None] | None) -> Bus:
-        return buses.open_bus(
-            port,
-            echo=self.echo,
-            rs485=self.rs485,
-            low_latency=self.low_latency,
-            trace=tell_all(self.shown_trace, listener),
-            record=self.record,
+    @property
+    def opening(self) -> dict[str, Any]:
+        """All keywords of `open_bus`."""
+        return {
+            "echo": self.echo,
+            "rs485": self.rs485,
+            "low_latency": self.low_latency,
+            "trace": self.shown_trace,
+            "record": self.record,
             **self.facts,
-        )
+        }
+
+    def _open_bus(self, port: str, listener: Callable[[TraceEvent], None] | None) -> Bus:
+        return buses.open_bus(port, **{**self.opening, "trace": tell_all(self.shown_trace, listener)})
 
 
 class LineCommand(TyperCommand):

@@ -4,18 +4,28 @@ from __future__ import annotations
 
 import typer
 
-from drivecomm.cli.app import app
 from drivecomm.cli.output import complain
 from drivecomm.errors import DriveCommError
 
 INTERRUPTED = 130
 
 
+def _app_for(arguments: list[str]) -> typer.Typer:
+    if arguments[:1] == ["stop"]:
+        # Loading the other commands takes longer than stopping a motor.
+        from drivecomm.cli.stop_only import app as stop_only  # noqa: PLC0415
+
+        return stop_only
+    from drivecomm.cli.app import app  # noqa: PLC0415
+
+    return app
+
+
 def run(arguments: list[str]) -> int:
     """Run one command and return its exit code."""
     as_json = "--json" in arguments
     try:
-        code = app(args=arguments, prog_name="drivecomm", standalone_mode=False)
+        code = _app_for(arguments)(args=arguments, prog_name="drivecomm", standalone_mode=False)
     except DriveCommError as error:
         complain(error, as_json=as_json)
         return error.exit_code

@@ -11,7 +11,7 @@ from drivecomm.motor import Motor
 from drivecomm.virtual.direct import carry_out
 from drivecomm.virtual.drive_setup import OfDrive
 from drivecomm.virtual.drives import drive_type
-from drivecomm.virtual.station import Restarts
+from drivecomm.virtual.station import Follows, Overhears, Restarts
 from drivecomm.virtual.stuck_answer import StuckAnswer
 
 if TYPE_CHECKING:
@@ -56,6 +56,7 @@ class PlantedDrive:
         self.inner: VirtualDrive = around(planned.name, self.type.new())
         planned.fit(self.inner.motor)
         self._speed = speed
+        self._overhears = isinstance(self.inner, Overhears)
         self._stuck: list[StuckAnswer] = []
         self._broadcast = self.type.plugin.broadcast_address
         self._codec = self.type.plugin.codec(self.type.options)
@@ -82,6 +83,8 @@ class PlantedDrive:
         if isinstance(find, Framed):
             address = getattr(find.message, "address", None)
             if address is not None and address not in (self.inner.address, self._broadcast):
+                if self._overhears:
+                    self.inner.overhear(now * self._speed)  # type: ignore[attr-defined]
                 return None
         reply = self.inner.hear(find, now * self._speed)
         if reply is None:
@@ -109,6 +112,11 @@ class PlantedDrive:
         """Forget what a real one forgets without power, as far as the protocol's virtual drive can."""
         if isinstance(self.inner, Restarts):
             self.inner.power_cycle(now * self._speed)
+
+    def follow(self, now: float) -> None:
+        """Let it do what it does by itself."""
+        if isinstance(self.inner, Follows):
+            self.inner.follow(now * self._speed)
 
     # What a plant needs beyond that
 

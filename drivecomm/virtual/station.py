@@ -25,6 +25,24 @@ class Restarts(Protocol):
         ...
 
 
+@runtime_checkable
+class Follows(Protocol):
+    """A virtual drive that does something by itself, such as noticing that nobody speaks to it any more."""
+
+    def follow(self, now: float) -> None:
+        """Let time pass."""
+        ...
+
+
+@runtime_checkable
+class Overhears(Protocol):
+    """A virtual drive to which it matters that others on its line are spoken to."""
+
+    def overhear(self, now: float) -> None:
+        """Take note of a sound telegram to another drive."""
+        ...
+
+
 class Station:
     """Feeds one virtual drive with everything that is heard on its line, replies of other drives included.
 

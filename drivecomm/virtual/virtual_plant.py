@@ -158,6 +158,8 @@ class VirtualPlant:
 
     def _state(self, drive: PlantedDrive) -> DriveState:
         line, motor = self.line_of(drive.name), drive.motor
+        if line.has_power(drive):
+            drive.follow(line.time)
         motor.advance(line.time * self.speed)
         return DriveState(
             name=drive.name,

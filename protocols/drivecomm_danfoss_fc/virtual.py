@@ -115,6 +115,10 @@ class VirtualDanfossFcDrive:
         self.machine.power_up()
         self.store.show("power_ups", self.store.setting("power_ups", 0) + 1)
 
+    def follow(self, now: float) -> None:
+        """Let time pass."""
+        self._live(now)
+
     def _means_us(self, message: Request) -> bool:
         if message.broadcast:
             return True

@@ -1,7 +1,8 @@
 """How a Fuji inverter answers.
 
 FVR-E11S manual 9-16 to 9-20; FRENIC5000G11S RS-485 manual p. 13; FRENIC-VG option manual 5-13 to 5-39; HVAC/AQUA RS-485
-manual 4-4 to 4-17; sections 2, 5, 8 and 9 of the specification.
+manual 4-4 to 4-17; sections 2, 5, 8 and 9 of the specification. What it does when its host falls silent stands in
+`drivecomm_fuji.silence`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from drivecomm_fuji.errorcodes import COMMAND_ERROR, DATA_ERROR, FUNCTION_ERROR,
 from drivecomm_fuji.hearing import Ear, complaint
 from drivecomm_fuji.measured import AT_ALARM, measured, shift_alarms
 from drivecomm_fuji.parameters import target
+from drivecomm_fuji.silence import COMMUNICATION_ALARM, SilenceWatch
 from drivecomm_fuji.store import Refusal, Store
 from drivecomm_fuji.telegrams import BROADCAST, Poll, Select, Standard
 from drivecomm_fuji.timing import slow_write
@@ -62,6 +64,7 @@ class VirtualFujiDrive:
         )
         self._options = options
         self._model = model
+        self._silence = SilenceWatch(self.store, self._profile.name)
         self._alarm = False
         self._command = 0
         self._busy_until = 0.0
@@ -78,8 +81,12 @@ class VirtualFujiDrive:
             self._remember_error(said.code)
             return None if said.answer is None else self._reply(said.answer, 0.0)
         message = find.message
-        if not isinstance(message, Standard | Select | Poll) or message.address not in (self.address, BROADCAST):
+        if not isinstance(message, Standard | Select | Poll):
             return None
+        if message.address not in (self.address, BROADCAST):
+            self._silence.overheard(now)
+            return None
+        self._silence.heard(now)
         if message.address == BROADCAST and not self._heeds(message):
             return None
         try:
@@ -109,6 +116,17 @@ class VirtualFujiDrive:
         self.motor.stop(Command.OFF, now)
         self.motor.reset(now)
         self._alarm, self._command, self._busy_until = False, 0, 0.0
+        self._silence.forget()
+
+    def overhear(self, now: float) -> None:
+        """Take note of a sound telegram to another station."""
+        if self._silence.is_over(now):
+            self._live(now)
+        self._silence.overheard(now)
+
+    def follow(self, now: float) -> None:
+        """Let time pass."""
+        self._live(now)
 
     def trip(self, code: int, now: float) -> None:
         """Trip with this alarm code: output off, memory M16 to M19 moved on, values at the alarm kept."""
@@ -222,6 +240,7 @@ class VirtualFujiDrive:
     def _live(self, now: float) -> None:
         """Let the motor turn as commanded, note an alarm, and note what an alarm would keep."""
         self._now = now
+        self._watch(now)
         self.motor.advance(now)
         if self.motor.fault and not self._alarm:
             self._note_alarm()
@@ -229,6 +248,12 @@ class VirtualFujiDrive:
         self._set_ramps()
         self._turn(now)
         self._latest = {function: self.store.measured[function]() for function in AT_ALARM}
+
+    def _watch(self, now: float) -> None:
+        """Trip when silence asked for it, which may be some time ago."""
+        due = self._silence.trip_due(now)
+        if due is not None and not self.motor.fault and (self._has_right(COMMAND) or self._has_right(FREQUENCY)):
+            self.motor.trip(COMMUNICATION_ALARM, due)
 
     def _turn(self, now: float) -> None:
         word = self._run_command()

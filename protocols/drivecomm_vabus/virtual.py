@@ -1,6 +1,10 @@
 """How a VABus drive answers.
 
 Short description sections 6.3 and 6.5; Agile VABus manual p. 30-33; state machine Agile Modbus manual p. 70.
+
+Its watchdog (parameter 413): fault F2010 after so many seconds without a correct exchange (ACT/ACU Modbus manual VEC
+383, p. 35). What no page says is chosen: every sound telegram to its own node counts, whatever it answers, and none to
+all nodes; the time begins with the first of them; the fault comes to a motor at standstill, too; 0 is off.
 """
 
 from __future__ import annotations
@@ -36,6 +40,8 @@ if TYPE_CHECKING:
     from drivecomm_vabus.options import VabusOptions
 
 _BLOCK_LIST, _BLOCK_WRITE, _BLOCK_READ = 17, 18, 19
+_WATCHDOG_TIME = 413
+WATCHDOG_FAULT = 0x2010
 
 
 class VirtualVabusDrive:
@@ -56,6 +62,7 @@ class VirtualVabusDrive:
         self._state = State.SWITCH_ON_DISABLED
         self._control = 0
         self._tripped_at = 0.0
+        self._spoken_to_at: float | None = None
         self.store.poke(394, 0, data_of(address, "uint"))
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
@@ -66,6 +73,8 @@ class VirtualVabusDrive:
         message = find.message
         if not isinstance(message, Enquiry | Select) or message.address not in (self.address, BROADCAST):
             return None
+        if message.address == self.address:
+            self._spoken_to_at = now
         try:
             reply = self._obey(message, now)
         except Refusal as refusal:
@@ -107,6 +116,11 @@ class VirtualVabusDrive:
         self.motor.reset(now)
         self.error_register, self.locked = 0, False
         self._control, self._state = 0, State.SWITCH_ON_DISABLED
+        self._spoken_to_at = None
+
+    def follow(self, now: float) -> None:
+        """Let time pass."""
+        self._live(now)
 
     def _obey(self, message: Enquiry | Select, now: float) -> Value | Ack:
         if message.sys != self._options.sys:
@@ -191,11 +205,19 @@ class VirtualVabusDrive:
     def _live(self, now: float) -> None:
         """Let the motor turn, and the state follow a motor that has tripped or stopped."""
         motor = self.motor
+        self._watch(now)
         motor.advance(now)
         if motor.fault and self._state is not State.FAULT:
             self._state, self._tripped_at = State.FAULT, now
         if self._state is State.QUICK_STOP_ACTIVE and not motor.running:
             self._state = State.SWITCH_ON_DISABLED
+
+    def _watch(self, now: float) -> None:
+        """Trip when the watchdog time was over, which may be some time ago."""
+        limit_s = self.store.number(_WATCHDOG_TIME)
+        if not limit_s or self._spoken_to_at is None or self.motor.fault or now <= self._spoken_to_at + limit_s:
+            return
+        self.trip(WATCHDOG_FAULT, self._spoken_to_at + limit_s)
 
     def _measured(self) -> dict[int, Callable[[], float]]:
         """Return what each parameter that shows a measured value gets it from when it is read."""
@@ -203,10 +225,16 @@ class VirtualVabusDrive:
         return {
             210: lambda: motor.output_hz * 100,
             211: lambda: motor.current_a * 10,
+            212: lambda: motor.voltage_v * 10,
             213: lambda: motor.power_kw * 10,
+            222: lambda: motor.dc_link_v * 10,
+            224: lambda: motor.torque_percent / 10 * motor.rated_kw * 9550 / motor.rated_rpm,
             228: lambda: motor.target_hz * 100,
             230: lambda: number(520),
+            240: lambda: motor.speed_rpm,
             241: lambda: motor.shaft_hz * 100,
+            255: lambda: motor.temperature_c * 10,
+            256: lambda: motor.ambient_c * 10,
             states.CURRENT_FAULT: lambda: motor.fault,
             270: lambda: motor.warning,
             282: lambda: number(480),

@@ -104,7 +104,7 @@ def test_what_does_not_fit_is_refused_before_anything_is_sent(shell, arguments, 
 def test_motor(shell):
     line = shell.line()
     assert shell("reference", "vabus:1", "25Hz") == 0
-    assert shell("start", "vabus:1") == 0
+    assert shell("start", "vabus:1", "--link-loss", "hold") == 0
     assert "413" in shell.out
     line.advance(10)
     assert shell("status", "vabus:1", "--json") == 0
@@ -112,7 +112,7 @@ def test_motor(shell):
     assert shell.objects[0]["at_reference"] is True
     assert shell("stop", "vabus:1", "--how", "coast") == 0
     assert not line.drives[0].motor.running
-    assert shell("start", "vabus:1", "--hz", "10", "--json") == 0
+    assert shell("start", "vabus:1", "--link-loss", "hold", "--hz", "10", "--json") == 0
     assert shell("stop", "vabus:1") == 0
     assert shell("reference", "vabus:1", "--percent", "-10") == 0
     assert shell("reference", "vabus:1", "50%", "--json") == 0
@@ -123,7 +123,7 @@ def test_fault_and_reset(shell):
     line.drives[0].trip(0x0300, 0.0)
     assert shell("status", "vabus:1") == 5
     assert "fault 768" in shell.out
-    assert shell("start", "vabus:1") == 5
+    assert shell("start", "vabus:1", "--link-loss", "hold") == 5
     assert "reset it first" in shell.err
     line.advance(20)
     assert shell("reset", "vabus:1") == 0
@@ -132,8 +132,8 @@ def test_fault_and_reset(shell):
 
 def test_stop_everybody(shell):
     line = shell.line(virtual_drive("vabus", 1), virtual_drive("vabus", 2))
-    shell("start", "vabus:1")
-    shell("start", "vabus:2")
+    shell("start", "vabus:1", "--link-loss", "hold")
+    shell("start", "vabus:2", "--link-loss", "hold")
     assert shell("stop", "vabus:*", "--how", "quick") == 0
     assert "nobody confirms" in shell.out
     assert shell("stop", "vabus:*", "--how", "quick", "--json") == 0
@@ -157,7 +157,7 @@ def test_verbs_of_one_protocol(shell):
     [
         (("stop", "vabus:1", "--how", "dc-brake"), 2, "dc_brake"),
         (("stop", "vabus:1", "--how", "gently"), 2, "ramp, coast, quick and dc_brake"),
-        (("start", "vabus:1", "--reverse"), 2, "negative reference"),
+        (("start", "vabus:1", "--link-loss", "hold", "--reverse"), 2, "negative reference"),
         (("reference", "vabus:1", "25"), 2, "25Hz"),
         (("reference", "vabus:1"), 2, "percent or with hz"),
         (("reference", "vabus:1", "--hz", "fast"), 2, "no number"),

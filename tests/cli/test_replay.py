@@ -17,13 +17,16 @@ from drivecomm.virtual import virtual_drive
 posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")
 
 
+READ_AND_START = (["read", "danfoss-fc:3", "16-30"], ["start", "danfoss-fc:3", "--link-loss", "hold"])
+
+
 @pytest.fixture
 def session(shell, tmp_path):
     """A recorded session with a drive: a read, a command, another read."""
     shell.line(virtual_drive("danfoss-fc", 3))
     path = tmp_path / "session.jsonl"
     parts = []
-    for number, words in enumerate((["read", "danfoss-fc:3", "16-30"], ["start", "danfoss-fc:3"])):
+    for number, words in enumerate(READ_AND_START):
         part = tmp_path / f"{number}.jsonl"
         assert shell(*words, "--record", str(part)) == 0
         parts += [read_capture(part)]

@@ -80,7 +80,7 @@ def test_every_verb_over_a_pseudo_terminal(simulated, tmp_path):
     simulated(f"pty:{path}")
     for drive in EVERYBODY:
         assert drivecomm("read", drive, READS[drive], port=str(path)).returncode == 0
-        for verb in (["status"], ["start"], ["stop"], ["reset"]):
+        for verb in (["status"], ["start", "--link-loss", "hold"], ["stop"], ["reset"]):
             done = drivecomm(verb[0], drive, *verb[1:], port=str(path))
             assert (done.returncode, done.stderr) == (0, ""), (drive, verb)
 
@@ -101,7 +101,7 @@ def test_a_reference_from_one_program_and_a_start_from_the_next(simulated, tmp_p
     simulated(f"pty:{path}")
     for drive, value in zip(EVERYBODY, ("20Hz", "50%", "50%", "20Hz"), strict=True):
         assert drivecomm("reference", drive, value, port=str(path)).returncode == 0
-        assert drivecomm("start", drive, port=str(path)).returncode == 0
+        assert drivecomm("start", drive, "--link-loss", "hold", port=str(path)).returncode == 0
         assert drivecomm("reference", drive, value, port=str(path)).returncode == 0
         assert json.loads(drivecomm("status", drive, "--json", port=str(path)).stdout)["running"] is True
 

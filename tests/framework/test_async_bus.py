@@ -28,6 +28,7 @@ AT_ONCE = {
     "broadcast",
     "commanding",
     "now",
+    "real_time",
     "wall_time",
     "counters",
     "statistics",

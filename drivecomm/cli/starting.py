@@ -1,0 +1,112 @@
+"""Starting from the command line: no motor turns without somebody having said what stops it."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, get_args
+
+from drivecomm.cli.output import complain, emit, say
+from drivecomm.cli.until_stopped import until_stopped
+from drivecomm.errors import DriveError, UsageError
+from drivecomm.keeping import keep
+from drivecomm.models import LinkLoss
+from drivecomm.watchdog import policies
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from threading import Event
+
+    from drivecomm.drive import Drive
+    from drivecomm.errors import DriveCommError
+    from drivecomm.status import DriveStatus
+
+
+def chosen_policy(drive: Drive, text: str | None) -> LinkLoss:
+    """Return the policy that was asked for. Raises UsageError with what to write where none was, or none that is."""
+    if text is None:
+        raise UsageError(
+            f"no motor is started without saying what it does when this line falls silent; write {_choice(drive)}"
+        )
+    for policy in get_args(LinkLoss):
+        if text.lower() == policy:
+            found: LinkLoss = policy
+            return found
+    raise UsageError(f"{text!r} is nothing that a motor does when a line falls silent; write {_choice(drive)}")
+
+
+def start_and_leave(drive: Drive, start: Callable[[], None], *, as_json: bool) -> None:
+    """Start a motor that nobody watches from here; its own watchdog, where its model knows one, must be off."""
+    with keep(drive, "hold") as kept:
+        start()
+    watchdog = kept.watchdog
+    if as_json:
+        emit(drive=drive.name, done="started", link_loss="hold", watchdog_s=None)
+        return
+    say(f"{drive.name}  started, and goes on without this program")
+    if watchdog is None:
+        why = "no model is named" if drive.model is None else f"the model {drive.model.name} knows no watchdog"
+        say(f"  its own watchdog was not looked at, because {why}; {drive.capabilities.link_loss}")
+
+
+def start_and_stay(drive: Drive, start: Callable[[], None], policy: LinkLoss, watchdog_s: str, *, as_json: bool) -> int:
+    """Start a motor and keep it in hand until Ctrl-C or SIGTERM, or until it has a fault; returns the exit code."""
+    with until_stopped() as stop:
+        watch = _Watch(drive.name, stop, as_json=as_json)
+        kept = keep(drive, policy, watchdog_s=watchdog_s, on_failure=watch.failed, on_status=watch.answered)
+        with kept:
+            watch.tell(done="watchdog set", text=f"watchdog: {kept.watchdog} without this program")
+            start()
+            watch.tell(
+                done="started",
+                text="started; Ctrl-C stops it and sets the watchdog as it was",
+                link_loss=policy,
+                watchdog_s=watchdog_s,
+            )
+            kept.until(stop)
+        watch.tell(done="stop commanded", text="stop commanded; watchdog as it was")
+    return DriveError.exit_code if watch.fault else 0
+
+
+class _Watch:
+    """Tells what happens to a drive that is kept in hand, each thing once."""
+
+    def __init__(self, name: str, stop: Event, *, as_json: bool) -> None:
+        self._name = name
+        self._stop = stop
+        self._as_json = as_json
+        self._failing = ""
+        self.fault = False
+
+    def tell(self, *, done: str, text: str, **further: object) -> None:
+        """Say what has been done."""
+        if self._as_json:
+            emit(drive=self._name, done=done, **further)
+        else:
+            say(f"{self._name}  {text}")
+
+    def failed(self, error: DriveCommError) -> None:
+        """Say that the drive could not be spoken to."""
+        if str(error) != self._failing:
+            self._failing = str(error)
+            complain(error, as_json=self._as_json, where=time.strftime("%H:%M:%S"))
+
+    def answered(self, status: DriveStatus) -> None:
+        """Take note of how the drive is; a fault ends it."""
+        if self._failing:
+            self._failing = ""
+            self.tell(done="answers again", text="answers again")
+        if status.fault and not self.fault:
+            self.fault = True
+            fault = " ".join(str(part) for part in (status.fault_code, status.fault_text) if part)
+            self.tell(done="fault", text=f"has a fault{f' ({fault})' if fault else ''}", fault_code=status.fault_code)
+            self._stop.set()
+
+
+def _choice(drive: Drive) -> str:
+    """Return what can be written, in words."""
+    known = policies(drive.model)
+    watched = [f"--link-loss {policy}" for policy in known if policy != "hold"]
+    if watched:
+        return f"{' or '.join(watched)} (the drive's own watchdog, fed from here), or --link-loss hold (it goes on)"
+    why = "with --model also what its own watchdog can" if drive.model is None else "its model knows no watchdog"
+    return f"--link-loss hold (it goes on); {why}"

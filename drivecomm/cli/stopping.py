@@ -1,0 +1,246 @@
+"""Stopping everything, as fast as it can be: all lines at once, a broadcast for each protocol first, then each drive.
+
+A broadcast reaches every drive with one telegram, and nobody confirms it. So each drive of the plant is then stopped by
+itself: all of them once, without waiting for those that are silent any longer than one reply takes, and those that have
+not confirmed once more with all the attempts that they may have.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from queue import SimpleQueue
+from threading import Thread
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from drivecomm import bus as buses
+from drivecomm.cli.output import complain, emit, say, sentence
+from drivecomm.errors import DriveCommError, DriveError, NotSupported, ReplyError, UsageError
+from drivecomm.line import LINE_FACT_NAMES
+from drivecomm.registry import installed
+from drivecomm.status import Stop
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from pathlib import Path
+
+    from drivecomm.bus import Bus
+    from drivecomm.drive import Broadcast
+    from drivecomm.plant import Plant, PlantDrive
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Everything:
+    """What to stop: what is behind a port, or in a plant.
+
+    how: where a drive cannot stop so, it is stopped down its ramp. opening: further keywords of `open_bus`; what the
+    plant says of a line goes before them.
+    """
+
+    port: str | None
+    plant: Path | None
+    how: Stop
+    opening: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Told:
+    """A broadcast that was sent, or could not be. how: other than asked for where the protocol cannot stop so."""
+
+    line: str
+    protocol: str
+    how: Stop
+    error: DriveCommError | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What became of one drive: confirmed, or why not."""
+
+    line: str
+    drive: str
+    how: Stop
+    error: DriveCommError | None = None
+
+
+_News: TypeAlias = Told | Outcome | BaseException | None
+_Tell: TypeAlias = "Callable[[Told | Outcome], None]"
+
+
+def stop_all(everything: Everything, *, as_json: bool) -> int:
+    """Stop everything that is known, and say what was confirmed; returns the exit code."""
+    if everything.plant is None:
+        return _without_a_plant(everything, as_json=as_json)
+    # Only who has a plant file needs the reader of it.
+    from drivecomm.plant_files import read_plant  # noqa: PLC0415
+
+    lines = list(_lines_of(read_plant(everything.plant), everything))
+    if not lines:
+        raise UsageError(f"{everything.plant}: there is no drive in this plant, so there is nothing to stop")
+    if everything.opening.get("record") is not None and len(lines) > 1:
+        raise UsageError("--record is for one line, and this plant has several; leave it out")
+    confirmed = True
+    for news in _at_once(lines, everything.how):
+        if isinstance(news, Outcome):
+            confirmed = confirmed and news.error is None
+        _show(news, everything.how, as_json=as_json)
+    return 0 if confirmed else DriveError.exit_code
+
+
+def _without_a_plant(everything: Everything, *, as_json: bool) -> int:
+    with _bus(everything.port, everything.opening) as bus:
+        for name in installed:
+            try:
+                # One after the other: the first has been stopped before the second is loaded.
+                told = _tell_all("", bus.broadcast(name), name, everything.how)
+            except DriveCommError as error:
+                told = Told(line="", protocol=name, how=everything.how, error=error)
+            _show(told, everything.how, as_json=as_json)
+    if not as_json:
+        say(
+            "sent with each protocol's usual line settings, which is the best that can be done without --plant: nobody "
+            "confirms a broadcast, so look at the motors"
+        )
+    return DriveError.exit_code
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Line:
+    name: str
+    port: str | None
+    opening: Mapping[str, Any]
+    drives: tuple[PlantDrive, ...]
+
+
+def _lines_of(plant: Plant, everything: Everything) -> Iterator[_Line]:
+    for each in plant.lines:
+        drives = plant.on_line(each.name)
+        if drives:
+            echo = {"echo": "expect"} if each.echo else {}
+            yield _Line(
+                name=each.name,
+                port=each.port or (everything.port if len(plant.lines) == 1 else None),
+                opening={**everything.opening, **echo, **each.settings},
+                drives=drives,
+            )
+
+
+@contextmanager
+def _bus(port: str | None, opening: Mapping[str, Any]) -> Iterator[Bus]:
+    """Open a line for the time of the block; errors then name the port."""
+    if port is None:
+        raise UsageError("no port: give --port or set DRIVECOMM_PORT, and in a plant of several lines each its port")
+    try:
+        with buses.open_bus(port, **opening) as bus:
+            yield bus
+    except DriveCommError as error:
+        error.args = (sentence(str(error), where=port), *error.args[1:])
+        raise
+
+
+def _at_once(lines: Iterable[_Line], how: Stop) -> Iterator[Told | Outcome]:
+    """Stop all lines at the same time, and yield what comes of it as it comes."""
+    news: SimpleQueue[_News] = SimpleQueue()
+    threads = [Thread(target=_stop_line, args=(line, how, news), daemon=True) for line in lines]
+    for thread in threads:
+        thread.start()
+    working = len(threads)
+    while working:
+        item = news.get()
+        if item is None:
+            working -= 1
+        elif isinstance(item, BaseException):
+            raise item
+        else:
+            yield item
+
+
+def _stop_line(line: _Line, how: Stop, news: SimpleQueue[_News]) -> None:
+    left = {drive.name: drive for drive in line.drives}
+
+    def tell(item: Told | Outcome) -> None:
+        if isinstance(item, Outcome):
+            left.pop(item.drive, None)
+        news.put(item)
+
+    try:
+        with _bus(line.port, line.opening) as bus:
+            _broadcast(bus, line, how, tell)
+            _each(bus, line, how, tell)
+    except DriveCommError as error:
+        for name in list(left):
+            tell(Outcome(line=line.name, drive=name, how=how, error=error))
+    except BaseException as error:  # noqa: BLE001 - handed to the thread that waits, which raises it
+        news.put(error)
+    finally:
+        news.put(None)
+
+
+def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
+    """Send each protocol's stop to all, once for each of the settings that its drives have on this line."""
+    sent = []
+    for drive in line.drives:
+        own = {key: value for key, value in drive.options.items() if key not in {*LINE_FACT_NAMES, "model"}}
+        try:
+            everybody = bus.broadcast(drive.protocol, **drive.options)
+            key = (drive.protocol, everybody.party.facts.settings, own)
+            if key in sent:
+                continue
+            sent.append(key)
+            tell(_tell_all(line.name, everybody, drive.protocol, how))
+        except NotSupported:
+            # It has no broadcast; its drives are stopped one by one.
+            continue
+        except DriveCommError as error:
+            tell(Told(line=line.name, protocol=drive.protocol, how=how, error=error))
+
+
+def _tell_all(line: str, everybody: Broadcast, protocol: str, how: Stop) -> Told:
+    try:
+        everybody.stop(how)
+    except NotSupported:
+        if how is Stop.RAMP:
+            raise
+        everybody.stop(Stop.RAMP)
+        return Told(line=line, protocol=protocol, how=Stop.RAMP)
+    return Told(line=line, protocol=protocol, how=how)
+
+
+def _each(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
+    """Stop each drive by itself: in the first round once, in the second with all its attempts."""
+    rounds: tuple[Mapping[str, Any], ...] = ({"attempts": 1}, {})
+    waiting = deque(line.drives)
+    for attempts in rounds:
+        silent = []
+        for drive in waiting:
+            try:
+                one = bus.drive(drive.protocol, drive.address, **{**drive.options, **attempts})
+                used = how if how in one.capabilities.stops else Stop.RAMP
+                one.stop(used)
+            except ReplyError as error:
+                if attempts is rounds[0]:
+                    silent.append(drive)
+                else:
+                    tell(Outcome(line=line.name, drive=drive.name, how=how, error=error))
+            except (DriveError, UsageError) as error:
+                tell(Outcome(line=line.name, drive=drive.name, how=how, error=error))
+            else:
+                tell(Outcome(line=line.name, drive=drive.name, how=used))
+        waiting = deque(silent)
+
+
+def _show(news: Told | Outcome, wanted: Stop, *, as_json: bool) -> None:
+    who = f"{news.protocol}:*" if isinstance(news, Told) else news.drive
+    confirmed = isinstance(news, Outcome) and news.error is None
+    if as_json:
+        error = "" if news.error is None else str(news.error)
+        emit(line=news.line, drive=who, stop=news.how, confirmed=confirmed, error=error)
+        return
+    where = f"{news.line}: " if news.line else ""
+    if news.error is not None:
+        complain(news.error, as_json=False, where=f"{where}{who} has not confirmed its stop")
+        return
+    instead = "" if news.how is wanted else f", because it cannot by {wanted.value}"
+    what = "confirmed" if confirmed else "sent to all"
+    say(f"{where}{who}  stop ({news.how.value}{instead}) {what}")

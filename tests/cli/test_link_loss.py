@@ -1,0 +1,198 @@
+"""start --link-loss: refused without, set before the start, fed until Ctrl-C, and left to the drive by SIGKILL."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+import drivecomm
+from drivecomm.virtual import virtual_drive
+from drivecomm.virtual.plant_control import PlantControl
+from drivecomm.watchdog import read_watchdog
+
+posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["vabus:1"], "write --link-loss hold (it goes on); with --model also what its own watchdog can"),
+        (["vabus:1", "-m", "agile"], "write --link-loss trip (the drive's own watchdog, fed from here), or"),
+        (["danfoss-fc:3", "-m", "fc300"], "write --link-loss ramp or --link-loss trip"),
+        (["vlt3500:5", "-m", "vlt3500"], "--link-loss hold (it goes on); its model knows no watchdog"),
+        (["vabus:1", "--link-loss", "jump"], "'jump' is nothing that a motor does"),
+        (["vabus:1", "--link-loss", "trip"], "has no model"),
+        (["vabus:1", "-m", "agile", "--link-loss", "ramp"], "cannot ramp; it can hold or trip"),
+        (["vabus:1", "-m", "agile", "--link-loss", "trip", "--watchdog", "2.5"], "steps of 1 s"),
+        (["vabus:1", "-m", "agile", "--link-loss", "trip", "--watchdog", "soon"], "no number"),
+        (["vabus:1", "--link-loss", "hold", "--watchdog", "3"], "leave --watchdog out"),
+        (["vlt3500:5", "-m", "vlt3500", "--link-loss", "trip"], "knows no watchdog"),
+    ],
+)
+def test_what_cannot_be_is_refused_and_nothing_is_sent(shell, arguments, sentence):
+    line = shell.line()
+    assert shell("start", *arguments) == 2
+    assert sentence in shell.err
+    assert shell.err.count("\n") == 1
+    assert line.time == 0
+
+
+def test_hold_starts_and_leaves(shell):
+    line = shell.line(virtual_drive("danfoss-fc", 3, model="fc300"))
+    assert shell("start", "danfoss-fc:3", "--link-loss", "HOLD", "-m", "fc300", "--percent", "50") == 0
+    assert shell.out == "danfoss-fc:3  started, and goes on without this program\n"
+    line.advance(1000)
+    assert line.drives[0].motor.running
+    assert shell("start", "danfoss-fc:3", "--link-loss", "hold", "--json") == 0
+    assert shell.objects == [{"drive": "danfoss-fc:3", "done": "started", "link_loss": "hold", "watchdog_s": None}]
+
+
+def test_hold_against_a_watchdog_that_is_on(shell):
+    line = shell.line(virtual_drive("vabus", 1, model="agile"))
+    line.drives[0].poke("413", 10)
+    assert shell("start", "vabus:1", "--link-loss", "hold", "-m", "agile") == 5
+    assert "the watchdog of vabus:1 is on (trip after 10 s), which is not hold" in shell.err
+    assert not line.drives[0].motor.running
+
+
+@posix
+def test_it_stays_until_it_is_told_to_stop(shell):
+    line = shell.line(virtual_drive("vabus", 1, model="agile"))
+    line.call_at(100, lambda: os.kill(os.getpid(), signal.SIGTERM))
+    given = ("start", "vabus:1", "--link-loss", "trip", "--watchdog", "3", "-m", "agile", "--hz", "10")
+    assert shell(*given) == 0
+    assert shell.out.splitlines() == [
+        "vabus:1  watchdog: trip after 3 s without this program",
+        "vabus:1  started; Ctrl-C stops it and sets the watchdog as it was",
+        "vabus:1  stop commanded; watchdog as it was",
+    ]
+    assert line.time > 100
+    line.advance(1000)
+    line.drives[0].follow(line.time)
+    assert (line.drives[0].motor.running, line.drives[0].motor.fault) == (False, 0)
+    assert line.drives[0].peek("413", line.time) == "0000"
+
+
+@posix
+def test_failures_and_what_comes_after_them(shell):
+    line = shell.line(virtual_drive("vabus", 1, model="agile"))
+    virtual = line.drives[0]
+    hear = virtual.hear
+    line.call_at(50, lambda: setattr(virtual, "hear", lambda *_: None))
+    line.call_at(60, lambda: setattr(virtual, "hear", hear))
+    line.call_at(90, lambda: os.kill(os.getpid(), signal.SIGTERM))
+    assert shell("start", "vabus:1", "--link-loss", "trip", "--watchdog", "30", "-m", "agile") == 0
+    assert shell.err.count("did not answer") == 1
+    assert shell.out.count("answers again") == 1
+
+
+def test_a_fault_ends_it(shell):
+    line = shell.line(virtual_drive("vabus", 1, model="agile"))
+    line.call_at(50, lambda: line.drives[0].trip(0x0300, 50))
+    assert shell("start", "vabus:1", "--link-loss", "trip", "--watchdog", "3", "-m", "agile", "--json") == 5
+    assert [each["done"] for each in shell.objects] == ["watchdog set", "started", "fault", "stop commanded"]
+    assert shell.objects[2]["fault_code"] == 0x0300
+    assert line.time < 60
+
+
+def test_a_start_that_fails_leaves_no_watchdog_behind(shell):
+    line = shell.line(virtual_drive("vabus", 1, model="agile"))
+    line.drives[0].trip(0x0300, 0)
+    assert shell("start", "vabus:1", "--link-loss", "trip", "-m", "agile") == 5
+    assert "reset it first" in shell.err
+    assert line.drives[0].peek("413", line.time) == "0000"
+
+
+# Programs that are killed
+
+WATCHDOG_S = 2
+KILLED = {
+    "vabus-trip": ("vabus:1", "agile", "trip", 0x2010),
+    "vabus-hold": ("vabus:1", "agile", "hold", None),
+    "fc-ramp": ("danfoss-fc:3", "fc300", "ramp", 0),
+    "fc-trip": ("danfoss-fc:3", "fc300", "trip", 17),
+    "fc-hold": ("danfoss-fc:3", "fc300", "hold", None),
+    "fuji-trip": ("fuji:7", "frenic", "trip", 38),
+    "fuji-hold": ("fuji:7", "frenic", "hold", None),
+    "command": ("danfoss-fc:3", "fc300", "ramp", 0),
+}
+"""A line and its drive, the model, the policy, and the fault with which the motor then stands; None if it goes on."""
+
+PROGRAM = """
+import sys, threading, drivecomm
+from drivecomm.keeping import keep
+for words in sys.argv[1:]:
+    port, name, model, policy, seconds = words.split(",")
+    protocol, _, address = name.partition(":")
+    drive = drivecomm.open_bus(port).drive(protocol, int(address), model=model)
+    keep(drive, policy, watchdog_s=seconds).__enter__()
+    drive.set_reference(percent=20)
+    drive.start()
+print("turning", flush=True)
+threading.Event().wait()
+"""
+
+
+@pytest.fixture
+def plant(tmp_path):
+    """Serve a line with a drive for each case; gives the folder with the ports, and what tells how the drives are."""
+    lines = [
+        f'[[line]]\nname = "{name}"\nlisten = "pty:{tmp_path / name}"\n'
+        f'[[drive]]\nname = "{name}"\nline = "{name}"\ndrive = "{drive}"\noptions = {{ model = "{model}" }}\n'
+        for name, (drive, model, _, _) in KILLED.items()
+    ]
+    path = tmp_path / "plant.toml"
+    path.write_text("format = 1\n" + "".join(lines), encoding="utf-8")
+    with subprocess.Popen(
+        [sys.executable, "-m", "drivecomm", "simulate", str(path), "--json"], stdout=subprocess.PIPE, text=True
+    ) as process:
+        with PlantControl(json.loads(process.stdout.readline())["control"]) as control:
+            yield tmp_path, lambda: {each["name"]: each for each in control.order("show")["drives"]}
+        process.kill()
+
+
+@posix
+def test_programs_that_are_killed_leave_their_motors_to_the_watchdogs(plant):
+    folder, states = plant
+    words = [
+        f"{folder / name},{drive},{model},{policy},{WATCHDOG_S}"
+        for name, (drive, model, policy, _) in KILLED.items()
+        if name != "command"
+    ]
+    given = ["danfoss-fc:3", "-m", "fc300", "--link-loss", "ramp", "--watchdog", str(WATCHDOG_S), "--percent", "20"]
+    running = {"stdout": subprocess.PIPE, "text": True}
+    with (
+        subprocess.Popen([sys.executable, "-c", PROGRAM, *words], **running) as program,
+        subprocess.Popen(
+            [sys.executable, "-m", "drivecomm", "start", *given, "--port", str(folder / "command")], **running
+        ) as command,
+    ):
+        try:
+            assert program.stdout.readline() == "turning\n"
+            assert "ramp after 2.0 s" in command.stdout.readline()
+            assert "started" in command.stdout.readline()
+            time.sleep(WATCHDOG_S + 0.5)
+            for name, state in states().items():
+                assert (state["running"], state["fault"]) == (True, 0), f"{name} is spoken to"
+        finally:
+            # Also where the test has failed.
+            program.send_signal(signal.SIGKILL)
+            command.send_signal(signal.SIGKILL)
+    killed_at = time.monotonic()
+    standing = {name for name, (*_, fault) in KILLED.items() if fault is not None}
+    while any(states()[name]["running"] for name in standing):
+        assert time.monotonic() - killed_at < 20, states()
+        time.sleep(0.05)
+    assert time.monotonic() - killed_at > WATCHDOG_S / 2
+    time.sleep(0.2)
+    found = states()
+    assert {name: found[name]["fault"] for name in standing} == {name: KILLED[name][3] for name in standing}
+    for name in set(KILLED) - standing:
+        assert (found[name]["running"], found[name]["fault"]) == (True, 0), f"{name} goes on"
+    with drivecomm.open_bus(str(folder / "command")) as bus:
+        left = read_watchdog(bus.drive("danfoss-fc", 3, model="fc300"))
+    assert str(left) == "ramp after 2.0 s", "who is killed cannot set it as it was"

@@ -1,0 +1,316 @@
+"""stop --all: broadcasts first, then every drive by itself, all lines at once, and no word more than was confirmed."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivecomm.bus import Bus
+from drivecomm.cli import drives, entry, run
+from drivecomm.cli.stop_at_once import given_in_haste
+from drivecomm.cli.stopping import Everything
+from drivecomm.errors import NotSupported, UsageError
+from drivecomm.status import Stop
+from drivecomm.virtual import virtual_drive
+
+posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
+
+PLANT = """
+format = 1
+[[line]]
+name = "hall"
+port = "hall"
+[[line]]
+name = "yard"
+port = "yard"
+echo = true
+baudrate = 4800
+[[line]]
+name = "spare"
+[[drive]]
+name = "pump"
+drive = "vabus:1"
+line = "hall"
+options = { model = "agile" }
+[[drive]]
+name = "lift"
+drive = "vabus:2"
+line = "hall"
+[[drive]]
+name = "fan"
+drive = "danfoss-fc:3"
+line = "hall"
+[[drive]]
+name = "mill"
+drive = "fuji:7"
+line = "yard"
+"""
+
+
+@pytest.fixture
+def plant(shell, tmp_path):
+    """Two lines with running drives; gives the plant file, the lines, and what is heard on them."""
+    lines = {
+        "hall": shell.line(
+            virtual_drive("vabus", 1), virtual_drive("vabus", 2), virtual_drive("danfoss-fc", 3), name="hall"
+        ),
+        "yard": shell.line(virtual_drive("fuji", 7, baudrate=4800), name="yard", echo=True),
+    }
+    for name in ("vabus:1", "vabus:2", "danfoss-fc:3"):
+        assert shell("start", name, "--link-loss", "hold", port="hall") == 0
+    assert shell("start", "fuji:7", "--link-loss", "hold", "--echo", "--baudrate", "4800", port="yard") == 0
+    heard = []
+    for name, line in lines.items():
+        line.advance(20)
+        line.monitor = lambda sent, name=name: heard.append((name, sent.source, sent.data))
+    path = tmp_path / "plant.toml"
+    path.write_text(PLANT, encoding="utf-8")
+    return path, lines, heard
+
+
+def motors(lines):
+    for line in lines.values():
+        line.advance(60)
+        for drive in line.drives:
+            drive.motor.advance(line.time)
+    return [drive.motor.running for line in lines.values() for drive in line.drives]
+
+
+def test_a_plant(shell, plant):
+    path, lines, heard = plant
+    assert shell("stop", "--all", "--plant", str(path), port=None) == 0
+    assert sorted(shell.out.splitlines()) == [
+        "hall: danfoss-fc:*  stop (ramp) sent to all",
+        "hall: fan  stop (ramp) confirmed",
+        "hall: lift  stop (ramp) confirmed",
+        "hall: pump  stop (ramp) confirmed",
+        "hall: vabus:*  stop (ramp) sent to all",
+        "yard: fuji:*  stop (ramp) sent to all",
+        "yard: mill  stop (ramp) confirmed",
+    ]
+    assert motors(lines) == [False] * 4
+    first = [data for name, source, data in heard if name == "hall" and source == "master"][:2]
+    assert first[0].startswith(b"\x04\x60\x02"), "VABus, to all"
+    assert first[1].startswith(b"\x02\x06\x80"), "Danfoss, to all"
+
+
+def test_in_json(shell, plant):
+    path, _, _ = plant
+    assert shell("stop", "--all", f"--plant={path}", "--how=quick", "--json", port=None) == 0
+    confirmed = {each["drive"]: each["stop"] for each in shell.objects if each["confirmed"]}
+    assert confirmed == {"pump": "quick", "lift": "quick", "fan": "quick", "mill": "ramp"}
+    assert {each["drive"] for each in shell.objects} - set(confirmed) == {"vabus:*", "danfoss-fc:*", "fuji:*"}
+
+
+def test_what_a_drive_cannot_is_done_otherwise_and_said(shell, plant):
+    path, lines, _ = plant
+    assert shell("stop", "--all", "--how", "coast", "--plant", str(path), port=None) == 0
+    assert "yard: mill  stop (ramp, because it cannot by coast) confirmed" in shell.out
+    assert "hall: pump  stop (coast) confirmed" in shell.out
+    assert motors(lines) == [False] * 4
+
+
+def test_one_that_is_silent_keeps_nobody_from_being_stopped(shell, plant):
+    path, lines, _ = plant
+    hall = lines["hall"]
+    hall.power_off(hall.drives[0])
+    began = hall.time
+    assert shell("stop", "--all", "--plant", str(path), port=None) == 5
+    assert "hall: pump has not confirmed its stop: vabus:1 did not answer" in shell.err
+    assert shell.err.count("\n") == 1
+    assert "hall: lift  stop (ramp) confirmed" in shell.out
+    order = [line.split()[1] for line in shell.out.splitlines() if line.startswith("hall:")]
+    assert order == ["vabus:*", "danfoss-fc:*", "lift", "fan"]
+    assert hall.time - began < 5
+
+
+def test_a_line_that_is_not_there_keeps_no_other_from_being_stopped(shell, plant):
+    path, lines, _ = plant
+    del shell.lines["hall"]
+    assert shell("stop", "--all", "--plant", str(path), port=None) == 5
+    assert shell.err.count("port hall does not exist") == 3
+    assert "yard: mill  stop (ramp) confirmed" in shell.out
+    assert motors({"yard": lines["yard"]}) == [False]
+
+
+def test_a_drive_that_says_no_is_asked_once(shell, plant):
+    path, lines, _ = plant
+    lines["hall"].drives[2].machine.local = True
+    assert shell("stop", "--all", "--plant", str(path), port=None) == 5
+    assert "fan has not confirmed its stop" in shell.err
+    assert "local operation" in shell.err
+
+
+def test_broadcasts_that_cannot_be_keep_no_drive_from_being_stopped(shell, plant, monkeypatch):
+    path, lines, _ = plant
+    broadcast = Bus.broadcast
+
+    def some(bus, protocol, **options):
+        if protocol == "vabus":
+            raise NotSupported("vabus has no broadcast")
+        if protocol == "fuji":
+            raise UsageError("fuji cannot be told")
+        return broadcast(bus, protocol, **options)
+
+    monkeypatch.setattr(Bus, "broadcast", some)
+    assert shell("stop", "--all", "--plant", str(path), port=None) == 0
+    assert "vabus:*" not in shell.out + shell.err
+    assert "yard: fuji:* has not confirmed its stop: fuji cannot be told" in shell.err
+    assert shell.out.count("confirmed") == 4
+    assert motors(lines) == [False] * 4
+    assert shell("stop", "--all", port="hall") == 5
+    assert "vabus:* has not confirmed its stop: vabus has no broadcast" in shell.err
+
+
+def test_a_plant_of_one_line_takes_the_port_that_is_given(shell, tmp_path):
+    line = shell.line(virtual_drive("vabus", 1))
+    shell("start", "vabus:1", "--link-loss", "hold")
+    path = tmp_path / "plant.toml"
+    path.write_text('format = 1\n[[line]]\nname = "hall"\n[[drive]]\ndrive = "vabus:1"\n', encoding="utf-8")
+    assert shell("stop", "--all", "--plant", str(path), port=None) == 5
+    assert "no port" in shell.err
+    assert shell("stop", "--all", "--plant", str(path)) == 0
+    assert motors({"line": line}) == [False]
+
+
+def test_without_a_plant_everybody_is_told_and_nobody_confirms(shell):
+    line = shell.line(virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 3), virtual_drive("fuji", 7))
+    for name in ("vabus:1", "danfoss-fc:3", "fuji:7"):
+        shell("start", name, "--link-loss", "hold")
+    assert shell("stop", "--all") == 5
+    assert "vabus:*  stop (ramp) sent to all" in shell.out
+    assert "nobody confirms a broadcast, so look at the motors" in " ".join(shell.out.split())
+    assert motors({"line": line}) == [False] * 3
+    assert shell("stop", "--all", "--json") == 5
+    assert not any(each["confirmed"] for each in shell.objects)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "sentence"),
+    [
+        (["--all", "vabus:1"], 2, "leave vabus:1 out"),
+        (["--plant", "plant.toml"], 2, "--plant goes with --all"),
+        ([], 2, "no drive named"),
+        (["--all", "--how", "gently"], 2, "no way to stop"),
+        (["--all", "--plant", "nowhere.toml"], 2, "nowhere.toml: cannot be read as a plant"),
+        (["--all", "--sideways"], 2, "No such option"),
+    ],
+)
+def test_errors_are_one_sentence(shell, arguments, code, sentence):
+    shell.line()
+    assert shell("stop", *arguments) == code
+    assert sentence in shell.err
+    assert shell.err.count("\n") == 1
+
+
+def test_ports_that_are_missing(shell, tmp_path):
+    assert shell("stop", "--all", port=None) == 2
+    assert "give --port" in shell.err
+    assert shell("stop", "--all", port="nowhere") == 3
+    assert "nowhere does not exist" in shell.err
+    path = tmp_path / "plant.toml"
+    path.write_text('format = 1\n[[line]]\nname = "hall"\n', encoding="utf-8")
+    assert shell("stop", "--all", "--plant", str(path)) == 2
+    assert "nothing to stop" in shell.err
+
+
+def test_a_recording_is_of_one_line(shell, plant, tmp_path):
+    path, _, _ = plant
+    assert shell("stop", "--all", "--plant", str(path), "--record", str(tmp_path / "x.jsonl"), port=None) == 2
+    assert "--record is for one line" in shell.err
+
+
+def test_ctrl_c(shell, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("drivecomm.cli.stopping.stop_all", interrupted)
+    assert shell("stop", "--all") == run.INTERRUPTED
+    assert "interrupted" in shell.err
+
+
+def test_a_mistake_of_ours_in_a_thread_is_not_swallowed(shell, plant, monkeypatch):
+    path, _, _ = plant
+
+    def fall(*_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("drivecomm.cli.stopping._each", fall)
+    with pytest.raises(ZeroDivisionError):
+        shell("stop", "--all", "--plant", str(path), port=None)
+
+
+# The short way and the usual way are one
+
+LONG = ["--all", "--json", "--port", "--plant", "--how", "--how=coast", "--port=line", "--plant=x.toml", "--port="]
+SHORT = ["-p", "-pline", "--al", "--", "-", "--help", "--trace", "--timeout"]
+WORDS = st.sampled_from([*LONG, *SHORT, "quick", "ramp", "dc-brake", "line", "vabus:1", "1"])
+
+
+@settings(max_examples=60, deadline=None)
+@given(words=st.lists(WORDS, max_size=6))
+def test_what_is_understood_in_haste_is_understood_the_same_way_otherwise(words):
+    understood = given_in_haste(words)
+    if understood is None:
+        return
+    came = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("DRIVECOMM_PORT", raising=False)
+        patch.setattr("drivecomm.cli.stopping.stop_all", lambda what, as_json: came.append((plain(what), as_json)) or 0)
+        assert entry.main(["stop", *words]) == 0
+        assert run.run(["stop", *words]) == 0
+    assert came[0] == came[1]
+    assert came[0][0][2] is Stop(understood.get("how", "ramp"))
+
+
+def plain(what: Everything):
+    return what.port, what.plant, what.how
+
+
+def test_the_port_may_come_from_the_environment(shell, monkeypatch):
+    shell.line()
+    monkeypatch.setenv("DRIVECOMM_PORT", "line")
+    assert shell("stop", "--all", port=None) == 5
+
+
+@posix
+def test_nothing_that_is_not_needed_is_loaded_before_the_motors_are_stopped(tmp_path):
+    """Loading is what takes the time of this command."""
+    path = tmp_path / "plant.toml"
+    path.write_text(
+        'format = 1\n[[line]]\nname = "hall"\nport = "nowhere"\n[[drive]]\ndrive = "vabus:1"\n', encoding="utf-8"
+    )
+    program = (
+        "import sys; from drivecomm.cli import main; code = main(sys.argv[1:]);"
+        "print(code, *(m for m in ('typer', 'click', 'rich', 'asyncio', 'drivecomm_fuji', 'drivecomm.conformance',"
+        "'drivecomm.sniffer', 'hypothesis') if m in sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, "stop", "--all", "--plant", str(path)],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=tmp_path,
+    )
+    assert done.stdout.split() == ["5"]
+    assert "port nowhere does not exist" in done.stderr
+
+
+@posix
+def test_the_other_stop_loads_no_other_command():
+    program = (
+        "import sys; from drivecomm.cli import main; code = main(sys.argv[1:]);"
+        "print(code, *(m for m in ('drivecomm.cli.app', 'drivecomm.cli.sniff', 'drivecomm.conformance')"
+        " if m in sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, "stop", "vabus:1", "--port", "nowhere"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == ["3"]
+    assert drives.stop
