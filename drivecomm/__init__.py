@@ -79,6 +79,7 @@ from drivecomm.errors import (
 from drivecomm.errors import (
     ValueRefusedError as ValueRefusedError,
 )
+from drivecomm.likely_settings import LineChoices as LineChoices
 from drivecomm.line import LineSettings as LineSettings
 from drivecomm.line import Timing as Timing
 from drivecomm.link import TraceEvent as TraceEvent
@@ -102,6 +103,8 @@ if _TYPE_CHECKING:
     from drivecomm.async_drive import AsyncDrive as AsyncDrive
     from drivecomm.keeping import keep as keep
     from drivecomm.keeping import keep_async as keep_async
+    from drivecomm.opened_plant import OpenPlant as OpenPlant
+    from drivecomm.opened_plant import open_plant as open_plant
     from drivecomm.poll_loops import poll_async as poll_async
     from drivecomm.watchdog import read_watchdog as read_watchdog
     from drivecomm.watchdog import read_watchdog_async as read_watchdog_async
@@ -112,9 +115,11 @@ _ON_DEMAND = {
     "AsyncBroadcast": "drivecomm.async_drive",
     "AsyncBus": "drivecomm.async_bus",
     "AsyncDrive": "drivecomm.async_drive",
+    "OpenPlant": "drivecomm.opened_plant",
     "open_bus_async": "drivecomm.async_bus",
     "keep": "drivecomm.keeping",
     "keep_async": "drivecomm.keeping",
+    "open_plant": "drivecomm.opened_plant",
     "poll_async": "drivecomm.poll_loops",
     "read_watchdog": "drivecomm.watchdog",
     "read_watchdog_async": "drivecomm.watchdog",
@@ -124,7 +129,7 @@ _ON_DEMAND = {
 
 
 def __getattr__(name: str) -> _Any:
-    # asyncio and threads are loaded by those who use them, not by those who import drivecomm.
+    # asyncio, threads and the reader of plants are loaded by those who use them, not by those who import drivecomm.
     if name not in _ON_DEMAND:
         raise AttributeError(f"module 'drivecomm' has no attribute {name!r}")
     from importlib import import_module  # noqa: PLC0415

@@ -13,7 +13,7 @@ from drivecomm.growing_pause import GrowingPause
 from drivecomm.poll_loops import poll_async
 from drivecomm.roster import Roster, echo_mode, line_overrides
 from drivecomm.runners.asynchronous import runner_for
-from drivecomm.scanning import Found, look, scan_plan
+from drivecomm.scanning import Found, Search, introduce, look
 from drivecomm.stored_writes import ALLOWED, StoredWrites
 from drivecomm.turns import Rank
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from drivecomm.echo import Echo
     from drivecomm.exchange import Exchange
     from drivecomm.health import Health
+    from drivecomm.likely_settings import LineChoices
     from drivecomm.line import Parity
     from drivecomm.link import Party, Steps, TraceEvent
     from drivecomm.models import Model
@@ -71,10 +72,11 @@ class AsyncBus:
         *,
         model: str | Path | Model | None = None,
         set_up: Mapping[str, Any] | None = None,
+        read_only: str = "",
         **options: Any,
     ) -> AsyncDrive:
         """Return the drive at an address; nothing is sent. The arguments are those of `Bus.drive`."""
-        member = self._roster.member(protocol, address, model, set_up, options)
+        member = self._roster.member(protocol, address, model, set_up, options, read_only=read_only)
         drive = AsyncDrive(self, *member)
         self._roster.add(drive)
         return drive
@@ -89,20 +91,29 @@ class AsyncBus:
         only: Iterable[str] | None = None,
         addresses: Iterable[int] | None = None,
         *,
+        choices: LineChoices | None = None,
         progress: Callable[[str, int, int], None] | None = None,
         **options: Any,
     ) -> AsyncIterator[Found]:
         """Yield the drives that answer, as `Bus.scan` does; sends only what cannot move a motor."""
-        plan = scan_plan(only, addresses)
-        for done, (plugin, address) in enumerate(plan):
+        search = Search(only, addresses, choices)
+        asking = None
+        for asking in search:
             if progress is not None:
-                progress(plugin.name, done, len(plan))
-            member = self._roster.member(plugin.name, address, None, None, options)
-            found = await self.insist(member.party, look(plugin.name, address, member.operations))
+                progress(str(asking), search.done, search.total)
+            member = self._roster.member(asking.protocol, asking.address, None, None, {**asking.options, **options})
+            seen = await self.insist(member.party, look(asking, member.operations, member.party.facts.settings))
+            found = search.heard(asking, seen)
+            if found is not None and found.sound:
+                found = await self.insist(member.party, introduce(found, member.operations))
+                # Reads files the first time.
+                found = await asyncio.to_thread(search.model_of, found)
             if found is not None:
                 yield found
-        if progress is not None and plan:
-            progress(plan[-1][0].name, len(plan), len(plan))
+        for each in search.damaged():
+            yield each
+        if progress is not None and asking is not None:
+            progress(str(asking), search.total, search.total)
 
     def poll(
         self, items: Iterable[PollItem[AsyncDrive]], *, duration_s: float | None = None, cycles: int | None = None

@@ -12,7 +12,7 @@ from drivecomm.growing_pause import GrowingPause
 from drivecomm.poll_loops import poll
 from drivecomm.roster import Roster, echo_mode, line_overrides
 from drivecomm.runners.blocking import run
-from drivecomm.scanning import Found, look, scan_plan
+from drivecomm.scanning import Found, Search, introduce, look
 from drivecomm.stored_writes import ALLOWED, StoredWrites
 from drivecomm.turns import Rank, Turns
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from drivecomm.echo import Echo
     from drivecomm.exchange import Exchange
     from drivecomm.health import Health
+    from drivecomm.likely_settings import LineChoices
     from drivecomm.line import Parity
     from drivecomm.link import Party, Steps, TraceEvent
     from drivecomm.models import Model
@@ -72,16 +73,19 @@ class Bus:
         *,
         model: str | Path | Model | None = None,
         set_up: Mapping[str, Any] | None = None,
+        read_only: str = "",
         **options: Any,
     ) -> Drive:
         """Return the drive at an address; nothing is sent.
 
         model: a model of the protocol's package by name, or a TOML file. set_up: parameters and the values that are
         written to it, without storing them, before anything else is sent, and again whenever it or the line was away;
-        such as its control watchdog. options: line facts of this drive (baudrate, parity, reply_timeout_s, attempts,
-        ...) and the protocol's own drive options. Raises UsageError for anything that cannot be.
+        such as its control watchdog. read_only: why this drive may not be written or commanded, as the sentence of the
+        UsageError that is raised then; it can be asked, and stopped. options: line facts of this drive (baudrate,
+        parity, reply_timeout_s, attempts, ...) and the protocol's own drive options. Raises UsageError for anything
+        that cannot be.
         """
-        member = self._roster.member(protocol, address, model, set_up, options)
+        member = self._roster.member(protocol, address, model, set_up, options, read_only=read_only)
         drive = Drive(self, *member)
         self._roster.add(drive)
         return drive
@@ -96,25 +100,35 @@ class Bus:
         only: Iterable[str] | None = None,
         addresses: Iterable[int] | None = None,
         *,
+        choices: LineChoices | None = None,
         progress: Callable[[str, int, int], None] | None = None,
         **options: Any,
     ) -> Iterator[Found]:
-        """Yield the drives that answer, protocol by protocol; sends only what cannot move a motor.
+        """Yield the drives that answer; sends only what cannot move a motor.
+
+        Without choices it goes protocol by protocol, at the settings that each one has on this bus. With them it is a
+        wide scan, which tries other line settings, too, the likely ones of all protocols first; `LineChoices()` is all
+        that are likely. Whether somebody is there is asked once. Give `Bus.drive` the options of what was found.
 
         only: protocol names, all installed ones if absent. addresses: those to ask, the protocol's usual ones if
-        absent; addresses that a protocol does not have are left out. progress: told the protocol, how many addresses
+        absent; addresses that a protocol does not have are left out. progress: told what is asked, how many questions
         are done, and how many there are. options: line facts for all drives asked.
         """
-        plan = scan_plan(only, addresses)
-        for done, (plugin, address) in enumerate(plan):
+        search = Search(only, addresses, choices)
+        asking = None
+        for asking in search:
             if progress is not None:
-                progress(plugin.name, done, len(plan))
-            member = self._roster.member(plugin.name, address, None, None, options)
-            found = self.insist(member.party, look(plugin.name, address, member.operations))
+                progress(str(asking), search.done, search.total)
+            member = self._roster.member(asking.protocol, asking.address, None, None, {**asking.options, **options})
+            seen = self.insist(member.party, look(asking, member.operations, member.party.facts.settings))
+            found = search.heard(asking, seen)
+            if found is not None and found.sound:
+                found = search.model_of(self.insist(member.party, introduce(found, member.operations)))
             if found is not None:
                 yield found
-        if progress is not None and plan:
-            progress(plan[-1][0].name, len(plan), len(plan))
+        yield from search.damaged()
+        if progress is not None and asking is not None:
+            progress(str(asking), search.total, search.total)
 
     def poll(
         self, items: Iterable[PollItem[Drive]], *, duration_s: float | None = None, cycles: int | None = None

@@ -11,6 +11,7 @@ from math import inf
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from drivecomm.errors import UsageError
+from drivecomm.models import LinkLoss
 from drivecomm.virtual.faults import TRANSMISSION_FAULTS, Fault, FaultPlan
 
 if TYPE_CHECKING:
@@ -77,9 +78,10 @@ class PlantLine:
     """A line.
 
     name: what the plant calls it. listen: where a master outside connects to its virtual drives, as `parse_listen`
-    takes it; empty for nowhere. port: what a master opens to reach it, for commands that are masters. echo: the master
-    hears itself. paced: characters take their time. settings: line facts for all its drives, such as baudrate=19200;
-    a drive's own options go before. noise: what disturbs it all the time.
+    takes it; empty for nowhere. port: what a master opens to reach it, for commands that are masters; where it is
+    empty, `reached_at` is the other end of `listen`. echo: the master hears itself. paced: characters take their time.
+    settings: line facts for all its drives, such as baudrate=19200; a drive's own options go before. noise: what
+    disturbs it all the time.
     """
 
     name: str
@@ -94,21 +96,77 @@ class PlantLine:
         if not self.name:
             raise UsageError("a line needs a name")
 
+    @property
+    def opening(self) -> dict[str, Any]:
+        """What is said of this line, as keywords of `open_bus`."""
+        return {**self.settings, **({"echo": "expect"} if self.echo else {})}
+
+    @property
+    def reached_at(self) -> str:
+        """What a master opens: the port, or where the line's virtual drives listen; empty when neither is known."""
+        if self.port:
+            return self.port
+        kind, _, place = self.listen.partition(":")
+        host, colon, number = place.rpartition(":")
+        if kind == "pty":
+            return place
+        if kind not in ("tcp", "rfc2217") or number in ("", "0"):
+            return ""
+        scheme = "socket" if kind == "tcp" else kind
+        return f"{scheme}://{host if colon and host else '127.0.0.1'}:{number}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlantRead:
+    """What is polled of a drive: parameters, by address or name, how often, and how important against others."""
+
+    parameters: tuple[str, ...]
+    period_s: float = 1.0
+    priority: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.parameters:
+            raise UsageError('nothing to poll; write parameters = ["output_frequency"]')
+        _not_negative("period_s", self.period_s)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlantLinkLoss:
+    """What a drive's motor shall do when its master falls silent, and after how many seconds the drive notices."""
+
+    policy: LinkLoss
+    watchdog_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        if self.policy not in get_args(LinkLoss):
+            raise UsageError(f"policy = {self.policy!r} is none; write one of {', '.join(get_args(LinkLoss))}")
+        if not 0 < self.watchdog_s < inf:
+            raise UsageError(f"watchdog_s = {self.watchdog_s:g} cannot be; write seconds above 0")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlantDrive:
     """A drive.
 
     protocol, address, options: as `Bus.drive` takes them. line: the name of its line. name: what the plant calls it,
-    PROTOCOL:ADDRESS if empty. values: what its parameters hold at the start, raw, by parameter address or name. motor:
-    what differs from the drive's usual motor, by the names in `PLATE`.
+    PROTOCOL:ADDRESS if empty. title: what it is, for people.
+
+    For masters: armed: it may be written and commanded; otherwise it is read-only for all that takes it from the plant,
+    except for stopping it. poll: what is polled of it. link_loss: what its motor does when its master falls silent.
+
+    For virtual drives: values: what its parameters hold at the start, raw, by parameter address or name. motor: what
+    differs from the drive's usual motor, by the names in `PLATE`.
     """
 
     protocol: str
     address: int
     line: str
     name: str = ""
+    title: str = ""
     options: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    armed: bool = False
+    poll: tuple[PlantRead, ...] = ()
+    link_loss: PlantLinkLoss | None = None
     values: Mapping[str, int | str] = field(default_factory=dict, hash=False)
     motor: Mapping[str, float] = field(default_factory=dict, hash=False)
 
@@ -120,6 +178,10 @@ class PlantDrive:
                 raise UsageError(f"a motor has no {key!r}; it has {', '.join(sorted(PLATE))}")
             if value < 0 or (not value and key not in _MAY_BE_ZERO):
                 raise UsageError(f"a motor with {key} = {value} cannot be; write a number above 0")
+
+    def why_read_only(self, file: str) -> str:
+        """Return why masters may not write or command this drive, which this file says; empty where they may."""
+        return "" if self.armed else f"{self.name} is read-only in {file}; write armed = true there"
 
     def fit(self, motor: Motor) -> None:
         """Give a motor what is said of this drive's."""
@@ -294,6 +356,28 @@ class Plant:
                 _there(named, lines, "line", f"fault {number}")
             else:
                 _there(getattr(step, "drive", ""), drives, "drive", f"fault {number}")
+
+    def drive(self, name: str) -> PlantDrive:
+        """Return a drive by its name, or by PROTOCOL:ADDRESS where that is one drive only. Raises UsageError."""
+        for drive in self.drives:
+            if drive.name == name:
+                return drive
+        same = [drive for drive in self.drives if f"{drive.protocol}:{drive.address}" == name]
+        if len(same) > 1:
+            names = " and ".join(drive.name for drive in same)
+            raise UsageError(f"{name} is on several lines of this plant; name the drive: {names}")
+        if not same:
+            known = ", ".join(drive.name for drive in self.drives) or "none"
+            raise UsageError(f"there is no drive {name!r} in this plant; it has {known}")
+        return same[0]
+
+    def line(self, name: str) -> PlantLine:
+        """Return a line by its name. Raises UsageError."""
+        for line in self.lines:
+            if line.name == name:
+                return line
+        known = ", ".join(line.name for line in self.lines)
+        raise UsageError(f"there is no line {name!r} in this plant; it has {known}")
 
     def on_line(self, name: str) -> tuple[PlantDrive, ...]:
         """Return the drives of a line, in their order."""

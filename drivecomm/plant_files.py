@@ -7,7 +7,7 @@ format = 1
 [[line]]
 name = "hall"
 listen = "tcp:127.0.0.1:4001"       # optional: where a master connects, pty:PATH, tcp:HOST:PORT, rfc2217:HOST:PORT
-port = "/dev/ttyUSB0"               # optional: what a master opens, for commands that are masters
+port = "/dev/ttyUSB0"               # optional: what a master opens; where the line listens unless given
 echo = true                         # optional: the master hears itself
 paced = false                       # optional: characters take no time; they do unless this is said
 baudrate = 19200                    # optional, for all its drives: also bytesize, parity, stopbits
@@ -18,7 +18,13 @@ noise = { rate = 0.01, seed = 1, kinds = ["corrupt", "drop"] }
 name = "pump"                       # optional: PROTOCOL:ADDRESS unless given
 drive = "vabus:1"                   # PROTOCOL:ADDRESS
 line = "hall"                       # optional where there is one line only
+title = "feed pump, hall 2"         # optional: what it is, for people
 options = { model = "agile" }       # optional: what Bus.drive takes
+armed = true                        # optional: may be written and commanded; read-only unless this is said
+poll = [{ parameters = ["output_frequency"], period_s = 0.2, priority = 1 }]
+                                    # optional: what is polled of it; each second and alike unless said
+link_loss = { policy = "ramp", watchdog_s = 5 }
+                                    # optional: hold, ramp, coast or trip when its master falls silent; after 5 s
 values = { "480" = 1000 }           # optional: raw values that parameters hold at the start
 motor = { rated_kw = 7.5 }          # optional: what differs from the usual motor
 
@@ -63,6 +69,8 @@ from drivecomm.plant import (
     Plant,
     PlantDrive,
     PlantLine,
+    PlantLinkLoss,
+    PlantRead,
     PowerCutStep,
     Step,
     StuckStep,
@@ -121,10 +129,16 @@ _DRIVE: _Keys = {
     "name": _TEXT,
     "drive": _TEXT,
     "line": _TEXT,
+    "title": _TEXT,
     "options": _TABLE,
+    "armed": _CHOICE,
+    "poll": _LIST,
+    "link_loss": _TABLE,
     "values": _TABLE,
     "motor": _TABLE,
 }
+_POLL: _Keys = {"parameters": _LIST, "period_s": _SECONDS, "priority": _WHOLE}
+_LINK_LOSS: _Keys = {"policy": _TEXT, "watchdog_s": _SECONDS}
 _WINDOW: _Keys = {"from_s": _SECONDS, "until_s": _SECONDS}
 _TELEGRAMS: _Keys = {
     "line": _TEXT,
@@ -234,15 +248,33 @@ def _drive(entry: Mapping[str, Any], where: str, only_line: str) -> PlantDrive:
     values, motor = entry.get("values", {}), entry.get("motor", {})
     _check(values, dict.fromkeys(values, _RAW), (), f"{where}, values")
     _check(motor, dict.fromkeys(motor, _NUMBER), (), f"{where}, motor")
+    link_loss = entry.get("link_loss")
+    if link_loss is not None:
+        _check(link_loss, _LINK_LOSS, ("policy",), f"{where}, link_loss")
     return PlantDrive(
         protocol=protocol,
         address=int(address),
         line=entry.get("line", only_line),
         name=entry.get("name", ""),
+        title=entry.get("title", ""),
         options=entry.get("options", {}),
+        armed=entry.get("armed", False),
+        poll=tuple(
+            _read(each, f"{where}, poll {number}") for number, each in enumerate(entry.get("poll", []), start=1)
+        ),
+        link_loss=None if link_loss is None else PlantLinkLoss(**link_loss),
         values=values,
         motor=motor,
     )
+
+
+def _read(entry: object, where: str) -> PlantRead:
+    if not isinstance(entry, dict):
+        raise FileFormatError(f'{where}: {entry!r} is no table; write {{ parameters = ["output_frequency"] }}')
+    _check(entry, _POLL, ("parameters",), where)
+    if not all(isinstance(each, str) for each in entry["parameters"]):
+        raise FileFormatError(f'{where}: parameters are texts in quotes, such as ["481", "output_current"]')
+    return PlantRead(**{**entry, "parameters": tuple(entry["parameters"])})
 
 
 def _fault(entry: Mapping[str, Any], where: str) -> Step:

@@ -11,6 +11,7 @@ from drivecomm.errors import AddressError, NotSupported, UsageError
 from drivecomm.line import LINE_FACT_NAMES
 from drivecomm.link import Link, Party
 from drivecomm.model_files import load_model
+from drivecomm.read_only import ReadOnly
 from drivecomm.registry import installed
 from drivecomm.stored_writes import StoredWrites
 from drivecomm.verbs import setting_up
@@ -85,16 +86,25 @@ class Roster:
         model: str | Path | Model | None,
         set_up: Mapping[str, Any] | None,
         options: Mapping[str, Any],
+        *,
+        read_only: str = "",
     ) -> Member:
-        """Return what the drive at an address is made of. Raises UsageError for anything that cannot be."""
+        """Return what the drive at an address is made of. Raises UsageError for anything that cannot be.
+
+        read_only: why it may not be written or commanded, empty where it may.
+        """
         plugin = installed[protocol]
         if type(address) is not int or address not in plugin.addresses:
             allowed = f"{plugin.addresses.start} to {plugin.addresses.stop - 1}"
             raise AddressError(f"{protocol} has no drive at address {address}; addresses are {allowed}")
         known = None if model is None else load_model(plugin.package, protocol, model)
         facts, chosen = sort_out(plugin, known, options, for_all=self._overrides)
-        operations = plugin.operations(address, chosen, known)
+        operations: Operations = plugin.operations(address, chosen, known)
         name = f"{plugin.name}:{address}"
+        if read_only:
+            operations = ReadOnly(operations, read_only, plugin.only_asks)
+            if set_up:
+                raise UsageError(f"{name} cannot be set up: {read_only}")
         if set_up:
             self._set_up[name] = (operations, dict(set_up))
 

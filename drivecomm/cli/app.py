@@ -22,6 +22,7 @@ from drivecomm.cli.scan import scan
 from drivecomm.cli.simulate import simulate
 from drivecomm.cli.sniff.command import sniff
 from drivecomm.cli.stats import stats
+from drivecomm.cli.status import status
 from drivecomm.cli.vectors import check, from_capture
 from drivecomm.version import __version__
 
@@ -64,7 +65,7 @@ app.command(cls=LineCommand)(on_a_line(doctor))
 app.command(cls=LineCommand)(on_a_line(stats))
 app.command(cls=LineCommand)(on_a_line(drives.read))
 app.command(cls=LineCommand, context_settings=_NEGATIVE_NUMBERS)(on_a_line(drives.write))
-app.command(cls=LineCommand)(on_a_line(drives.status))
+app.command(cls=LineCommand)(on_a_line(status))
 app.command(cls=LineCommand)(on_a_line(drives.start))
 app.command(cls=LineCommand)(on_a_line(drives.stop))
 app.command(cls=LineCommand)(on_a_line(drives.reset))

@@ -1,29 +1,28 @@
-"""Commands for one drive: read, write, status, start, stop, reset, reference, call."""
+"""Commands for one drive: read, write, start, stop, reset, reference, call."""
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from decimal import Decimal, InvalidOperation
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drivecomm.cli.drive_names import parse_drive, parse_settings
+from drivecomm.cli.drive_names import parse_settings, plant_file
 from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.opened_drive import drive_named, opened_drive
 from drivecomm.cli.output import complain, emit, plain, say
-from drivecomm.errors import DriveCommError, DriveError, LinkError, UsageError
+from drivecomm.errors import DriveCommError, LinkError, UsageError
 from drivecomm.status import Stop
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from drivecomm.drive import Drive
     from drivecomm.reading import Reading
-    from drivecomm.status import DriveStatus
 
 Name = Annotated[
-    str, typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS, such as vabus:1, with ,name=value options.")
+    str,
+    typer.Argument(
+        metavar="DRIVE", help="PROTOCOL:ADDRESS or a name of the plant, with ,name=value options behind it."
+    ),
 ]
 Model = Annotated[str | None, typer.Option("--model", "-m", help="Model by name, or a .toml file.")]
 Type = Annotated[str | None, typer.Option("--type", "-t", help="Type in the words of the protocol's manual.")]
@@ -44,14 +43,15 @@ def read(
     """Read parameters. A parameter that cannot be read does not keep the others from being read."""
     options = _verb_options(type, option)
     code = 0
-    with _drive(line, drive, model) as one:
+    reached, name = line.reaching(drive)
+    with opened_drive(reached, name, model) as one:
         for parameter in parameters:
             try:
                 reading = one.read(parameter, **options)
             except LinkError:
                 raise
             except DriveCommError as error:
-                complain(error, as_json=line.json, where=f"{line.port}, {one.name}, {parameter}")
+                complain(error, as_json=line.json, where=f"{reached.port}, {one.name}, {parameter}")
                 code = code or error.exit_code
             else:
                 _show_reading(one, parameter, reading, as_json=line.json)
@@ -69,7 +69,7 @@ def write(
     option: Further = None,
 ) -> int:
     """Write a parameter; into RAM unless --store is given, where the protocol makes the difference."""
-    with _drive(line, drive, model) as one:
+    with drive_named(line, drive, model) as one:
         reading = one.write(parameter, value, store=store, **_verb_options(type, option))
         if reading is not None:
             _show_reading(one, parameter, reading, as_json=line.json)
@@ -80,20 +80,16 @@ def write(
     return 0
 
 
-def status(drive: Name, line: LineOptions, model: Model = None) -> int:
-    """Read the status word; commands nothing. Exit code 5 when the drive has a fault."""
-    with _drive(line, drive, model) as one:
-        found = one.status()
-        _show_status(one, found, as_json=line.json)
-    return DriveError.exit_code if found.fault else 0
-
-
 def start(
     drive: Name,
     line: LineOptions,
     link_loss: Annotated[
         str | None,
-        typer.Option("--link-loss", metavar="POLICY", help="If this line falls silent: hold, ramp, coast or trip."),
+        typer.Option(
+            "--link-loss",
+            metavar="POLICY",
+            help="If this line falls silent: hold, ramp, coast or trip; the plant's if absent.",
+        ),
     ] = None,
     watchdog: Annotated[
         str | None, typer.Option("--watchdog", metavar="SECONDS", help="How long the drive's own watchdog waits; 5.")
@@ -111,8 +107,11 @@ def start(
     # Threads and signals are for motors that turn.
     from drivecomm.cli import starting  # noqa: PLC0415
 
-    with _drive(line, drive, model) as one:
-        policy = starting.chosen_policy(one, link_loss)
+    said = line.link_loss_of(drive)
+    with drive_named(line, drive, model) as one:
+        policy = starting.chosen_policy(one, link_loss or (said.policy if said else None))
+        # What the plant says of a watchdog belongs to the policy that it says.
+        usual_s = f"{said.watchdog_s:g}" if said and policy == said.policy else "5"
 
         def run() -> None:
             if percent is not None or hz is not None:
@@ -120,7 +119,7 @@ def start(
             one.start(reverse=reverse)
 
         if policy != "hold":
-            return starting.start_and_stay(one, run, policy, watchdog or "5", as_json=line.json)
+            return starting.start_and_stay(one, run, policy, watchdog or usual_s, as_json=line.json)
         if watchdog is not None:
             raise UsageError("hold is without a watchdog; leave --watchdog out, or choose another policy")
         starting.start_and_leave(one, run, as_json=line.json)
@@ -135,9 +134,6 @@ def stop(
     everything: Annotated[
         bool, typer.Option("--all", help="Stop everything that is on the line or in the plant.")
     ] = False,
-    plant: Annotated[
-        Path | None, typer.Option("--plant", metavar="FILE", help="With --all: the plant file with lines and drives.")
-    ] = None,
     how: Annotated[str, typer.Option("--how", help="ramp, coast, quick or dc_brake.")] = "ramp",
     model: Model = None,
 ) -> int:
@@ -145,6 +141,7 @@ def stop(
 
     --all sends every line a broadcast for each protocol, all lines at the same time, and then stops each drive of the
     plant by itself, so that it confirms. Exit code 5 unless every drive has confirmed; without a plant file none can.
+    A drive that the plant does not arm is stopped, too.
     """
     chosen = _way_to_stop(how)
     if everything:
@@ -153,10 +150,9 @@ def stop(
 
         if drive is not None:
             raise UsageError(f"--all stops everything; leave {drive} out, or leave --all out")
-        wanted = stopping.Everything(port=line.port, plant=plant, how=chosen, opening=line.opening)
+        file = plant_file(line.plant, port_given=line.port is not None)
+        wanted = stopping.Everything(port=line.port, plant=file, how=chosen, opening=line.opening)
         return stopping.stop_all(wanted, as_json=line.json)
-    if plant is not None:
-        raise UsageError("--plant goes with --all; write both, or name one drive")
     if drive is None:
         raise UsageError("no drive named; write PROTOCOL:ADDRESS, or --all to stop everything")
     protocol, colon, address = drive.partition(":")
@@ -169,7 +165,7 @@ def stop(
         else:
             say(f"{drive}  {done}")
         return 0
-    with _drive(line, drive, model) as one:
+    with drive_named(line, drive, model) as one:
         one.stop(chosen)
         _done(one, line, f"stop ({chosen.value}) commanded")
     return 0
@@ -177,7 +173,7 @@ def stop(
 
 def reset(drive: Name, line: LineOptions, model: Model = None) -> int:
     """Acknowledge a fault; the motor does not start by it."""
-    with _drive(line, drive, model) as one:
+    with drive_named(line, drive, model) as one:
         one.reset()
         _done(one, line, "reset")
     return 0
@@ -200,7 +196,7 @@ def reference(
             hz = text[:-2]
         else:
             raise UsageError(f"{value!r} has no unit; write {value}% or {value}Hz")
-    with _drive(line, drive, model) as one:
+    with drive_named(line, drive, model) as one:
         one.set_reference(percent=_number(percent), hz=_number(hz))
         _done(one, line, f"reference {percent} %" if percent is not None else f"reference {hz} Hz")
     return 0
@@ -214,7 +210,7 @@ def call(
     model: Model = None,
 ) -> int:
     """Carry out a verb that only this protocol has, such as jog or set_up."""
-    with _drive(line, drive, model) as one:
+    with drive_named(line, drive, model) as one:
         result = one.call(verb, **parse_settings(arguments or []))
         _done(one, line, verb, result=result)
     return 0
@@ -225,20 +221,6 @@ def _way_to_stop(how: str) -> Stop:
         return Stop(how.lower().replace("-", "_"))
     except ValueError:
         raise UsageError(f"{how!r} is no way to stop; they are ramp, coast, quick and dc_brake") from None
-
-
-@contextmanager
-def _drive(line: LineOptions, text: str, model: str | None) -> Iterator[Drive]:
-    """Open the line and yield the drive; errors within the block then name both."""
-    name = parse_drive(text)
-    with line.bus() as bus:
-        drive = bus.drive(name.protocol, name.address, **{**name.options, **({"model": model} if model else {})})
-        try:
-            yield drive
-        except DriveCommError as error:
-            if drive.name not in str(error):
-                error.args = (f"{drive.name}: {error}", *error.args[1:])
-            raise
 
 
 def _verb_options(type: str | None, further: list[str] | None) -> dict[str, Any]:
@@ -261,22 +243,6 @@ def _show_reading(drive: Drive, parameter: str, reading: Reading, *, as_json: bo
     name = f"{reading.parameter} {reading.name}".rstrip()
     note = f"  [{reading.note}]" if reading.note else ""
     say(f"{drive.name}  {name:<34} {reading!s:>14}{note}".rstrip())
-
-
-def _show_status(drive: Drive, found: DriveStatus, *, as_json: bool) -> None:
-    if as_json:
-        emit(drive=drive.name, **plain(found))
-        return
-    words = [f"{drive.name}  {found.state.value}  word 0x{found.word:04X}"]
-    if found.fault_code:
-        words.append(f"fault {found.fault_code}" + (f" {found.fault_text}" if found.fault_text else ""))
-    if found.actual_percent is not None:
-        words.append(f"actual {found.actual_percent:.2f} %")
-    if found.actual_hz is not None:
-        words.append(f"actual {found.actual_hz} Hz")
-    if found.flags:
-        words.append(f"({', '.join(found.flags)})")
-    say("  ".join(words))
 
 
 def _done(drive: Drive, line: LineOptions, what: str, *, result: object = None) -> None:

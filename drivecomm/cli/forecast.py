@@ -36,7 +36,7 @@ def forecast(
 
     Takes the same plan as poll and opens no port.
     """
-    chosen = given_plan(words or [], plan, period_s=period, port=line.port or "")
+    chosen = given_plan(words or [], plan, period_s=period, port=line.port or "", plant=line.plant)
     facts: dict[str, Any] = {
         "baudrate": line.baudrate,
         "bytesize": line.bytesize,

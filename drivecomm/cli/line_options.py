@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
@@ -14,6 +14,7 @@ import typer
 from typer.core import TyperCommand
 
 from drivecomm import bus as buses
+from drivecomm.cli.drive_names import known_plant, parse_drive, placed
 from drivecomm.cli.output import sentence, trace_as_json, trace_to_standard_error
 from drivecomm.echo import Echo
 from drivecomm.errors import DriveCommError, UsageError
@@ -21,10 +22,13 @@ from drivecomm.tracing import tell_all
 
 if TYPE_CHECKING:
     from drivecomm.bus import Bus
+    from drivecomm.cli.drive_names import DriveName
     from drivecomm.link import TraceEvent
+    from drivecomm.plant import PlantLine, PlantLinkLoss
     from drivecomm.runners.port import Port
 
 _LINE = "Line"
+_PLANT = "Plant"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +74,52 @@ class LineOptions:
             "--record", rich_help_panel=_LINE, help="A file for every byte sent and received: .jsonl or .pcapng."
         ),
     ] = None
+    plant: Annotated[
+        Path | None,
+        typer.Option(
+            "--plant",
+            metavar="FILE",
+            rich_help_panel=_PLANT,
+            help="Plant file in which drives have names; also $DRIVECOMM_PLANT, or plant.toml here, without --port.",
+        ),
+    ] = None
+    arm: Annotated[
+        bool, typer.Option("--arm", rich_help_panel=_PLANT, help="Command a drive that the plant does not arm.")
+    ] = False
     json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False
+
+    def reaching(self, text: str) -> tuple[LineOptions, DriveName]:
+        """Return the line of a drive and the drive, which is named as PROTOCOL:ADDRESS or as the plant names it.
+
+        What the plant says of a line goes before the port that is given, and what is given before its settings; its
+        drives are read-only unless it arms them, or --arm is given. Raises UsageError.
+        """
+        place = placed(text, self.plant, port_given=self.port is not None, arm=self.arm)
+        if place is None:
+            return self, parse_drive(text)
+        port = self.port_of(place.line, place.file)
+        echo: Echo = "expect" if place.line.echo and self.echo == "off" else self.echo
+        settings = {key: value for key, value in place.line.settings.items() if getattr(self, key) is None}
+        return replace(self, port=port, echo=echo, **settings), place.name
+
+    def link_loss_of(self, text: str) -> PlantLinkLoss | None:
+        """Return what the plant says that a drive's motor shall do when its master falls silent, None for nothing."""
+        place = placed(text, self.plant, port_given=self.port is not None, arm=self.arm)
+        return place.drive.link_loss if place else None
+
+    def port_of(self, line: PlantLine, file: str) -> str:
+        """Return the port of a line of the plant, the one that is given where the plant names none."""
+        port = line.reached_at or self.port
+        if not port:
+            raise UsageError(f'{file}: line {line.name} has no port; write port = "/dev/ttyUSB0" there, or give --port')
+        return port
+
+    def at(self, port: str) -> LineOptions:
+        """Return the options for another port; where the plant says that its line has an echo, there is one."""
+        known = known_plant(self.plant, port_given=self.port is not None)
+        lines = known.plant.lines if known else ()
+        echoes = self.echo == "off" and any(line.echo for line in lines if line.reached_at == port)
+        return replace(self, port=port, echo="expect" if echoes else self.echo)
 
     @contextmanager
     def bus(self, listener: Callable[[TraceEvent], None] | None = None) -> Iterator[Bus]:
@@ -157,20 +206,24 @@ class LineCommand(TyperCommand):
 
 
 def on_a_line(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the line options; it receives them together as its argument `line`."""
+    """Give a command the line options; it receives them together as its argument `line`.
+
+    An option that the command has itself, such as one with room for several values, is its own alone.
+    """
     hints = get_type_hints(LineOptions, include_extras=True)
+    signature = inspect.signature(command, eval_str=True)
+    own = [parameter for name, parameter in signature.parameters.items() if name != "line"]
+    shared = [field for field in fields(LineOptions) if field.name not in signature.parameters]
     added = [
         inspect.Parameter(
             field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[field.name]
         )
-        for field in fields(LineOptions)
+        for field in shared
     ]
-    signature = inspect.signature(command, eval_str=True)
-    own = [parameter for name, parameter in signature.parameters.items() if name != "line"]
 
     @wraps(command)
     def with_line(**arguments: Any) -> Any:
-        line = LineOptions(**{field.name: arguments.pop(field.name) for field in fields(LineOptions)})
+        line = LineOptions(**{field.name: arguments.pop(field.name) for field in shared})
         return command(line=line, **arguments)
 
     parameters = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own] + added

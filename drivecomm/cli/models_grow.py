@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivecomm.cli.drive_names import parse_drive, parse_settings
+from drivecomm.cli.drive_names import parse_settings
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
 from drivecomm.errors import DriveCommError, DriveError, UsageError
@@ -57,8 +57,8 @@ def grow(
         raise UsageError(f"{write} is there already; name another file, or remove it")
     if not write.parent.is_dir():
         raise UsageError(f"there is no folder {write.parent} for the model; make it first")
-    name = parse_drive(drive)
-    with line.bus() as bus:
+    reached, name = line.reaching(drive)
+    with reached.bus() as bus:
         chosen = {**name.options, **({"model": model} if model else {})}
         one = bus.drive(name.protocol, name.address, **chosen)
         addresses = addresses_in(parameters or _all_known(one, name.protocol))

@@ -5,20 +5,23 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivecomm.cli.drive_names import parse_drive, parse_settings
+from drivecomm.cli.drive_names import KnownPlant, known_plant, parse_drive, parse_settings
 from drivecomm.errors import UnknownProtocolError, UsageError
 from drivecomm.plan import Plan, PlannedDrive, PlannedRead
 from drivecomm.registry import installed
+
+if TYPE_CHECKING:
+    from drivecomm.plant import Plant, PlantDrive
 
 Words = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="[DRIVE PARAM...]...",
-        help="PROTOCOL:ADDRESS and its parameters, each with ,name=value options, @SECONDS and !PRIORITY behind it.",
+        help="A drive and its parameters, each with ,name=value options, @SECONDS and !PRIORITY behind it.",
     ),
 ]
 PlanFile = Annotated[Path | None, typer.Option("--plan", help="Plan file (.toml) instead of drives and parameters.")]
@@ -29,8 +32,13 @@ _PARAMETER = re.compile(r"(?P<what>[^@!]+)(?:@(?P<period>[^@!]*))?(?:!(?P<priori
 _NEXT_SETTING = re.compile(r",(?=[A-Za-z_-]+=)")
 
 
-def given_plan(words: list[str], plan_file: Path | None, *, period_s: float, port: str) -> Plan:
-    """Return the plan of a call; drives that name no port are on this one. Raises UsageError."""
+def given_plan(
+    words: list[str], plan_file: Path | None, *, period_s: float, port: str, plant: Path | None = None
+) -> Plan:
+    """Return the plan of a call; drives that name no port are on this one. Raises UsageError.
+
+    plant: the plant file that is given, in which drives have names; without words and plan, what is polled there.
+    """
     if plan_file is not None:
         if words:
             raise UsageError("give a plan file or drives and parameters, not both")
@@ -39,19 +47,45 @@ def given_plan(words: list[str], plan_file: Path | None, *, period_s: float, por
 
         plan = read_plan(plan_file)
     else:
-        plan = parse_plan(words, period_s=period_s)
+        # What begins with a name means the plant, whatever port is given.
+        begins_with_name = bool(words) and ":" not in words[0].partition(",")[0]
+        there = known_plant(plant, port_given=bool(port) and not begins_with_name)
+        if there is not None and not words:
+            return plan_of_plant(there.plant, there.file, port=port)
+        plan = parse_plan(words, period_s=period_s, known=there)
     placed = {drive: replace(drive, port=drive.port or port) for drive in plan.drives}
     return replace(plan, reads=tuple(replace(read, drive=placed[read.drive]) for read in plan.reads))
 
 
-def parse_plan(words: list[str], *, period_s: float) -> Plan:
-    """Read `vabus:1 481 482@0.2 fuji:7,model=g11s M09!2`. Raises UsageError."""
+def plan_of_plant(plant: Plant, file: str, *, port: str) -> Plan:
+    """Return what a plant says is polled of its drives. Raises UsageError where nothing is."""
+    reads = [
+        PlannedRead(
+            drive=_planned(plant, drive, port), parameter=parameter, period_s=read.period_s, priority=read.priority
+        )
+        for drive in plant.drives
+        for read in drive.poll
+        for parameter in read.parameters
+    ]
+    if not reads:
+        raise UsageError(
+            f'{file}: nothing is polled there; write poll = [{{ parameters = ["output_frequency"] }}] in a drive, or '
+            "name drives and parameters"
+        )
+    return Plan(reads=tuple(reads))
+
+
+def parse_plan(words: list[str], *, period_s: float, known: KnownPlant | None = None) -> Plan:
+    """Read `vabus:1 481 482@0.2 fuji:7,model=g11s M09!2`. Raises UsageError.
+
+    known: the plant, whose names stand for its drives.
+    """
     drive: PlannedDrive | None = None
     drives: dict[str, PlannedDrive] = {}
     reads: list[PlannedRead] = []
     for word in words:
-        if _names_a_drive(word):
-            drive = _drive(word)
+        if _names_a_drive(word, known):
+            drive = _drive(word, known)
             # A drive that is named again goes on with what it had.
             drive = drives.setdefault(word, drive)
         elif drive is None:
@@ -66,7 +100,9 @@ def parse_plan(words: list[str], *, period_s: float) -> Plan:
     return Plan(reads=tuple(reads))
 
 
-def _names_a_drive(word: str) -> bool:
+def _names_a_drive(word: str, there: KnownPlant | None) -> bool:
+    if there is not None and word.partition(",")[0] in {drive.name for drive in there.plant.drives}:
+        return True
     protocol, colon, _ = word.partition(",")[0].partition(":")
     if colon and protocol in installed:
         return True
@@ -76,9 +112,24 @@ def _names_a_drive(word: str) -> bool:
     return False
 
 
-def _drive(word: str) -> PlannedDrive:
+def _drive(word: str, known: KnownPlant | None) -> PlannedDrive:
+    called, *settings = word.split(",")
+    if known is not None and called in {drive.name for drive in known.plant.drives}:
+        planned = _planned(known.plant, known.plant.drive(called), "")
+        return replace(planned, options={**planned.options, **parse_settings(settings)})
     name = parse_drive(word)
     return PlannedDrive(protocol=name.protocol, address=name.address, options=name.options)
+
+
+def _planned(plant: Plant, drive: PlantDrive, port: str) -> PlannedDrive:
+    line = plant.line(drive.line)
+    return PlannedDrive(
+        protocol=drive.protocol,
+        address=drive.address,
+        options={**line.settings, **drive.options},
+        name=drive.name,
+        port=line.reached_at or port,
+    )
 
 
 def _read(word: str, drive: PlannedDrive, period_s: float) -> PlannedRead:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import ExitStack, closing
-from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,7 +33,7 @@ def poll(
 
     Exit code 0 when each was read at least once, otherwise that of the first one that never was.
     """
-    chosen = given_plan(words or [], plan, period_s=period, port=line.port or "")
+    chosen = given_plan(words or [], plan, period_s=period, port=line.port or "", plant=line.plant)
     show = _emit if line.json else _say
     unread: dict[PollItem[Any], DriveCommError | None] = {}
     with ExitStack() as stack:
@@ -59,7 +58,7 @@ def _open(stack: ExitStack, line: LineOptions, ports: Iterable[str]) -> dict[str
         if not port:
             raise UsageError("some drives have no port: give --port, or name ports in the plan")
         try:
-            buses[port] = stack.enter_context(replace(line, port=port).bus())
+            buses[port] = stack.enter_context(line.at(port).bus())
         except DriveCommError:
             # The lines that are open already are not at fault; leaving them by this error would add their names.
             stack.close()

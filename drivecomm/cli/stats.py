@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drivecomm.cli.drive_names import DriveName, parse_drive
+from drivecomm.cli.drive_names import DriveName
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
 from drivecomm.errors import DriveError, NotAnsweringError, ReplyError, UsageError
@@ -32,7 +32,7 @@ def stats(
     line: LineOptions,
     drives: Annotated[
         list[str] | None,
-        typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS, such as vabus:1. If absent: those a scan finds."),
+        typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS or a name of the plant. If absent: those a scan finds."),
     ] = None,
     seconds: Annotated[float, typer.Option("--for", metavar="SECONDS", help="How long to ask.")] = 5.0,
 ) -> int:
@@ -42,9 +42,11 @@ def stats(
     """
     if not 0 < seconds < float("inf"):
         raise UsageError(f"{seconds:g} s is no time to ask for; give --for a number above 0")
-    names = [parse_drive(text) for text in drives] if drives else _scanned(line)
+    reached = [line.reaching(text) for text in drives or []]
+    names = [name for _, name in reached] if drives else _scanned(line)
     if not names:
         return 1
+    line = _only_line([at for at, _ in reached]) if reached else line
     with line.bus() as bus:
         asked = [bus.drive(name.protocol, name.address, **name.options) for name in names]
         began = bus.now()
@@ -55,6 +57,12 @@ def stats(
             counted = {one.name: bus.statistics.get(one.name, Statistics()) for one in asked}
             _show(counted, bus.now() - began, line)
     return 0 if all(each.counters["replies"] for each in counted.values()) else 1
+
+
+def _only_line(reached: list[LineOptions]) -> LineOptions:
+    if len({(line.port, str(line.facts)) for line in reached}) > 1:
+        raise UsageError("these drives are on several lines; ask those of one line at a time")
+    return reached[0]
 
 
 def _scanned(line: LineOptions) -> list[DriveName]:

@@ -20,15 +20,17 @@ def stop_at_once(arguments: list[str]) -> int | None:
     given = given_in_haste(arguments)
     if given is None:
         return None
+    from drivecomm.cli.drive_names import plant_file  # noqa: PLC0415 - not before the arguments are known
     from drivecomm.cli.output import complain  # noqa: PLC0415 - not before the arguments are known
     from drivecomm.cli.stopping import Everything, stop_all  # noqa: PLC0415
     from drivecomm.errors import DriveCommError  # noqa: PLC0415
 
     as_json = "--json" in arguments
     plant = given.get("plant")
+    port = given.get("port") or os.environ.get("DRIVECOMM_PORT") or None
     everything = Everything(
-        port=given.get("port") or os.environ.get("DRIVECOMM_PORT") or None,
-        plant=Path(plant) if plant else None,
+        port=port,
+        plant=plant_file(Path(plant) if plant else None, port_given=port is not None),
         how=Stop(given.get("how", "ramp")),
     )
     try:

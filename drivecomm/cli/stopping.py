@@ -117,11 +117,10 @@ def _lines_of(plant: Plant, everything: Everything) -> Iterator[_Line]:
     for each in plant.lines:
         drives = plant.on_line(each.name)
         if drives:
-            echo = {"echo": "expect"} if each.echo else {}
             yield _Line(
                 name=each.name,
-                port=each.port or (everything.port if len(plant.lines) == 1 else None),
-                opening={**everything.opening, **echo, **each.settings},
+                port=each.reached_at or (everything.port if len(plant.lines) == 1 else None),
+                opening={**everything.opening, **each.opening},
                 drives=drives,
             )
 

@@ -192,7 +192,6 @@ def test_without_a_plant_everybody_is_told_and_nobody_confirms(shell):
     ("arguments", "code", "sentence"),
     [
         (["--all", "vabus:1"], 2, "leave vabus:1 out"),
-        (["--plant", "plant.toml"], 2, "--plant goes with --all"),
         ([], 2, "no drive named"),
         (["--all", "--how", "gently"], 2, "no way to stop"),
         (["--all", "--plant", "nowhere.toml"], 2, "nowhere.toml: cannot be read as a plant"),

@@ -28,6 +28,7 @@ NAMES = {
     "DriveStatus",
     "FileFormatError",
     "Found",
+    "LineChoices",
     "LineSettings",
     "LinkDownError",
     "LinkError",

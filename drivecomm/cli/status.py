@@ -1,0 +1,213 @@
+"""The status command: of one drive, or of the whole plant."""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from time import monotonic
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drivecomm.cli.drive_names import known_plant
+from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.opened_drive import drive_named
+from drivecomm.cli.output import emit, plain, say, sentence
+from drivecomm.errors import DriveError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from rich.text import Text
+
+    from drivecomm.drive import Drive
+    from drivecomm.plant_status import DriveReport
+    from drivecomm.reading import Reading
+    from drivecomm.status import DriveStatus
+
+_WIDTH = 80
+"""Of the table, where it is not drawn on a terminal."""
+
+_COLOURS = {"fault": "bold red", "running": "green", "stopping": "yellow", "not_ready": "yellow", "no answer": "dim"}
+
+
+def status(
+    line: LineOptions,
+    drive: Annotated[
+        str | None,
+        typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS or a name of the plant. If absent: the whole plant."),
+    ] = None,
+    model: Annotated[str | None, typer.Option("--model", "-m", help="Model by name, or a .toml file.")] = None,
+) -> int:
+    """Show how a drive is, or all drives of the plant; commands nothing.
+
+    Exit code 5 when a drive has a fault, 4 when one does not answer.
+    """
+    if drive is None:
+        return _of_the_plant(line)
+    with drive_named(line, drive, model) as one:
+        found = one.status()
+        _show(one, found, as_json=line.json)
+    return DriveError.exit_code if found.fault else 0
+
+
+def _of_the_plant(line: LineOptions) -> int:
+    known = known_plant(line.plant, port_given=False)
+    if known is None:
+        raise UsageError(
+            "no drive and no plant; name a drive, such as vabus:1, or a plant file with --plant, or let a scan write "
+            "one: drivecomm scan --write plant.toml"
+        )
+    if not known.plant.drives:
+        raise UsageError(f"{known.file}: there is no drive in this plant; add a [[drive]]")
+    if line.record is not None and len(known.plant.lines) > 1:
+        raise UsageError("--record is for one line, and this plant has several; name a drive, or leave it out")
+    # Loaded by those who have a plant only.
+    from drivecomm.opened_plant import OpenPlant  # noqa: PLC0415
+    from drivecomm.plant_status import plant_status  # noqa: PLC0415
+
+    opening = {key: value for key, value in line.opening.items() if (key, value) != ("echo", "off")}
+    port_of = partial(line.port_of, file=known.file)
+    with OpenPlant(known.plant, known.file, port_of=port_of, **opening) as opened:
+        reports = plant_status(opened)
+    now = monotonic()
+    if line.json:
+        for report in reports:
+            _emit(report, now)
+    else:
+        _draw(reports, now)
+    return max(report.exit_code for report in reports)
+
+
+def _emit(report: DriveReport, now: float) -> None:
+    status, error, drive = report.status, report.error, report.drive
+    emit(
+        name=drive.name,
+        drive=f"{drive.protocol}:{drive.address}",
+        model=str(drive.options.get("model", "")),
+        line=drive.line,
+        title=drive.title,
+        armed=drive.armed,
+        answers=error is None,
+        state=None if status is None else status.state,
+        fault=None if status is None else status.fault,
+        fault_code=None if status is None else status.fault_code,
+        fault_text="" if status is None else status.fault_text,
+        output_hz=report.output_hz,
+        output_percent=None if status is None else status.actual_percent,
+        output_current_a=report.current_a,
+        reference=None if report.reference is None else report.reference.value,
+        reference_unit="" if report.reference is None else report.reference.unit,
+        age_s=round(now - report.asked_at, 3),
+        error="" if error is None else sentence(error),
+    )
+
+
+_Cell = tuple[str, str]
+"""A text, and the style that it is drawn in."""
+
+_HEAD = ("name", "drive", "model", "state", "output", "current", "reference", "age")
+_TO_THE_RIGHT = frozenset({"output", "current", "reference", "age"})
+# What gives way first where a terminal is narrow.
+_DISPENSABLE = ("age", "model", "drive")
+
+
+def _draw(reports: Sequence[DriveReport], now: float) -> None:
+    from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
+
+    console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else _WIDTH, markup=False, highlight=False)
+    rows = [dict(zip(_HEAD, _cells(report, now), strict=True)) for report in reports]
+    names = list(_HEAD)
+    if all(row["name"][0] == row["drive"][0] for row in rows):
+        names.remove("drive")
+    if not any(row["model"][0] for row in rows):
+        names.remove("model")
+    width = {name: max(len(name), *(len(row[name][0]) for row in rows)) for name in names}
+    for name in _DISPENSABLE:
+        if name in names and sum(width[each] for each in names) + 2 * (len(names) - 1) > console.width:
+            names.remove(name)
+    wanted = names
+
+    def line_of(row: dict[str, _Cell]) -> Text:
+        from rich.text import Text  # noqa: PLC0415 - as above
+
+        text = Text()
+        for place, name in enumerate(wanted):
+            words, style = row[name]
+            padded = words.rjust(width[name]) if name in _TO_THE_RIGHT else words.ljust(width[name])
+            text.append("  " if place else "").append(padded, style)
+        text.rstrip()
+        return text
+
+    console.print(line_of({name: (name, "bold") for name in wanted}), soft_wrap=True)
+    for report, row in zip(reports, rows, strict=True):
+        console.print(line_of(row), soft_wrap=True)
+        _explain(report, console.width, lambda text, style: console.print(text, style=style, soft_wrap=True))
+    console.print(_summary(reports), soft_wrap=True)
+
+
+def _cells(report: DriveReport, now: float) -> tuple[_Cell, ...]:
+    drive, found = report.drive, report.status
+    state = "no answer" if found is None else found.state.value
+    colour = _COLOURS.get(state, "")
+    dim = "dim" if found is None else ""
+    output = f"{report.output_hz:.2f} Hz" if report.output_hz is not None else ""
+    if not output and found is not None and found.actual_percent is not None:
+        output = f"{found.actual_percent:.2f} %"
+    return (
+        (drive.name, dim or "bold"),
+        (f"{drive.protocol}:{drive.address}", dim),
+        (str(drive.options.get("model", "")), dim),
+        (state.replace("_", " "), colour),
+        (output or "-", dim),
+        ("-" if report.current_a is None else f"{report.current_a:.2f} A", dim),
+        (_reference(report.reference), dim),
+        ("-" if found is None else f"{max(0.0, now - report.asked_at):.1f} s", dim),
+    )
+
+
+def _reference(reading: Reading | None) -> str:
+    if reading is None or isinstance(reading.value, str):
+        return "-"
+    return f"{reading.value:.2f} {reading.unit}".rstrip()
+
+
+def _explain(report: DriveReport, width: int, tell: Callable[[str, str], None]) -> None:
+    """Tell below a drive's row what is wrong with it."""
+    from textwrap import wrap  # noqa: PLC0415 - only where something is wrong
+
+    if report.error is not None:
+        words, style = sentence(report.error), "dim"
+    elif report.status is not None and report.status.fault:
+        code = "" if report.status.fault_code is None else f" {report.status.fault_code}"
+        words, style = f"fault{code} {report.status.fault_text}".rstrip(), "red"
+    elif report.status is not None and report.status.warning:
+        words, style = "a warning is active", "yellow"
+    else:
+        return
+    for text in wrap(words, max(20, width - 4), break_long_words=False, break_on_hyphens=False):
+        tell(f"    {text}", style)
+
+
+def _summary(reports: Sequence[DriveReport]) -> str:
+    faults = sum(report.status is not None and report.status.fault for report in reports)
+    silent = sum(report.status is None for report in reports)
+    count = f"{len(reports)} drive{'' if len(reports) == 1 else 's'}"
+    wrong = [f"{number} {what}" for number, what in ((faults, "with a fault"), (silent, "not answering")) if number]
+    return f"{count}: {', '.join(wrong) or 'no fault'}"
+
+
+def _show(drive: Drive, found: DriveStatus, *, as_json: bool) -> None:
+    if as_json:
+        emit(drive=drive.name, **plain(found))
+        return
+    words = [f"{drive.name}  {found.state.value}  word 0x{found.word:04X}"]
+    if found.fault_code:
+        words.append(f"fault {found.fault_code}" + (f" {found.fault_text}" if found.fault_text else ""))
+    if found.actual_percent is not None:
+        words.append(f"actual {found.actual_percent:.2f} %")
+    if found.actual_hz is not None:
+        words.append(f"actual {found.actual_hz} Hz")
+    if found.flags:
+        words.append(f"({', '.join(found.flags)})")
+    say("  ".join(words))

@@ -1,0 +1,143 @@
+"""A plant from its masters' side: its drives by name, on lines that are opened when they are needed.
+
+    with open_plant("plant.toml") as plant:
+        pump = plant.drive("pump")
+        print(pump.read("output_frequency"))
+
+A drive that the plant does not arm is read-only: what writes or commands raises UsageError before anything is sent.
+Stopping it is always allowed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from threading import RLock
+from typing import TYPE_CHECKING, Any, Self
+
+from drivecomm import bus as buses
+from drivecomm.errors import UsageError
+from drivecomm.plant_files import read_plant
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import TracebackType
+
+    from drivecomm.bus import Bus
+    from drivecomm.drive import Drive
+    from drivecomm.link import TraceEvent
+    from drivecomm.plant import Plant, PlantDrive, PlantLine
+    from drivecomm.runners.port import Port
+
+DEFAULT_FILE = Path("plant.toml")
+
+
+class OpenPlant(Mapping[str, "Drive"]):
+    """The drives of a plant by name; looking one up opens its line. May be used from many threads.
+
+    plant: what there is. file: what errors call it. port_of: what to open for a line instead of the port that the plant
+    names, such as a function that returns a port; None for that. opening: further keywords of `open_bus`, for all
+    lines; what is given goes before what the plant says of a line.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        file: str = str(DEFAULT_FILE),
+        *,
+        port_of: Callable[[PlantLine], str | Callable[[], Port]] | None = None,
+        **opening: Any,
+    ) -> None:
+        self.plant = plant
+        self.file = file
+        self._port_of = port_of or self._said_port
+        self._opening = opening
+        # One for each line: a port that takes long to open does not hold up the others.
+        self._guards = {line.name: RLock() for line in plant.lines}
+        self._stack = ExitStack()
+        self._lines: dict[str, Bus] = {}
+        self._drives: dict[str, Drive] = {}
+
+    @property
+    def drives(self) -> Mapping[str, Drive]:
+        """All drives by name, in the order of the plant; looking one up opens its line."""
+        return self
+
+    def drive(self, name: str) -> Drive:
+        """Return a drive by its name, or by PROTOCOL:ADDRESS where that is one drive only; opens its line.
+
+        Raises UsageError for a name that the plant does not have, PortError when its line cannot be opened.
+        """
+        try:
+            found = self.plant.drive(name)
+        except UsageError as error:
+            raise UsageError(f"{self.file}: {error}") from error
+        with self._guards[found.line]:
+            if found.name not in self._drives:
+                self._drives[found.name] = self._made(found)
+            return self._drives[found.name]
+
+    def bus(self, line: str) -> Bus:
+        """Return the bus of a line, opened when it is asked for first. Raises as `drive` does."""
+        try:
+            found = self.plant.line(line)
+        except UsageError as error:
+            raise UsageError(f"{self.file}: {error}") from error
+        with self._guards[line]:
+            if line not in self._lines:
+                given = {key: value for key, value in self._opening.items() if value is not None}
+                opening = {**found.opening, **given}
+                self._lines[line] = self._stack.enter_context(buses.open_bus(self._port_of(found), **opening))
+            return self._lines[line]
+
+    def close(self) -> None:
+        """Close all lines that were opened; a drive that is looked up afterwards opens its line again."""
+        self._drives.clear()
+        self._lines.clear()
+        self._stack.close()
+
+    def __getitem__(self, name: str) -> Drive:
+        """Return a drive by the name that the plant gives it."""
+        if name not in list(self):
+            raise KeyError(name)
+        return self.drive(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter([drive.name for drive in self.plant.drives])
+
+    def __len__(self) -> int:
+        return len(self.plant.drives)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _made(self, found: PlantDrive) -> Drive:
+        bus = self.bus(found.line)
+        try:
+            return bus.drive(
+                found.protocol, found.address, **{**found.options, "read_only": found.why_read_only(self.file)}
+            )
+        except UsageError as error:
+            raise UsageError(f"{self.file}: drive {found.name}: {error}") from error
+
+    def _said_port(self, line: PlantLine) -> str:
+        if not line.reached_at:
+            raise UsageError(f'{self.file}: line {line.name} has no port; write port = "/dev/ttyUSB0" there')
+        return line.reached_at
+
+
+def open_plant(
+    file: str | Path = DEFAULT_FILE, *, trace: Callable[[TraceEvent], None] | None = None, **opening: Any
+) -> OpenPlant:
+    """Read a plant file and return its drives, a context manager; nothing is opened before a drive is looked up.
+
+    trace: called for everything that happens on its lines. opening: further keywords of `open_bus`, for all lines.
+    Raises FileFormatError for a file that is no plant.
+    """
+    return OpenPlant(read_plant(Path(file)), str(file), trace=trace, **opening)

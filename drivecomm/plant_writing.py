@@ -1,0 +1,175 @@
+"""Plants as the text of a file that `drivecomm.plant_files` reads, and that people go on with."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.plant import Plant, PlantDrive, PlantLine
+from drivecomm.scanning import options_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from drivecomm.plant import PlantRead
+    from drivecomm.scanning import Found
+
+_ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
+_NAME_HINT = '# name = "pump"'
+_ADVICE = """\
+# Written by a scan. Give the drives names (take away the # before name), and then:
+#   drivecomm status          shows them all
+#   drivecomm read NAME ...   reads one of them
+# A drive is read-only until it has armed = true.
+"""
+
+
+def plant_of_found(found: Iterable[Found], *, port: str, line: str = "line", echo: bool = False) -> Plant:
+    """Return the plant that a scan of one line has found; settings that all drives share are the line's.
+
+    Who answered with damage only is left out: nothing is known of it.
+    """
+    sound = [one for one in found if one.sound]
+    met = {one.settings for one in sound}
+    shared = next(iter(met)) if len(met) == 1 else None
+    drives = tuple(
+        PlantDrive(
+            protocol=one.protocol,
+            address=one.address,
+            line=line,
+            options={
+                **({"model": one.model} if one.model else {}),
+                **(options_of(one.settings) if one.settings is not None and shared is None else {}),
+            },
+        )
+        for one in sound
+    )
+    settings = options_of(shared) if shared is not None else {}
+    return Plant(lines=(PlantLine(name=line, port=port, echo=echo, settings=settings),), drives=drives)
+
+
+def plant_text(plant: Plant, remarks: Mapping[str, str] | None = None) -> str:
+    """Return what masters need of a plant as the text of a file: lines, drives, and what may be done with them.
+
+    remarks: comments to drives by their names. What is said for virtual drives only (values, motors, faults, where a
+    line listens) is left out. A drive that is named after its address gets no name, but a place for one.
+    """
+    parts = ["format = 1\n"]
+    parts += [_entry("line", _line(line)) for line in plant.lines]
+    only = len(plant.lines) == 1
+    for drive in plant.drives:
+        remark = (remarks or {}).get(drive.name, "")
+        parts.append(_entry("drive", _drive(drive, with_line=not only), remark))
+    return "\n".join(parts)
+
+
+def found_text(found: Sequence[Found], *, port: str, echo: bool = False) -> str:
+    """Return the text of a plant file for what a scan has found, with what the drives tell of themselves as remarks."""
+    told = {
+        one.name: ", ".join(f"{name} {value}" for name, value in one.identity.items()) for one in found if one.sound
+    }
+    damaged = [f"# {one.name} answered with damage only\n" for one in found if not one.sound]
+    text = plant_text(plant_of_found(found, port=port, echo=echo), told)
+    return "\n".join([_ADVICE, text, *damaged])
+
+
+def write_new(file: Path, text: str) -> None:
+    """Write a file that does not exist yet. Raises UsageError when it does, FileFormatError when it cannot be."""
+    try:
+        with file.open("x", encoding="utf-8") as opened:
+            opened.write(text)
+    except FileExistsError as error:
+        raise UsageError(there_already(file)) from error
+    except OSError as error:
+        raise FileFormatError(f"{file}: cannot be written: {error.strerror or error}") from error
+
+
+def write_over(file: Path, text: str) -> None:
+    """Write a file, in place of the one that is there; a cut leaves one of both whole. Raises FileFormatError."""
+    try:
+        handle, beside = tempfile.mkstemp(dir=file.parent, prefix=f"{file.name}.", text=True)
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as opened:
+                opened.write(text)
+            Path(beside).chmod(file.stat().st_mode if file.exists() else 0o644)
+            Path(beside).replace(file)
+        except BaseException:
+            Path(beside).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise FileFormatError(f"{file}: cannot be written: {error.strerror or error}") from error
+
+
+def there_already(file: Path) -> str:
+    """Return the sentence for a file that must not be overwritten."""
+    return f"{file} exists already; name another file, or write --force to overwrite it"
+
+
+def _line(line: PlantLine) -> dict[str, Any]:
+    return {
+        "name": line.name,
+        **({"port": line.port} if line.port else {}),
+        **({"echo": True} if line.echo else {}),
+        **line.settings,
+    }
+
+
+def _drive(drive: PlantDrive, *, with_line: bool) -> dict[str, Any]:
+    address = f"{drive.protocol}:{drive.address}"
+    return {
+        **({"name": drive.name} if drive.name != address else {}),
+        "drive": address,
+        **({"line": drive.line} if with_line else {}),
+        **({"title": drive.title} if drive.title else {}),
+        **({"options": dict(drive.options)} if drive.options else {}),
+        **({"armed": True} if drive.armed else {}),
+        **({"poll": [_read(each) for each in drive.poll]} if drive.poll else {}),
+        **(
+            {"link_loss": {"policy": drive.link_loss.policy, "watchdog_s": drive.link_loss.watchdog_s}}
+            if drive.link_loss
+            else {}
+        ),
+    }
+
+
+def _read(read: PlantRead) -> dict[str, Any]:
+    return {"parameters": list(read.parameters), "period_s": read.period_s, "priority": read.priority}
+
+
+def _entry(kind: str, content: Mapping[str, Any], remark: str = "") -> str:
+    lines = [f"[[{kind}]]"]
+    if remark:
+        # A comment has no control characters, whatever a drive tells.
+        lines.append("# " + "".join(each for each in " ".join(remark.split()) if each.isprintable()))
+    if kind == "drive" and "name" not in content:
+        lines.append(_NAME_HINT)
+    lines += [f"{key} = {_value(value)}" for key, value in content.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return f'"{"".join(_character(each) for each in value)}"'
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{_key(key)} = {_value(each)}" for key, each in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_value(each) for each in value) + "]"
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
+        return f"{value:.1f}"
+    return str(value)
+
+
+def _key(key: str) -> str:
+    bare = bool(key) and key.isascii() and key.replace("_", "").replace("-", "").isalnum()
+    return key if bare else _value(key)
+
+
+def _character(each: str) -> str:
+    if each in _ESCAPES:
+        return _ESCAPES[each]
+    return each if each.isprintable() else f"\\U{ord(each):08x}"

@@ -1,0 +1,124 @@
+"""The operations of a drive that may be asked and stopped, and nothing else.
+
+What writes or commands is refused before anything is sent. Verbs of the protocol's own are carried out as far as they
+only ask.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+
+from drivecomm.errors import ReplyError, UsageError
+from drivecomm.exchange import Pause
+from drivecomm.status import Stop
+from drivecomm.verbs import COMMON_VERBS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from drivecomm.exchange import Exchange
+    from drivecomm.protocol import Capabilities, Operations
+    from drivecomm.reading import Reading, Value
+    from drivecomm.status import DriveStatus
+    from drivecomm.telegram import Message
+
+T = TypeVar("T")
+
+
+class ReadOnly:
+    """The operations of a drive without those that write or command; stopping it stays, always.
+
+    why: the sentence that a refusal gives. only_asks: the protocol's, None where it has none: then no verb of its own
+    is let through.
+    """
+
+    def __init__(self, operations: Operations, why: str, only_asks: Callable[[Message], bool] | None) -> None:
+        self._operations = operations
+        self._why = why
+        self._only_asks = only_asks
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What this drive could be asked to do."""
+        return self._operations.capabilities
+
+    @property
+    def read(self) -> Callable[..., Exchange[Reading]]:
+        """Read one parameter."""
+        return self._operations.read
+
+    @property
+    def write(self) -> Callable[..., Exchange[Reading | None]]:
+        """Refuse to write."""
+        return self._refused
+
+    @property
+    def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
+        """The protocol's own verbs, as far as they only ask; those that every maker's drives have all command."""
+        return {
+            name: self._refused if name in COMMON_VERBS else self._asking(verb)
+            for name, verb in self._operations.extra.items()
+        }
+
+    def commanded_elsewhere(self) -> None:
+        """Forget the last command."""
+        self._operations.commanded_elsewhere()
+
+    def status(self) -> Exchange[DriveStatus]:
+        """Read the status word."""
+        return self._operations.status()
+
+    def start(self, *, reverse: bool = False) -> Exchange[None]:
+        """Refuse to start."""
+        self._refused(reverse)
+
+    def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
+        """Stop the motor."""
+        return self._operations.stop(how)
+
+    def reset(self) -> Exchange[None]:
+        """Refuse to acknowledge a fault."""
+        self._refused()
+
+    def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
+        """Refuse to set the reference."""
+        self._refused(percent)
+
+    def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
+        """Refuse to set the reference."""
+        self._refused(hz)
+
+    def probe(self) -> Exchange[None]:
+        """Ask whether a drive is there."""
+        return self._operations.probe()
+
+    def identify(self) -> Exchange[Mapping[str, str]]:
+        """Read what the drive tells of itself."""
+        return self._operations.identify()
+
+    def _refused(self, *_: object, **__: object) -> NoReturn:
+        raise UsageError(self._why)
+
+    def _asking(self, verb: Callable[..., Exchange[T]]) -> Callable[..., Exchange[T]]:
+        def asked(*values: Any, **options: Any) -> Exchange[T]:
+            return self._as_long_as_it_asks(verb(*values, **options))
+
+        return asked
+
+    def _as_long_as_it_asks(self, exchange: Exchange[T]) -> Exchange[T]:
+        """Carry out an exchange up to the first telegram that does more than ask; that one is not sent."""
+        try:
+            command = next(exchange)
+            while True:
+                if not isinstance(command, Pause) and not (self._only_asks and self._only_asks(command.message)):
+                    exchange.close()
+                    raise UsageError(self._why)
+                try:
+                    outcome = yield command
+                except ReplyError as error:
+                    command = exchange.throw(error)
+                else:
+                    command = exchange.send(outcome)
+        except StopIteration as finished:
+            result: T = finished.value
+            return result

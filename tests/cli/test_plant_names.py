@@ -1,0 +1,383 @@
+"""Drives by the names that a plant file gives them, in every command; status of the whole plant; scan --write."""
+
+from pathlib import Path
+
+import pytest
+
+import drivecomm.bus
+from drivecomm.line import LineSettings
+from drivecomm.plant_files import read_plant
+from drivecomm.virtual import virtual_drive
+from drivecomm.virtual.virtual_plant import VirtualPlant
+
+PLANT = """
+format = 1
+
+[[line]]
+name = "hall"
+port = "HALL"
+
+[[line]]
+name = "yard"
+port = "YARD"
+echo = true
+
+[[drive]]
+name = "pump"
+drive = "vabus:1"
+line = "hall"
+options = { model = "agile" }
+armed = true
+poll = [{ parameters = ["480"], period_s = 0 }]
+
+[[drive]]
+name = "fan"
+title = "exhaust fan"
+drive = "danfoss-fc:3"
+line = "hall"
+options = { model = "fc300" }
+
+[[drive]]
+name = "mixer"
+drive = "fuji:2"
+line = "yard"
+"""
+
+
+@pytest.fixture
+def plant(shell, tmp_path, monkeypatch):
+    """A plant file, and its lines as ports of the shell."""
+    monkeypatch.delenv("DRIVECOMM_PLANT", raising=False)
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "hall.toml"
+    path.write_text(PLANT)
+    virtual = VirtualPlant(read_plant(path))
+    shell.lines.update({line.upper(): virtual.line(line) for line in ("hall", "yard")})
+    virtual.path = str(path)
+    return virtual
+
+
+def test_a_drive_is_read_by_its_name(shell, plant):
+    assert shell("read", "pump", "480", "--plant", plant.path, port=None) == 0
+    assert shell.out == "vabus:1  480 fixed_frequency_1                    30.00 Hz\n"
+    # The echo of its line is known, too.
+    assert shell("read", "mixer", "M14", "--plant", plant.path, port=None) == 0
+
+
+def test_where_the_plant_file_is_found(shell, plant, monkeypatch):
+    assert shell("status", "pump", port=None) == 2
+    assert "'pump' names no drive" in shell.err
+    assert "--plant plant.toml" in shell.err
+    monkeypatch.setenv("DRIVECOMM_PLANT", plant.path)
+    assert shell("status", "pump", port=None) == 0
+    monkeypatch.delenv("DRIVECOMM_PLANT")
+    Path(plant.path).rename("plant.toml")
+    assert shell("status", "pump", port=None) == 0
+    # By its address it is found alike, and then it is the plant's drive: read-only.
+    assert shell("status", "danfoss-fc:3", port=None) == 0
+    assert shell("reset", "danfoss-fc:3", port=None) == 2
+    assert "fan is read-only in plant.toml" in shell.err
+
+
+def test_a_port_that_is_given_goes_its_own_way(shell, plant):
+    Path(plant.path).rename("plant.toml")
+    shell.line(virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 3))
+    shell.lines["line"].drives[0].poke("480", 1111)
+    assert shell("read", "vabus:1,model=agile", "480") == 0
+    assert "11.11 Hz" in shell.out
+    assert shell("reset", "danfoss-fc:3") == 0
+    # A name can mean the plant only, and its line has a port of its own.
+    assert shell("read", "pump", "480") == 0
+    assert "30.00 Hz" in shell.out
+
+
+def test_an_environment_with_a_port_is_a_given_port(shell, plant, monkeypatch):
+    Path(plant.path).rename("plant.toml")
+    shell.line(virtual_drive("danfoss-fc", 3))
+    monkeypatch.setenv("DRIVECOMM_PORT", "line")
+    assert shell("reset", "danfoss-fc:3", port=None) == 0
+    assert shell("reset", "fan", port=None) == 2
+
+
+@pytest.mark.usefixtures("plant")
+def test_a_line_without_a_port_takes_the_one_that_is_given(shell, tmp_path):
+    path = tmp_path / "bare.toml"
+    path.write_text('format = 1\n[[line]]\nname = "hall"\n[[drive]]\nname = "pump"\ndrive = "vabus:1"\n')
+    assert shell("status", "pump", "--plant", str(path), port=None) == 2
+    assert "line hall has no port" in shell.err
+    assert shell("status", "pump", "--plant", str(path), port="HALL") == 0
+
+
+@pytest.mark.usefixtures("plant")
+def test_settings_that_are_given_go_before_those_of_the_line(shell, tmp_path):
+    path = tmp_path / "fast.toml"
+    path.write_text(PLANT.replace('port = "HALL"', 'port = "HALL"\nbaudrate = 38400'))
+    assert shell("status", "pump", "--plant", str(path), port=None) == 4
+    assert shell("status", "pump", "--plant", str(path), "--baudrate", "19200", port=None) == 0
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("write", "fan", "3-41", "5"),
+        ("reset", "fan"),
+        ("reference", "fan", "10%"),
+        ("call", "fan", "jog"),
+    ],
+)
+def test_a_drive_that_is_not_armed_is_not_commanded_unless_somebody_says_so(shell, plant, command):
+    sent = []
+    line = plant.line("hall")
+    transmit = line.transmit
+    line.transmit = lambda data: (sent.append(data), transmit(data))
+    assert shell(*command, "--plant", plant.path, port=None) == 2
+    assert f"fan is read-only in {plant.path}; write armed = true there, or give --arm for this once" in shell.err
+    assert sent == []
+    assert shell(*command, "--plant", plant.path, "--arm", port=None) == 0
+    assert sent
+
+
+def test_stopping_needs_no_arms(shell, plant):
+    assert shell("stop", "fan", "--plant", plant.path, port=None) == 0
+    assert "commanded" in shell.out
+
+
+def test_an_armed_drive_is_written(shell, plant):
+    assert shell("write", "pump", "480", "12.5", "--plant", plant.path, port=None) == 0
+    assert plant.get("pump", "480") == "000004E2"
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("door", "there is no drive 'door' in this plant; it has pump, fan, mixer"),
+        ("fuji:9", "there is no drive 'fuji:9' in this plant"),
+        ("pump,speed=3", "no option 'speed'"),
+    ],
+)
+def test_names_that_are_not_there(shell, plant, name, sentence):
+    assert shell("status", name, "--plant", plant.path, port=None) == 2
+    assert sentence in shell.err
+    assert shell.err.count("\n") == 1
+
+
+@pytest.mark.usefixtures("plant")
+def test_a_plant_file_that_is_none(shell, tmp_path):
+    path = tmp_path / "wrong.toml"
+    path.write_text("format = 1\n[[line]]\nname = 'hall'\narmed = true\n")
+    assert shell("status", "pump", "--plant", str(path), port=None) == 2
+    assert f"{path}: line 1 (hall): 'armed' is no key here" in shell.err
+
+
+class TestOtherCommands:
+    def test_stats(self, shell, plant):
+        assert shell("stats", "pump", "fan", "--for", "0.5", "--plant", plant.path, port=None) == 0
+        assert "danfoss-fc:3" in shell.out
+        assert shell("stats", "pump", "mixer", "--plant", plant.path, port=None) == 2
+        assert "several lines" in shell.err
+
+    def test_poll_by_name(self, shell, plant):
+        words = ("poll", "pump", "480", "481", "mixer", "M14", "--cycles", "1", "--plant", plant.path, "--json")
+        assert shell(*words, port=None) == 0
+        # Both lines are asked at the same time, so that their order is open.
+        assert sorted((one["drive"], one["parameter"], one["quality"]) for one in shell.objects) == [
+            ("mixer", "M14", "good"),
+            ("pump", "480", "good"),
+            ("pump", "481", "good"),
+        ]
+        assert shell("poll", "door", "480", "--plant", plant.path, port=None) == 2
+        assert "'door' names no drive" in shell.err
+
+    def test_options_behind_a_name_go_before_those_of_the_plant(self, shell, plant):
+        words = ("poll", "pump,model=act", "480", "--cycles", "1", "--plant", plant.path, "--json")
+        # A name means the plant whatever port is given.
+        assert shell(*words, port="nowhere") == 0
+        assert shell.objects[0]["quality"] == "good"
+
+    def test_poll_what_the_plant_says(self, shell, plant, tmp_path):
+        assert shell("poll", "--cycles", "2", "--plant", plant.path, "--json", port=None) == 0
+        assert [(one["drive"], one["parameter"]) for one in shell.objects] == [("pump", "480")] * 2
+        path = tmp_path / "idle.toml"
+        path.write_text(PLANT.replace("poll =", "# poll ="))
+        assert shell("poll", "--plant", str(path), port=None) == 2
+        assert "nothing is polled there" in shell.err
+
+    def test_forecast(self, shell, plant):
+        assert shell("forecast", "--plant", plant.path, "--json", port=None) == 0
+        assert shell.objects[0]["port"] == "HALL"
+
+
+class TestStatus:
+    def status(self, shell, plant, *options):
+        return shell("status", "--plant", plant.path, *options, port=None)
+
+    def test_the_whole_plant(self, shell, plant):
+        assert self.status(shell, plant) == 0
+        head, pump, fan, mixer, count = shell.out.splitlines()
+        assert head.split() == ["name", "drive", "model", "state", "output", "current", "reference", "age"]
+        assert pump.split()[:3] == ["pump", "vabus:1", "agile"]
+        assert "not ready" in pump
+        assert "0.00 Hz" in pump
+        assert fan.split()[:3] == ["fan", "danfoss-fc:3", "fc300"]
+        assert mixer.split()[:3] == ["mixer", "fuji:2", "ready"]
+        assert count == "3 drives: no fault"
+        assert max(map(len, shell.out.splitlines())) <= 80
+
+    def test_a_fault_goes_before_silence(self, shell, plant):
+        plant.power_off("mixer")
+        assert self.status(shell, plant) == 4
+        assert "no answer" in shell.out
+        assert "fuji:2 did not answer" in shell.out
+        assert shell.out.splitlines()[-1] == "3 drives: 1 not answering"
+        plant.trip("fan", 14)
+        assert self.status(shell, plant) == 5
+        assert "    fault 14 earth fault" in shell.out.splitlines()
+        assert shell.out.splitlines()[-1] == "3 drives: 1 with a fault, 1 not answering"
+        assert max(map(len, shell.out.splitlines())) <= 80
+
+    def test_as_json(self, shell, plant):
+        plant.power_off("mixer")
+        plant.trip("fan", 14)
+        assert self.status(shell, plant, "--json") == 5
+        pump, fan, mixer = shell.objects
+        assert (pump["name"], pump["drive"], pump["state"], pump["output_hz"]) == (
+            "pump",
+            "vabus:1",
+            "not_ready",
+            "0.00",
+        )
+        assert (fan["fault"], fan["fault_code"], fan["fault_text"]) == (True, 14, "earth fault")
+        assert (fan["title"], fan["armed"]) == ("exhaust fan", False)
+        assert (mixer["answers"], mixer["state"]) == (False, None)
+        assert "did not answer" in mixer["error"]
+
+    def test_a_port_that_is_not_there(self, shell, plant):
+        del shell.lines["YARD"]
+        assert self.status(shell, plant) == 3
+        assert "port YARD does not exist" in shell.out
+
+    def test_a_record_is_of_one_line(self, shell, plant, tmp_path):
+        assert self.status(shell, plant, "--record", str(tmp_path / "all.jsonl")) == 2
+        assert "--record is for one line" in shell.err
+
+    @pytest.mark.usefixtures("plant")
+    def test_names_that_are_addresses_are_shown_once(self, shell, tmp_path):
+        path = tmp_path / "bare.toml"
+        path.write_text('format = 1\n[[line]]\nname = "hall"\nport = "HALL"\n[[drive]]\ndrive = "vabus:1"\n')
+        assert shell("status", "--plant", str(path), port=None) == 0
+        assert shell.out.split()[:5] == ["name", "state", "output", "current", "reference"]
+        assert shell.out.count("vabus:1") == 1
+
+    @pytest.mark.usefixtures("plant")
+    def test_columns_give_way_where_names_are_long(self, shell, tmp_path):
+        path = tmp_path / "long.toml"
+        path.write_text(PLANT.replace('"pump"', '"circulating pump of the cooling water"'))
+        assert shell("status", "--plant", str(path), port=None) == 0
+        assert max(map(len, shell.out.splitlines())) <= 80
+        assert "age" not in shell.out.splitlines()[0]
+
+    def test_without_a_plant(self, shell, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.delenv("DRIVECOMM_PLANT", raising=False)
+        assert shell("status", port=None) == 2
+        assert "drivecomm scan --write plant.toml" in shell.err
+        (tmp_path / "plant.toml").write_text('format = 1\n[[line]]\nname = "hall"\n')
+        assert shell("status", port=None) == 2
+        assert "no drive in this plant" in shell.err
+
+
+class TestScan:
+    def odd_line(self, shell):
+        return shell.line(
+            virtual_drive("vabus", 2, baudrate=9600),
+            virtual_drive("danfoss-fc", 3, baudrate=19200, parity="N"),
+        )
+
+    def test_wide(self, shell):
+        line = self.odd_line(shell)
+        wide = ("scan", "--wide", "--protocol", "vabus", "--protocol", "danfoss-fc", "-a", "1-4")
+        assert shell(*wide) == 0
+        assert "vabus:2  9600 7E1" in shell.out
+        assert "danfoss-fc:3  19200 8N1" in shell.out
+        assert "2 drives found" in shell.out
+        assert "the likely first" in shell.err
+        assert not any(drive.motor.running for drive in line.drives)
+
+    def test_several_values_are_a_wide_scan_among_them(self, shell):
+        self.odd_line(shell)
+        asked = ("scan", "--protocol", "vabus", "-a", "1-3", "--baudrate", "9600,19200", "--parity", "e", "--json")
+        assert shell(*asked, "--bytesize", "7", "--stopbits", "1") == 0
+        foretold, found = shell.objects
+        assert (foretold["questions"], foretold["settings"]) == (6, 2)
+        assert found["settings"] == "9600 7E1"
+
+    def test_a_port_that_carries_no_settings_is_not_tried(self, shell):
+        shell.line(name="socket://hall:4001")
+        assert shell("scan", "--wide", port="socket://hall:4001") == 2
+        assert "socket://hall:4001 carries no line settings" in shell.err
+        assert shell("scan", "--protocol", "vabus", "-a", "1", port="socket://hall:4001") == 0
+
+    def test_one_value_is_for_everybody(self, shell):
+        self.odd_line(shell)
+        assert shell("scan", "--protocol", "vabus", "-a", "1-3", "--baudrate", "9600") == 0
+        assert shell.out.startswith("vabus:2  state")
+
+    @pytest.mark.parametrize(
+        ("option", "value", "sentence"),
+        [
+            ("--baudrate", "fast", "'fast' is no baud rate"),
+            ("--baudrate", "9600,3", "a baud rate of 3"),
+            ("--parity", "E,X", "parity 'X'"),
+            ("--stopbits", "1,two", "'two' is no number of stop bits"),
+            ("--bytesize", "7,9", "9 data bits"),
+        ],
+    )
+    def test_values_that_cannot_be(self, shell, option, value, sentence):
+        shell.line()
+        assert shell("scan", option, value) == 2
+        assert sentence in shell.err
+
+    def test_a_plant_file_comes_of_it(self, shell, tmp_path):
+        self.odd_line(shell)
+        path = tmp_path / "plant.toml"
+        wide = ("scan", "--wide", "--protocol", "vabus", "--protocol", "danfoss-fc", "-a", "1-4", "--write", str(path))
+        assert shell(*wide) == 0
+        assert f"written to {path}" in shell.out
+        plant = read_plant(path)
+        assert {drive.name for drive in plant.drives} == {"vabus:2", "danfoss-fc:3"}
+        assert plant.lines[0].port == "line"
+        assert shell("status", "--plant", str(path), port=None) == 0
+        assert "2 drives: no fault" in shell.out
+        before = path.read_text()
+        assert shell(*wide) == 2
+        assert "exists already; name another file, or write --force" in shell.err
+        assert path.read_text() == before
+        assert shell(*wide, "--force") == 0
+
+    def test_nothing_is_written_when_nobody_is_there(self, shell, tmp_path):
+        shell.line()
+        path = tmp_path / "plant.toml"
+        assert shell("scan", "--protocol", "vabus", "-a", "7", "--write", str(path)) == 1
+        assert not path.exists()
+        assert f"{path} is not written" in shell.out
+
+    @pytest.mark.parametrize(
+        ("trouble", "code"), [(KeyboardInterrupt(), 130), (drivecomm.LinkDownError("the adapter has gone"), 3)]
+    )
+    def test_what_was_found_is_kept_when_it_ends_early(self, shell, tmp_path, monkeypatch, trouble, code):
+        line = self.odd_line(shell)
+        path = tmp_path / "plant.toml"
+        asked = drivecomm.bus.Bus.scan
+
+        def scan(bus, *arguments, **options):
+            for one in asked(bus, *arguments, **options):
+                yield one
+                raise trouble
+
+        monkeypatch.setattr(drivecomm.bus.Bus, "scan", scan)
+        assert shell("scan", "--wide", "--protocol", "vabus", "-a", "1-3", "--write", str(path)) == code
+        assert "1 drive found" in shell.out
+        assert shell.err.count("\n") == 2
+        (drive,) = read_plant(path).drives
+        assert drive.address == 2
+        assert LineSettings(**read_plant(path).lines[0].settings) == line.drives[0].settings
