@@ -129,6 +129,10 @@ class AsyncDrive:
             parameter, store, self._verbs.written_and_read(parameter, value, {"store": store, **options})
         )
 
+    def check_write(self, parameter: str, value: Value | float, *, store: bool = False, **options: Any) -> None:
+        """Raise what `write` would raise before it sends anything; sends nothing."""
+        self._verbs.write(parameter, value, {"store": store, **options}).close()
+
     async def status(self) -> DriveStatus:
         """Read the status word; commands nothing."""
         return await self._bus.run(self._party, self._verbs.operations.status())

@@ -39,6 +39,7 @@ unit = "Hz"
 factor = "0.01"               # physical value = raw value x factor
 access = "rw"                 # "r", "w", "rw", "rw*" (not while the motor runs)
 storage = "stored"            # or "volatile"; left out where nothing says it
+kind = "setting"              # or "communication" (address, baud rate, ...), "command" (control word, tuning, ...)
 values = { 1 = "state machine", 2 = "remote contacts" }
 minimum = "0.00"              # physical, where the source gives them
 maximum = "999.99"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any, get_args
 
-from drivecomm.models import Access, LinkLoss, ParameterInfo, Storage, Sureness, Watchdog
+from drivecomm.models import Access, Kind, LinkLoss, ParameterInfo, Storage, Sureness, Watchdog
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
@@ -25,7 +25,7 @@ PARAMETER_KEYS = frozenset(ParameterInfo.__dataclass_fields__) - {"extra"}
 """Keys of a parameter that every protocol knows."""
 
 EXACT = ("factor", "minimum", "maximum")
-PLAIN = ("title", "type", "unit", "access", "storage", "source", "sure")
+PLAIN = ("title", "type", "unit", "access", "storage", "kind", "source", "sure")
 
 _TOP = frozenset({"format", "protocol", "parameter", *TEXTS, *TABLES})
 _WATCHDOG = frozenset(Watchdog.__dataclass_fields__)
@@ -33,6 +33,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "access": get_args(Access),
     "sure": get_args(Sureness),
     "storage": tuple(word for word in get_args(Storage) if word),
+    "kind": get_args(Kind),
 }
 
 

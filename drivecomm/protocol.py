@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from drivecomm.exchange import Exchange
     from drivecomm.framing import Codec, Damaged, Framed
     from drivecomm.line import LineFacts, LineSettings
-    from drivecomm.models import Model
+    from drivecomm.models import Model, ParameterInfo
     from drivecomm.motor import Motor
     from drivecomm.reading import Reading, Value
     from drivecomm.schema import Form
@@ -164,6 +164,10 @@ class VirtualDrive(Interface):
         ...
 
 
+def _one_value(info: ParameterInfo, _options: Any) -> tuple[str, ...]:
+    return (info.address,)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Protocol:
     """One drive protocol.
@@ -186,6 +190,10 @@ class Protocol:
     not tell, and what asks for it cannot be had.
     parameter_keys: keys of a model's parameters that only this protocol knows, such as `datasets`; None where a package
     does not tell, and then a misspelt key of a parameter goes unnoticed.
+    element_addresses: under which addresses the values of a parameter are read one by one (data sets, array elements),
+    for these options; unless a package says otherwise, every parameter has one value.
+    factory_reading: the options of `read` with which a drive tells a parameter's factory value instead of its value;
+    empty where drives do not tell.
     """
 
     name: str
@@ -209,3 +217,5 @@ class Protocol:
     only_asks: Callable[[Message], bool] | None = None
     purpose: Callable[[Message], Purpose] | None = None
     parameter_keys: frozenset[str] | None = None
+    element_addresses: Callable[[ParameterInfo, Any], tuple[str, ...]] = _one_value
+    factory_reading: Mapping[str, Any] = field(default_factory=dict, hash=False)

@@ -15,6 +15,7 @@ from drivecomm.cli.forecast import forecast
 from drivecomm.cli.line_options import LineCommand, on_a_line
 from drivecomm.cli.models import models
 from drivecomm.cli.models_grow import grow
+from drivecomm.cli.parameter_sets import backup, compare, restore
 from drivecomm.cli.plant import plant
 from drivecomm.cli.poll import poll
 from drivecomm.cli.replay import replay
@@ -71,6 +72,9 @@ app.command(cls=LineCommand)(on_a_line(drives.stop))
 app.command(cls=LineCommand)(on_a_line(drives.reset))
 app.command(cls=LineCommand, context_settings=_NEGATIVE_NUMBERS)(on_a_line(drives.reference))
 app.command(cls=LineCommand)(on_a_line(drives.call))
+app.command(cls=LineCommand)(on_a_line(backup))
+app.command(cls=LineCommand)(on_a_line(compare))
+app.command(cls=LineCommand)(on_a_line(restore))
 app.command(cls=LineCommand)(on_a_line(poll))
 app.command(cls=LineCommand)(on_a_line(forecast))
 app.command()(cohabit)

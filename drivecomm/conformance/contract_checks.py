@@ -53,6 +53,7 @@ _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
     "options": type,
     "parameter_examples": tuple,
     "parameter_keys": (frozenset, type(None)),
+    "factory_reading": dict,
 }
 
 

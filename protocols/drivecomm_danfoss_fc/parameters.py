@@ -115,6 +115,14 @@ def in_model(model: Model | None, pnu: int) -> ParameterInfo | None:
     return next((info for info in model.parameters.values() if number_of(info.address) == pnu), None)
 
 
+def element_addresses(info: ParameterInfo, options: DanfossFcOptions) -> tuple[str, ...]:
+    """Return the addresses of a parameter's values: of each element of an array, or the one there is."""
+    elements = int(info.extra.get("elements", 0))
+    if not elements:
+        return (info.address,)
+    return tuple(f"{info.address}[{options.index_base + place}]" for place in range(elements))
+
+
 def number_of(address: str) -> int:
     """Return the PNU of a model's address: 4-14 is 414, 001 is 1. Raises ParameterAddressError."""
     match = _ADDRESS.fullmatch(address)

@@ -8,8 +8,10 @@ from drivecomm.line import LineFacts, LineSettings, Timing
 from drivecomm.protocol import Protocol
 from drivecomm_danfoss_fc.conversation import BROADCAST
 from drivecomm_danfoss_fc.correlation import mismatch, only_asks
+from drivecomm_danfoss_fc.description import DEFAULT
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
 from drivecomm_danfoss_fc.options import DanfossFcOptions
+from drivecomm_danfoss_fc.parameters import element_addresses
 from drivecomm_danfoss_fc.purposes import purpose
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, blind_spots, message_from, titled_forms
 from drivecomm_danfoss_fc.virtual import VirtualDanfossFcDrive
@@ -78,4 +80,6 @@ protocol = Protocol(
             "virtual_minimum",
         }
     ),
+    element_addresses=element_addresses,
+    factory_reading={"element": DEFAULT},
 )

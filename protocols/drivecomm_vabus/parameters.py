@@ -14,6 +14,7 @@ from drivecomm_vabus.telegrams import DATASETS, PARAMETERS, ValueType, check_typ
 
 if TYPE_CHECKING:
     from drivecomm.models import Model, ParameterInfo
+    from drivecomm_vabus.options import VabusOptions
 
 _ADDRESS = re.compile(r"(?P<hundreds>\d{0,2}|[A-F])(?P<rest>\d{1,2})(?:\[(?P<dataset>\d)\])?", re.ASCII)
 
@@ -59,6 +60,13 @@ def target(parameter: str, model: Model | None, type: str, dataset: int | None) 
     info = known or (model.find(str(number)) if model else None)
     chosen = check_type(type or (info.type if info else ""))
     return Target(number=number, dataset=dataset, type=chosen, info=info)
+
+
+def element_addresses(info: ParameterInfo, _options: VabusOptions) -> tuple[str, ...]:
+    """Return the addresses of a parameter's values: in data sets 1 to 4, or the one there is."""
+    if info.extra.get("datasets") != 4:
+        return (info.address,)
+    return tuple(f"{info.address}[{dataset}]" for dataset in range(1, 5))
 
 
 def reading(wanted: Target, data: str, *, lower_case_hex: bool) -> Reading:

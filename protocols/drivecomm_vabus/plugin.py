@@ -8,6 +8,7 @@ from drivecomm.line import LineFacts, LineSettings, Timing
 from drivecomm.protocol import Protocol
 from drivecomm_vabus.exchanges import VabusOperations
 from drivecomm_vabus.options import VabusOptions
+from drivecomm_vabus.parameters import element_addresses
 from drivecomm_vabus.purposes import purpose
 from drivecomm_vabus.telegrams import (
     BROADCAST,
@@ -71,4 +72,5 @@ protocol = Protocol(
     parameter_examples=("481", "520[2]", "C00"),
     only_asks=only_asks,
     parameter_keys=frozenset({"datasets"}),
+    element_addresses=element_addresses,
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from decimal import Decimal
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
@@ -14,6 +15,7 @@ from drivecomm_vlt3500.values import packed
 
 if TYPE_CHECKING:
     from drivecomm.models import Model, ParameterInfo
+    from drivecomm_vlt3500.options import VltOptions
 
 _ADDRESS = re.compile(r"(\d{1,4})(?:\[\s*(\d{1,5})\s*(?:,\s*(\d{1,2})\s*)?\])?", re.ASCII)
 _INDEX = re.compile(r"\s*(\d{1,5})\s*(?:,\s*(\d{1,2})\s*)?", re.ASCII)
@@ -63,6 +65,19 @@ def target(parameter: str, model: Model | None, index: Any = None) -> Target:
         raise UsageError(f"{parameter} names an index, and index={index!r} another")
     chosen = found if found is not None else given
     return Target(number=number, index=chosen, info=_info(model, number, chosen) or known)
+
+
+def element_addresses(info: ParameterInfo, _options: VltOptions) -> tuple[str, ...]:
+    """Return the addresses of a parameter's values.
+
+    Of an indexed one with two dimensions all elements; those of one with one dimension are parameters of the model.
+    """
+    sizes = info.extra.get("indexed")
+    if sizes is None:
+        return (info.address,)
+    if len(sizes) < 2:
+        return ()
+    return tuple(written(int(info.address), index) for index in product(*map(range, sizes)))
 
 
 def _info(model: Model | None, number: int, index: tuple[int, ...] | None) -> ParameterInfo | None:

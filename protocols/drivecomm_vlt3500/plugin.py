@@ -9,6 +9,7 @@ from drivecomm.protocol import Protocol
 from drivecomm_vlt3500.codec import VltCodec, blind_spots, message_from, mismatch, only_asks, titled_forms
 from drivecomm_vlt3500.exchanges import VltOperations
 from drivecomm_vlt3500.options import VltOptions
+from drivecomm_vlt3500.parameters import element_addresses
 from drivecomm_vlt3500.purposes import purpose
 from drivecomm_vlt3500.telegrams import ADDRESSES, BROADCAST
 from drivecomm_vlt3500.virtual import VirtualVltDrive
@@ -63,4 +64,5 @@ protocol = Protocol(
     parameter_examples=("516", "502[17]", "602[13,5]"),
     only_asks=only_asks,
     parameter_keys=frozenset({"decimals", "indexed", "limits", "note"}),
+    element_addresses=element_addresses,
 )

@@ -38,6 +38,7 @@ AT_ONCE = {
     "party",
     "bus",
     "capabilities",
+    "check_write",
     "commanded_elsewhere",
 }
 """What returns at once on both faces; all else waits for the line."""

@@ -1,0 +1,286 @@
+"""Commands for parameter sets: backup, compare, restore."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.opened_drive import opened_drive
+from drivecomm.cli.output import complain, emit, plain, say
+from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
+from drivecomm.parameter_sets import (
+    Wishes,
+    back_up,
+    carry_out_plan,
+    factory_set,
+    found_journal,
+    journal_path,
+    new_journal,
+    plan_restore,
+    read_set,
+    write_set,
+)
+from drivecomm.parameter_sets import compare as compared
+from drivecomm.parameter_sets.files import must_be_free
+
+if TYPE_CHECKING:
+    from drivecomm.drive import Drive
+    from drivecomm.parameter_sets import Comparison, Entry, Journal, ParameterSet, Part, Plan, Planned, Restored
+
+    Progress = Callable[[str, int, int], None]
+
+FACTORY = "factory"
+
+Model = Annotated[
+    str | None, typer.Option("--model", "-m", help="Model by name, or a .toml file; that of the set if absent.")
+]
+Communication = Annotated[bool, typer.Option("--communication", help="Addresses, baud rates and the like, too.")]
+
+
+def backup(
+    drive: Annotated[str, typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS, with ,name=value options.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="TOML, such as pump.toml; an older one is replaced.")],
+    line: LineOptions,
+    model: Annotated[str | None, typer.Option("--model", "-m", help="Model by name, or a .toml file.")] = None,
+    everything: Annotated[bool, typer.Option("--all", help="Measured values, too; they are never restored.")] = False,
+) -> int:
+    """Write the parameters of a drive into a file. What the drive does not tell is listed in it."""
+    must_be_free(file, str(line.reaching(drive)[1]))
+    parts: list[Part] = ["settings", "communication", *(["measured"] if everything else [])]  # type: ignore[list-item]
+    with _drive(line, drive, model) as one, _progress("reading", line) as progress:
+        found = back_up(one, parts, progress=progress)
+    write_set(file, found)
+    if line.json:
+        emit(drive=found.drive, model=found.model, file=str(file), parameters=len(found.entries),
+             not_read=dict(found.not_read))  # fmt: skip
+        return 0
+    for address, reason in found.not_read.items():
+        say(f"{found.drive}  {address}  not read: {reason}")
+    say(f"{found.drive}  {len(found.entries)} parameters in {file}")
+    return 0
+
+
+def compare(
+    left: Annotated[str, typer.Argument(metavar="A", help="A drive, PROTOCOL:ADDRESS, or a parameter set's file.")],
+    right: Annotated[str, typer.Argument(metavar="B", help="As A, or factory: what the drive says of itself.")],
+    line: LineOptions,
+    model: Model = None,
+    communication: Communication = False,
+    everything: Annotated[bool, typer.Option("--all", help="Everything, measured values too.")] = False,
+) -> int:
+    """Tell in which parameters two drives or files differ. Exit code 1 when they do."""
+    parts: list[Part] = ["settings"]
+    if communication or everything:
+        parts.append("communication")
+    if everything:
+        parts.append("measured")
+    if FACTORY in (left, right) and (left == right or _file(left) or _file(right)):
+        raise UsageError("factory stands for what a drive says of itself; compare a drive with it")
+    files = {word: read_set(path) for word in (left, right) if (path := _file(word))}
+    read = _Operands(files, model, parts, line)
+    ours, theirs = read(left, right), read(right, left)
+    found = compared(ours, theirs, parts)
+    _show_comparison(found, left, right, as_json=line.json)
+    return 0 if found.same else 1
+
+
+def restore(
+    drive: Annotated[str, typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS, with ,name=value options.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="What backup wrote.")],
+    line: LineOptions,
+    model: Model = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only tell what would be written.")] = False,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", metavar="PARAM", help="Only this parameter; repeat it for more.")
+    ] = None,
+    communication: Communication = False,
+    another_drive: Annotated[
+        bool, typer.Option("--another-drive", help="The set is of another drive, model or maker, and that is meant.")
+    ] = False,
+    volatile: Annotated[bool, typer.Option("--volatile", help="Into RAM; without, it is kept over power-off.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with a restore that was cut off.")] = False,
+) -> int:
+    """Give a drive the parameters of a file, each read back; whatever is equal already is not written.
+
+    Exit code 5 when the drive refuses some.
+    """
+    known = read_set(file)
+    _, name = line.reaching(drive)
+    at = journal_path(file, str(name))
+    journal = None
+    if not dry_run:
+        journal = (found_journal if resume else new_journal)(at, known, str(name))
+    wishes = Wishes(
+        only=frozenset(only or []), communication=communication, another_drive=another_drive, volatile=volatile
+    )
+    with _drive(line, drive, model, known) as one:
+        with _progress("reading", line) as progress:
+            plan = plan_restore(one, known, wishes, progress=progress)
+        if journal is None:
+            _show_plan(plan, as_json=line.json)
+            return 0
+        with _said_how_to_go_on(journal, line), _progress("writing", line) as progress:
+            done = carry_out_plan(one, plan, journal, progress=progress)
+    _show_restored(done, as_json=line.json)
+    if done.refused:
+        return DriveError.exit_code
+    return 0 if done.complete else ReplyError.exit_code
+
+
+@contextmanager
+def _drive(line: LineOptions, text: str, model: str | None, beside: ParameterSet | None = None) -> Iterator[Drive]:
+    """Open the line of a drive and yield it. beside: the set whose model it has where nobody has named one."""
+    reached, name = line.reaching(text)
+    of_set = {"model": beside.model} if beside and beside.model and beside.protocol == name.protocol else {}
+    with opened_drive(reached, replace(name, options={**of_set, **name.options}), model) as one:
+        yield one
+
+
+@contextmanager
+def _progress(what: str, line: LineOptions) -> Iterator[Progress]:
+    """Show on a terminal how far it is; a script sees nothing of it."""
+    from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    silent = line.json or not sys.stderr.isatty()
+    with Progress(*columns, console=Console(stderr=True), transient=True, disable=silent) as drawing:
+        task = drawing.add_task(what, total=None)
+
+        def show(address: str, done: int, total: int) -> None:
+            drawing.update(task, description=f"{what} {address}".rstrip(), completed=done, total=total)
+
+        yield show
+
+
+@contextmanager
+def _said_how_to_go_on(journal: Journal, line: LineOptions) -> Iterator[None]:
+    """Say of a restore that is cut off that it can go on."""
+    try:
+        yield
+    except (LinkError, ReplyError) as error:
+        error.args = (f"{error}; {_how_to_go_on(journal)}", *error.args[1:])
+        raise
+    except KeyboardInterrupt:
+        complain(_how_to_go_on(journal), as_json=line.json)
+        raise
+
+
+def _how_to_go_on(journal: Journal) -> str:
+    if not journal.written:
+        return "nothing was written"
+    count = len(journal.written)
+    return f"{count} parameter{'s were' if count > 1 else ' was'} written, the same command with --resume goes on"
+
+
+# Comparing
+
+
+def _file(word: str) -> Path | None:
+    """Return the file that a word names, None for a drive; a drive may be named with the file of its model."""
+    path = Path(word)
+    is_drive = word == FACTORY or ":" in word.partition(",")[0]
+    return path if not is_drive and (path.suffix or path.exists()) else None
+
+
+class _Operands:
+    """What is compared, read from drives where it is in no file."""
+
+    def __init__(self, files: dict[str, ParameterSet], model: str | None, parts: list[Part], line: LineOptions) -> None:
+        self._files, self._model, self._parts, self._line = files, model, parts, line
+
+    def __call__(self, word: str, other: str) -> ParameterSet:
+        """Return the parameters of a file or a drive, or the factory values of the other drive."""
+        if word in self._files:
+            return self._files[word]
+        read, drive = (factory_set, other) if word == FACTORY else (back_up, word)
+        with (
+            _drive(self._line, drive, self._model, self._files.get(other)) as one,
+            _progress("reading", self._line) as progress,
+        ):
+            return read(one, self._parts, progress=progress)
+
+
+def _show_comparison(found: Comparison, left: str, right: str, *, as_json: bool) -> None:
+    if as_json:
+        for difference in found.differences:
+            emit(kind=difference.kind, parameter=difference.address, name=difference.name,
+                 left=_told(difference.left), right=_told(difference.right), reason=difference.reason)  # fmt: skip
+        emit(same=found.same, differences=len(found.differences), equal=found.equal, by=found.by,
+             remarks=list(found.remarks))  # fmt: skip
+        return
+    if found.differences:
+        rows = [_row(each.address, each.name, _shown(each.left), _shown(each.right)) for each in found.differences]
+        say(_row("", "", left, right))
+        for row, difference in zip(rows, found.differences, strict=True):
+            say(row + (f"  {difference.reason}" if difference.reason else ""))
+    for remark in found.remarks:
+        say(f"  {remark}")
+    count = len(found.differences)
+    say(f"{count} difference{'' if count == 1 else 's'}, {found.equal} equal, by {found.by}")
+
+
+def _row(address: str, name: str, left: str, right: str) -> str:
+    return f"{f'{address} {name}':<36} {left:>18} {right:>18}".rstrip()
+
+
+def _shown(entry: Entry | None) -> str:
+    return "-" if entry is None else str(entry) or '""'
+
+
+def _told(entry: Entry | None) -> Any:
+    return None if entry is None else {"value": entry.value, "unit": entry.unit, "raw": entry.raw}
+
+
+# Restoring
+
+
+def _show_plan(plan: Plan, *, as_json: bool) -> None:
+    if as_json:
+        for item in plan.items:
+            emit(drive=plan.drive, **{**plain(item), "stage": item.stage.name.lower()})
+        emit(drive=plan.drive, write=len(plan.to("write")), equal=len(plan.to("equal")), skip=len(plan.to("skip")),
+             stored=plan.store, remarks=list(plan.remarks))  # fmt: skip
+        return
+    for item in plan.to("write"):
+        before = "?" if item.current is None else item.current
+        say(f"{plan.drive}  {f'{item.address} {item.name}':<34} {before} -> {item.value} {item.unit}".rstrip())
+    _show_skipped(plan)
+    counts = f"{len(plan.to('write'))} to write, {len(plan.to('equal'))} equal, {len(plan.to('skip'))} left alone"
+    say(f"{plan.drive}  {counts}; nothing was written")
+
+
+def _show_skipped(plan: Plan) -> None:
+    for remark in plan.remarks:
+        say(f"{plan.drive}  {remark}")
+    by_reason: dict[str, list[Planned]] = {}
+    for item in plan.to("skip"):
+        by_reason.setdefault(item.reason, []).append(item)
+    for reason, items in by_reason.items():
+        names = ", ".join(f"{item.address} {item.name}".rstrip() for item in items)
+        say(f"{plan.drive}  left alone, {reason}: {names}")
+
+
+def _show_restored(done: Restored, *, as_json: bool) -> None:
+    plan = done.plan
+    if as_json:
+        emit(drive=plan.drive, written=list(done.written), equal=len(plan.to("equal")), stored=plan.store,
+             skipped={item.address: item.reason for item in plan.to("skip")}, refused=dict(done.refused),
+             unconfirmed=list(done.unconfirmed), left=list(done.left), complete=done.complete)  # fmt: skip
+        return
+    _show_skipped(plan)
+    for address, reason in done.refused.items():
+        say(f"{plan.drive}  {address} does not hold what it should: {reason}")
+    if done.unconfirmed:
+        names = ", ".join(done.unconfirmed)
+        left = f", and {', '.join(done.left)} not written" if done.left else ""
+        say(f"{plan.drive}  {names} written{left}: it does not answer as before; use its new settings and --resume")
+    kept = "and stored" if plan.store else "without asking for storage"
+    say(f"{plan.drive}  {len(done.written)} written {kept}, {len(plan.to('equal'))} equal before")

@@ -1,0 +1,289 @@
+"""backup, compare, restore."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from drivecomm.virtual import FaultPlan, virtual_drive
+from drivecomm.virtual.faults import Fault
+
+MAXIMUM = '"419[1]" = { name = "maximum_frequency", value = 50.00'
+PUMP = ("vabus:1", "--model", "agile")
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def saved(shell):
+    """A line with one drive, and its parameters in pump.toml."""
+    line = shell.line()
+    assert shell("backup", *PUMP, "pump.toml") == 0
+    return line
+
+
+class TestBackup:
+    @pytest.mark.usefixtures("saved")
+    def test_a_file_for_people(self, shell):
+        assert re.fullmatch(r"vabus:1  \d+ parameters in pump.toml\n", shell.out)
+        lines = Path("pump.toml").read_text(encoding="utf-8").splitlines()
+        assert '"481[1]" = { name = "fixed_frequency_2", value = 10.00, unit = "Hz", raw = "000003E8" }' in lines
+        assert '"412[1]" = { name = "local_remote", value = 1, raw = "0001" } # state machine' in lines
+        assert lines.index("[communication]") < next(n for n, text in enumerate(lines) if text.startswith('"394"'))
+        assert not any("control_word" in text for text in lines), "commands are no parameters"
+
+    @pytest.mark.usefixtures("saved")
+    def test_again_it_is_the_same_file(self, shell):
+        before = Path("pump.toml").read_text(encoding="utf-8").splitlines()
+        assert shell("backup", *PUMP, "pump.toml") == 0
+        after = Path("pump.toml").read_text(encoding="utf-8").splitlines()
+        assert all(line.startswith("time = ") for old, line in zip(before, after, strict=True) if old != line)
+        assert [path.name for path in Path().iterdir()] == ["pump.toml"]
+
+    @pytest.mark.usefixtures("saved")
+    def test_measured_values_only_when_asked(self, shell):
+        assert "[measured]" not in Path("pump.toml").read_text(encoding="utf-8")
+        assert shell("backup", *PUMP, "pump.toml", "--all", "--json") == 0
+        assert '"210" = { name = "stator_frequency"' in Path("pump.toml").read_text(encoding="utf-8")
+
+    def test_what_a_drive_does_not_tell_is_listed(self, shell):
+        line = shell.line()
+        line.drives[0].store._infos.pop(481)
+        assert shell("backup", *PUMP, "pump.toml") == 0
+        assert "vabus:1  481[1]  not read: the drive refused parameter 481[1] with code 11" in shell.out
+        assert '[not_read]\n"481[1]" = "the drive refused' in Path("pump.toml").read_text(encoding="utf-8")
+
+    def test_without_a_model(self, shell):
+        shell.line()
+        assert shell("backup", "vabus:1", "pump.toml") == 2
+        assert "which parameters it has is said by its model" in shell.err
+        assert not list(Path().iterdir())
+
+    def test_a_drive_that_goes_leaves_no_file(self, shell):
+        line = shell.line()
+        line.call_at(1.0, lambda: line.power_off(line.drives[0]))
+        assert shell("backup", *PUMP, "pump.toml") == 4
+        assert not list(Path().iterdir())
+
+    @pytest.mark.usefixtures("saved")
+    def test_other_files_are_not_lost(self, shell):
+        Path("notes.toml").write_text("a = 1\n")
+        assert shell("backup", *PUMP, "notes.toml") == 2
+        assert "no parameter set; give another name" in shell.err
+        shell.line(virtual_drive("vabus", 2))
+        assert shell("backup", "vabus:2", "pump.toml", "-m", "agile") == 2
+        assert "the parameter set of vabus:1, not of vabus:2" in shell.err
+        assert shell("backup", *PUMP, "nowhere/pump.toml") == 2
+        assert "there is no folder nowhere" in shell.err
+
+
+class TestCompare:
+    def test_a_drive_with_its_file(self, shell, saved):
+        assert shell("compare", "vabus:1", "pump.toml") == 0
+        assert re.fullmatch(r"0 differences, \d+ equal, by address\n", shell.out)
+        saved.drives[0].poke("480", 1500)
+        assert shell("compare", "vabus:1", "pump.toml") == 1
+        assert [line.split() for line in shell.out.splitlines()][1] == [
+            "480[1]", "fixed_frequency_1", "15.00", "Hz", "30.00", "Hz",
+        ]  # fmt: skip
+
+    def test_as_json(self, shell, saved):
+        saved.drives[0].poke("480[3]", 1500)
+        assert shell("compare", "vabus:1", "pump.toml", "--json") == 1
+        assert shell.objects[0]["left"] == {"value": "15.00", "unit": "Hz", "raw": "000005DC"}
+        told = shell.objects[-1]
+        assert (told["same"], told["differences"], told["by"], told["remarks"]) == (False, 1, "address", [])
+
+    @pytest.mark.usefixtures("saved")
+    def test_two_files_need_no_line(self, shell):
+        text = Path("pump.toml").read_text(encoding="utf-8")
+        Path("other.toml").write_text(text.replace("value = 10.00", "value = 12.5"), encoding="utf-8")
+        assert shell("compare", "pump.toml", "pump.toml", port=None) == 0
+        assert shell("compare", "pump.toml", "other.toml", port=None) == 1
+        assert shell("compare", "pump.toml", "vanished.toml", port=None) == 2
+        assert "there is no such file" in shell.err
+
+    def test_two_drives(self, shell):
+        shell.line(virtual_drive("vabus", 1), virtual_drive("vabus", 2))
+        assert shell("compare", "vabus:1", "vabus:2", "--model", "agile") == 0
+        assert shell("compare", "vabus:1", "vabus:2", "--model", "agile", "--communication") == 1
+        assert "394 node" in shell.out
+
+    @pytest.mark.usefixtures("saved")
+    def test_two_makers_by_common_names(self, shell):
+        # What the makers share is in the models; here in two of a user's own.
+        own = 'format = 1\nprotocol = "{}"\nname = "own"\nextends = "{}"\n[quantities]\nmaximum_frequency = "{}"\n'
+        for protocol, model, address in (("vabus", "agile", "419"), ("fuji", "frenic", "F03")):
+            Path(f"{protocol}.toml").write_text(own.format(protocol, model, address), encoding="utf-8")
+        shell.line(virtual_drive("vabus", 1), virtual_drive("fuji", 3))
+        shell("compare", "vabus:1,model=vabus.toml", "fuji:3,model=fuji.toml", "--json")
+        assert "maximum_frequency" not in [one.get("parameter") for one in shell.objects]
+        assert shell.objects[-1]["equal"] >= 1
+        assert shell.objects[-1]["by"] == "common name"
+        assert "not compared, for want of a common name" in shell.objects[-1]["remarks"][-1]
+        line = shell.line(virtual_drive("vabus", 1), virtual_drive("fuji", 3))
+        line.drives[1].poke("F03", 60)
+        assert shell("compare", "vabus:1,model=vabus.toml", "fuji:3,model=fuji.toml") == 1
+        assert re.search(r"maximum_frequency 419 maximum_frequency +50\.00 Hz +60 Hz", shell.out)
+
+    def test_with_the_factory(self, shell):
+        line = shell.line(virtual_drive("danfoss-fc", 3))
+        assert shell("compare", "danfoss-fc:3", "factory", "-m", "fc300", "--json") == 1
+        assert {one["parameter"] for one in shell.objects[:-1]} >= {"3-10[1]"}
+        line.drives[0].poke("3-11", 77)
+        shell("compare", "danfoss-fc:3", "factory", "-m", "fc300")
+        assert "3-11 jog_speed" in shell.out
+
+    @pytest.mark.usefixtures("saved")
+    def test_where_no_drive_tells_factory_values(self, shell):
+        assert shell("compare", "vabus:1", "factory", "-m", "agile") == 2
+        assert "back the drive up right after a reset" in shell.err
+        assert shell("compare", "pump.toml", "factory", port=None) == 2
+
+
+class TestRestore:
+    def test_after_a_reset(self, shell, saved):
+        saved.drives[0].poke("480", 1500)
+        saved.drives[0].poke("418[2]", 100)
+        assert shell("restore", "vabus:1", "pump.toml") == 0
+        assert re.search(r"5 written and stored, \d+ equal before", shell.out)
+        saved.drives[0].power_cycle(saved.time)
+        assert shell("compare", "vabus:1", "pump.toml") == 0
+
+    def test_a_dry_run_writes_nothing(self, shell, saved):
+        saved.drives[0].poke("480[1]", 1500)
+        assert shell("restore", "vabus:1", "pump.toml", "--dry-run") == 0
+        assert "480[1] fixed_frequency_1" in shell.out
+        assert "15.00 -> 30.00 Hz" in shell.out
+        assert re.search(r"1 to write, \d+ equal, \d+ left alone; nothing was written", shell.out)
+        assert "communication settings are only written when that is said" in shell.out
+        assert saved.drives[0].peek("480[1]", 0.0) == "000005DC"
+        assert shell("restore", "vabus:1", "pump.toml", "--dry-run", "--json") == 0
+        assert shell.objects[-1]["write"] == 1
+        assert {one["action"] for one in shell.objects[:-1]} == {"write", "equal", "skip"}
+
+    def test_only_some(self, shell, saved):
+        saved.drives[0].poke("480", 1500)
+        saved.drives[0].poke("481", 1500)
+        assert shell("restore", "vabus:1", "pump.toml", "--only", "fixed_frequency_1", "--only", "481[2]") == 0
+        assert "5 written" in shell.out
+        assert saved.drives[0].peek("481[1]", 0.0) == "000005DC"
+        assert shell("restore", "vabus:1", "pump.toml", "--only", "nonsense") == 2
+        assert "has no 'nonsense'" in shell.err
+
+    def test_volatile(self, shell, saved):
+        saved.drives[0].poke("480", 1500)
+        assert shell("restore", "vabus:1", "pump.toml", "--volatile") == 0
+        assert "without asking for storage" in shell.out
+        saved.drives[0].power_cycle(saved.time)
+        assert saved.drives[0].peek("480", 0.0) == "000005DC"
+
+    def test_communication_only_when_told(self, shell, saved):
+        saved.drives[0].poke("10", 3)
+        assert shell("restore", "vabus:1", "pump.toml") == 0
+        assert saved.drives[0].peek("10", 0.0) == "0003"
+        assert shell("restore", "vabus:1", "pump.toml", "--communication", "--json") == 0
+        assert shell.objects[0]["written"] == ["10"]
+
+    def test_an_address_that_changes_under_our_hands(self, shell):
+        line = shell.line(virtual_drive("vlt3500", 5))
+        assert shell("backup", "vlt3500:5", "fan.toml", "-m", "vlt3500") == 0
+        line.drives[0].poke("500", 9)
+        assert shell("restore", "vlt3500:9", "fan.toml", "--another-drive", "--communication") == 4
+        assert "500 written: it does not answer as before" in shell.out
+        assert shell("compare", "vlt3500:5", "fan.toml", "--communication") == 0
+
+    def test_a_running_motor(self, shell, saved):
+        assert shell("start", "vabus:1", "--model", "agile", "--link-loss", "hold") == 0
+        saved.drives[0].poke("481", 1500)
+        assert shell("restore", "vabus:1", "pump.toml") == 5
+        assert "the motor runs" in shell.err
+        assert saved.drives[0].peek("481", 0.0) == "000005DC"
+
+    @pytest.mark.parametrize(
+        ("change", "sentence"),
+        [
+            ({'drive = "vabus:1"': 'drive = "vabus:2"'}, "it is of vabus:2, and the drive is vabus:1"),
+            ({'model = "agile"': 'model = "acu"'}, "it is of model acu, and vabus:1 is opened as agile"),
+            ({'protocol = "vabus"': 'protocol = "fuji"'}, "it is of a fuji drive"),
+            (
+                {MAXIMUM: MAXIMUM.replace("50.00", "5000.00")},
+                "419[1] maximum_frequency: 5000.00 for parameter 419 is out",
+            ),
+            ({MAXIMUM: MAXIMUM.replace("50.00", "50.001")}, "not rounded"),
+            ({MAXIMUM: MAXIMUM.replace("50.00", '"fast"')}, "no number"),
+            ({MAXIMUM: f"{MAXIMUM}, colour = 1"}, "no parameter has the key 'colour'"),
+        ],
+    )
+    def test_what_is_refused_before_anything_is_written(self, shell, saved, change, sentence):
+        text = Path("pump.toml").read_text(encoding="utf-8")
+        ((old, new),) = change.items()
+        assert old in text
+        Path("pump.toml").write_text(text.replace(old, new), encoding="utf-8")
+        saved.drives[0].poke("480", 1500)
+        assert shell("restore", "vabus:1", "pump.toml", "-m", "agile") == 2
+        assert sentence in shell.err
+        assert shell.err.count("\n") == 1
+        assert saved.drives[0].peek("480", 0.0) == "000005DC"
+        assert [path.name for path in Path().iterdir()] == ["pump.toml"]
+
+    @pytest.mark.usefixtures("saved")
+    def test_to_another_drive_on_purpose(self, shell):
+        line = shell.line(virtual_drive("vabus", 2))
+        line.drives[0].poke("480", 1500)
+        assert shell("restore", "vabus:2", "pump.toml", "--another-drive") == 0
+        assert "from another drive: it is of vabus:1, and the drive is vabus:2" in shell.out
+        assert line.drives[0].peek("480", 0.0) == "00000BB8"
+        assert line.drives[0].peek("394", 0.0) == "0002"
+
+    def test_what_a_drive_refuses_is_said(self, shell, saved):
+        saved.drives[0].poke("480[1]", 1500)
+        saved.drives[0].store._infos.pop(480)
+        assert shell("restore", "vabus:1", "pump.toml") == 5
+        assert "480[1] does not hold what it should: the drive refused parameter 480" in shell.out
+
+
+class TestCutOff:
+    @pytest.fixture
+    def cut(self, saved):
+        """A drive with other settings on a line that is cut while they are restored."""
+        for address in ("480", "481", "482", "418", "520"):
+            saved.drives[0].poke(address, 1)
+        return saved
+
+    def test_the_line(self, shell, cut):
+        cut.call_at(cut.time + 2.6, lambda: setattr(cut, "faults", FaultPlan(rate=1.0, kinds=[Fault.DROP])))
+        assert shell("restore", "vabus:1", "pump.toml") == 4
+        assert "parameters were written, the same command with --resume goes on" in shell.err
+        journal = Path("pump.toml.vabus-1.journal")
+        before = [json.loads(line) for line in journal.read_text().splitlines()][1:]
+        cut.faults = FaultPlan(rate=0.0)
+        cut.advance(10)
+        assert shell("restore", "vabus:1", "pump.toml") == 2
+        assert "go on with it (--resume)" in shell.err
+        assert shell("restore", "vabus:1", "pump.toml", "--resume", "--json") == 0
+        assert not journal.exists()
+        assert not {line["wrote"] for line in before} & set(shell.objects[0]["written"])
+        assert shell("compare", "vabus:1", "pump.toml") == 0
+
+    def test_by_hand(self, shell, cut):
+        def interrupt():
+            raise KeyboardInterrupt
+
+        cut.call_at(cut.time + 2.6, interrupt)
+        assert shell("restore", "vabus:1", "pump.toml") == 130
+        assert "the same command with --resume goes on" in shell.err
+        assert shell.err.endswith("drivecomm: interrupted\n")
+        assert shell("restore", "vabus:1", "pump.toml", "--resume") == 0
+
+    def test_a_set_that_was_changed_since(self, shell, cut):
+        cut.call_at(cut.time + 2.6, lambda: cut.power_off(cut.drives[0]))
+        assert shell("restore", "vabus:1", "pump.toml") == 4
+        path = Path("pump.toml")
+        path.write_text(path.read_text(encoding="utf-8").replace("value = 30.00", "value = 31.00"), encoding="utf-8")
+        assert shell("restore", "vabus:1", "pump.toml", "--resume") == 2
+        assert "the set was changed since" in shell.err
