@@ -17,6 +17,7 @@ from drivecomm.cli.models import models
 from drivecomm.cli.models_grow import grow
 from drivecomm.cli.parameter_sets import backup, compare, restore
 from drivecomm.cli.plant import plant
+from drivecomm.cli.plot import plot
 from drivecomm.cli.poll import poll
 from drivecomm.cli.replay import replay
 from drivecomm.cli.scan import scan
@@ -25,6 +26,7 @@ from drivecomm.cli.sniff.command import sniff
 from drivecomm.cli.stats import stats
 from drivecomm.cli.status import status
 from drivecomm.cli.vectors import check, from_capture
+from drivecomm.cli.watch import watch
 from drivecomm.version import __version__
 
 app = typer.Typer(
@@ -76,6 +78,8 @@ app.command(cls=LineCommand)(on_a_line(backup))
 app.command(cls=LineCommand)(on_a_line(compare))
 app.command(cls=LineCommand)(on_a_line(restore))
 app.command(cls=LineCommand)(on_a_line(poll))
+app.command(cls=LineCommand)(on_a_line(watch))
+app.command()(plot)
 app.command(cls=LineCommand)(on_a_line(forecast))
 app.command()(cohabit)
 app.command()(simulate)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.logging_option import Log, opened_log
 from drivecomm.cli.output import emit, say
 from drivecomm.cli.plan_words import Period, PlanFile, Words, given_plan
 from drivecomm.errors import DriveCommError, UsageError
@@ -28,6 +29,7 @@ def poll(
     period: Period = 1.0,
     duration: Annotated[float | None, typer.Option("--for", metavar="SECONDS", help="End after this time.")] = None,
     cycles: Annotated[int | None, typer.Option("--cycles", help="End when all were asked so often.")] = None,
+    log: Log = None,
 ) -> int:
     """Read parameters again and again, until Ctrl-C unless told otherwise; what fails is shown and ends nothing.
 
@@ -38,10 +40,12 @@ def poll(
     unread: dict[PollItem[Any], DriveCommError | None] = {}
     with ExitStack() as stack:
         items = chosen.items(_open(stack, line, chosen.ports))
+        keep = opened_log(stack, log)
         unread.update(dict.fromkeys(items))
         with closing(carry_out(items, duration_s=duration, cycles=cycles)) as results:
             for result in results:
                 show(result)
+                keep(result)
                 if result.error is None:
                     unread.pop(result.item, None)
                 elif result.item in unread:

@@ -1,0 +1,40 @@
+"""The plot command: a log of values as a picture or a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drivecomm.cli.output import emit, say
+
+
+def plot(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="What --log wrote: .csv or .parquet.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The file to write: .png, .svg or .html.")],
+    drive: Annotated[list[str] | None, typer.Option("--drive", help="Only this drive; may be given again.")] = None,
+    name: Annotated[list[str] | None, typer.Option("--name", help="Only this quantity; may be given again.")] = None,
+    title: Annotated[
+        str | None, typer.Option("--title", help="What stands above it; the log's name if absent.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
+) -> int:
+    """Plot a log: a panel for each unit, gaps where a drive did not answer, and what state the drives were in."""
+    # Files, and what draws, are for this command alone.
+    from drivecomm.value_log import read_rows  # noqa: PLC0415
+    from drivecomm.value_plots import picture_of  # noqa: PLC0415
+    from drivecomm.value_plots.drawing import save  # noqa: PLC0415
+
+    picture = picture_of(read_rows(log), drives=drive or (), names=name or ())
+    save(picture, title or log.name, output)
+    if json:
+        emit(output=str(output), curves=len(picture.curves), drives=len(picture.drives), faults=len(picture.faults))
+    else:
+        faults = f", {_number(len(picture.faults), 'fault')}" if picture.faults else ""
+        say(f"{output}: {_number(len(picture.curves), 'curve')}{faults}")
+    return 0
+
+
+def _number(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"

@@ -1,0 +1,3 @@
+"""The watch command: the drives of a plant, live in a terminal."""
+
+from drivecomm.cli.watch.command import watch as watch

@@ -1,0 +1,123 @@
+"""The watch command: what is to be watched, and the screen for it. The screen is loaded only when it is wanted."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drivecomm.cli.drive_names import parse_drive, plant_file
+from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.logging_option import Log
+from drivecomm.errors import UsageError
+
+if TYPE_CHECKING:
+    from drivecomm.watching import WatchedLine
+
+
+def watch(
+    line: LineOptions,
+    what: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[PLANT.toml | DRIVE...]",
+            help="A plant file (plant.toml here, if absent), or drives on --port such as vabus:1,model=agile.",
+        ),
+    ] = None,
+    period: Annotated[float, typer.Option("--period", metavar="SECONDS", help="How often each drive is asked.")] = 1.0,
+    name: Annotated[
+        list[str] | None, typer.Option("--name", help="Common name to read; may be given again. The usual, if absent.")
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option("--for", metavar="SECONDS", help="Ask no longer than this; the screen stays.")
+    ] = None,
+    log: Log = None,
+    arm: Annotated[
+        bool, typer.Option("--arm", help="Allow start and reset of drives that the plant file says are armed.")
+    ] = False,
+) -> int:
+    """Watch drives in a terminal: states, values, trends, faults, counters.
+
+    It commands nothing by itself; its keys stop a motor always, and start or reset one with --arm. Exit code 3 when
+    none of the lines can be opened. It is not a safety function.
+    """
+    if line.json or line.trace or line.record is not None:
+        raise UsageError("watch is for people at a terminal; use drivecomm poll for --json, --trace and --record")
+    if duration is not None and not duration > 0:
+        raise UsageError(f"--for {duration:g} s watches nothing; give seconds above 0")
+    lines = watched_lines(what or [], line)
+    if not sys.stdout.isatty():
+        raise UsageError("watch needs a terminal; use drivecomm poll where there is none")
+    # What draws on a terminal is for this command alone.
+    from drivecomm.cli.watch.log_switch import LogSwitch  # noqa: PLC0415
+    from drivecomm.watching import Watcher  # noqa: PLC0415
+
+    switch = LogSwitch(log)
+    chosen: dict[str, Any] = {"names": name} if name else {}
+    watcher = Watcher(lines, period_s=period, **chosen)
+    watcher.told = switch.tell
+    screen = _screen()(watcher, title=_title(what or [], line), log=switch, armed=arm, duration_s=duration)
+    if log is not None:
+        switch.switch()
+    try:
+        ended_by = screen.run()
+    finally:
+        complaint = switch.close()
+    if ended_by is not None:
+        raise ended_by
+    if complaint:
+        raise UsageError(complaint)
+    return 0
+
+
+def watched_lines(what: list[str], line: LineOptions) -> list[WatchedLine]:
+    """Return the lines that the words of a call name. Raises UsageError."""
+    from drivecomm.watching import WatchedDrive, WatchedLine, lines_of  # noqa: PLC0415 - as above
+
+    options = _options(line)
+    what = what or _usual_plant(line)
+    plants = [word for word in what if word.endswith(".toml") and ":" not in word.partition(",")[0]]
+    if plants and len(what) > 1:
+        raise UsageError("give one plant file or drives, not both")
+    if plants:
+        from drivecomm.plant_files import read_plant  # noqa: PLC0415 - as above
+
+        if line.port is not None:
+            raise UsageError(f"the ports are those of {plants[0]}; leave --port and DRIVECOMM_PORT out")
+        return lines_of(read_plant(Path(plants[0])), options)
+    if not what:
+        raise UsageError("nothing to watch; name a plant file, or drives such as vabus:1,model=agile with --port")
+    names = [parse_drive(word) for word in what]
+    drives = tuple(WatchedDrive(protocol=one.protocol, address=one.address, options=one.options) for one in names)
+    return [WatchedLine(name=line.named_port, port=line.named_port, drives=drives, options=options)]
+
+
+def _usual_plant(line: LineOptions) -> list[str]:
+    """Return the plant file of who names nothing: of --plant, of $DRIVECOMM_PLANT, or plant.toml in this folder."""
+    usual = plant_file(line.plant, port_given=line.port is not None)
+    return [] if usual is None else [str(usual)]
+
+
+def _options(line: LineOptions) -> dict[str, Any]:
+    given = {**line.facts, "low_latency": line.low_latency}
+    if line.echo != "off":
+        given["echo"] = line.echo
+    if line.rs485:
+        given["rs485"] = True
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def _title(what: list[str], line: LineOptions) -> str:
+    return line.named_port if line.port is not None else Path((what or _usual_plant(line))[0]).name
+
+
+def _screen() -> Any:
+    try:
+        from drivecomm.cli.watch.screen import WatchScreen  # noqa: PLC0415 - optional, and slow to load
+    except ModuleNotFoundError as error:
+        if error.name is None or not error.name.startswith("textual"):
+            raise
+        raise UsageError("watch needs textual, which is not installed; install drivecomm[watch]") from None
+    return WatchScreen

@@ -1,0 +1,68 @@
+"""The log of a watch: opened when it is first wanted, paused and taken up again by a key."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import DriveCommError
+from drivecomm.value_log import open_log
+
+if TYPE_CHECKING:
+    from drivecomm.polling import PollResult
+    from drivecomm.value_log import ValueLog
+
+
+class LogSwitch:
+    """Keeps a log or does not. path: the file; None for one in this folder that is named after the time."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._log: ValueLog | None = None
+        self._is_on = False
+        self.broken = ""
+        """Why it was switched off by itself, empty when it was not."""
+
+    def switch(self) -> str:
+        """Switch it on or off; return what to say. Raises DriveCommError for a file that cannot be."""
+        if self._is_on:
+            self._is_on = False
+            return f"logging is paused; {self._name} is finished when watch ends"
+        if self._log is None:
+            path = self._path or Path(f"watch-{datetime.now(UTC):%Y%m%d-%H%M%S}.csv")
+            self._log = open_log(path)
+        self._is_on, self.broken = True, ""
+        return f"logging to {self._name}"
+
+    def tell(self, result: PollResult) -> None:
+        """Write a result if the log is on; a disk that is full switches it off."""
+        if not self._is_on or self._log is None:
+            return
+        try:
+            self._log.write(result)
+        except OSError as error:
+            self._is_on = False
+            self.broken = f"{self._name}: cannot be written: {error.strerror or error}; logging is off"
+
+    @property
+    def words(self) -> str:
+        """How it is, for the head of the screen."""
+        if self._is_on:
+            return f"log {self._name}"
+        return "log paused" if self._log is not None else "log off"
+
+    def close(self) -> str:
+        """Finish the file; return why that failed, empty when it did not."""
+        if self._log is None:
+            return ""
+        log, self._log, self._is_on = self._log, None, False
+        try:
+            log.close()
+        except (DriveCommError, OSError) as error:
+            return str(error)
+        return ""
+
+    @property
+    def _name(self) -> str:
+        return self._log.path.name if self._log is not None else ""

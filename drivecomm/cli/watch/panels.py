@@ -1,0 +1,74 @@
+"""What stands below the table: everything of one drive, and what happened."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from drivecomm.cli.watch.sparkline import chart, sparkline
+from drivecomm.cli.watch.words import (
+    ASIDE,
+    WARNING,
+    counters_of,
+    happening_of,
+    head_of,
+    in_full,
+    note_of,
+    state_of,
+    unit_of,
+)
+
+if TYPE_CHECKING:
+    from drivecomm.watching import Board, DriveView, Watcher
+
+_NAMES, _VALUES, _RANGE = 22, 12, 18
+_LONGEST_TREND = 60
+
+
+_CHART, _LOWEST_CHART = 24, 5
+_SCALE = 8
+
+
+def drive_panel(view: DriveView, watcher: Watcher, *, shown: str, width: int, height: int) -> Group:
+    """Return everything that is known of a drive. shown: the quantity of which there is a chart where it has room."""
+    cells = max(8, min(_LONGEST_TREND, width - _NAMES - _VALUES - _RANGE - 6))
+    table = Table.grid(padding=(0, 2, 0, 0))
+    for wide in (_NAMES, _VALUES, cells, _RANGE):
+        table.add_column(width=wide, no_wrap=True)
+    for name, value in view.values.items():
+        course = watcher.cells(view.name, name, cells)
+        there = [number for number in course if number is not None]
+        unit = unit_of(value.reading.unit) if value.reading else ""
+        span = f"{min(there):g} to {max(there):g} {unit}".rstrip() if there else ""
+        table.add_row(name.replace("_", " "), in_full(value), Text(sparkline(course), style="cyan"), Text(span, ASIDE))
+    error = [Text(view.error, style=WARNING)] if view.error else []
+    room = height - len(view.values) - len(error) - 4
+    return Group(_heading(view), *error, table, counters_of(view), *_chart(view, watcher, shown, width, room))
+
+
+def _chart(view: DriveView, watcher: Watcher, shown: str, width: int, room: int) -> list[Text]:
+    cells = max(8, width - _SCALE)
+    course = watcher.cells(view.name, shown, cells)
+    if room < _LOWEST_CHART or all(value is None for value in course):
+        return []
+    title = Text(f"\n{head_of(shown)}, the last {watcher.trend_s:.0f} s", style=ASIDE)
+    return [title, *(Text(line, style="cyan", no_wrap=True) for line in chart(course, min(room, _CHART)))]
+
+
+def _heading(view: DriveView) -> Text:
+    text = Text(view.name, style="bold", no_wrap=True, overflow="ellipsis").append("  ", style="")
+    model = str(view.drive.options.get("model", "no model"))
+    arms = "armed" if view.drive.armed else "read-only"
+    text.append(f"{view.drive.place} on {view.line}, {model}, {arms}:  ", style="not bold dim")
+    text.append_text(state_of(view))
+    return text if view.error else text.append("  ").append_text(note_of(view))
+
+
+def happenings_panel(board: Board) -> Group:
+    """Return what happened, the latest first."""
+    if not board.happenings:
+        return Group(Text("nothing has changed yet", style=ASIDE))
+    return Group(*(happening_of(each) for each in board.happenings))

@@ -1,0 +1,299 @@
+"""The screen of `drivecomm watch`: the drives of a plant in a table, and below it the one that is chosen."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from rich.text import Text
+from textual.app import App
+from textual.binding import Binding
+from textual.containers import Container, VerticalScroll
+from textual.widgets import DataTable, Footer, Static
+
+from drivecomm.cli.output import sentence
+from drivecomm.cli.watch.arming import HOLD, why_not
+from drivecomm.cli.watch.columns import PADDING, columns_for
+from drivecomm.cli.watch.panels import drive_panel, happenings_panel
+from drivecomm.cli.watch.parameters_screen import ParametersScreen
+from drivecomm.cli.watch.question import Question
+from drivecomm.cli.watch.trace_screen import TraceScreen
+from drivecomm.cli.watch.words import ASIDE, clock, summary_of
+from drivecomm.errors import DriveCommError
+from drivecomm.keeping import keep_async
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from textual.app import ComposeResult
+    from textual.binding import BindingType
+    from textual.events import Resize
+    from textual.screen import Screen
+
+    from drivecomm.async_drive import AsyncDrive
+    from drivecomm.cli.watch.log_switch import LogSwitch
+    from drivecomm.watching import DriveView, Watcher
+
+REFRESH_S = 0.5
+
+
+class WatchScreen(App[Exception | None]):
+    """Shows what a watcher sees, and commands only what a person asks for.
+
+    title: what is watched, for people. log: the log that `l` switches. armed: --arm was given. duration_s: how long to
+    ask; the screen stays. Its result is the error that ended it, None when a person did.
+    """
+
+    ENABLE_COMMAND_PALETTE = False
+    CSS = """
+    #title { height: 1; background: $panel; padding: 0 1; }
+    #drives { height: auto; max-height: 60%; background: $surface; }
+    #below { height: 1fr; layout: vertical; border-top: solid $panel-lighten-2; }
+    .-wide #below { layout: horizontal; }
+    #drive { height: auto; padding: 0 1; }
+    .-wide #drive { width: 5fr; height: 1fr; }
+    #happened { height: 1fr; padding: 0 1; border-top: solid $panel-lighten-2; scrollbar-size: 1 1; }
+    .-wide #happened { width: 3fr; border-top: none; border-left: solid $panel-lighten-2; }
+    #message { height: 1; padding: 0 1; }
+    """
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (130, "-wide")]  # noqa: RUF012 - as the library declares it
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("p", "parameters", "params"),
+        Binding("t", "trace", "trace"),
+        Binding("v", "next_trend", "trend"),
+        Binding("l", "log", "log"),
+        Binding("s", "stop", "stop?"),
+        Binding("S", "stop_at_once", "stop!", key_display="S"),
+        Binding("r", "reset", "reset"),
+        Binding("g", "start", "start"),
+        Binding("q", "quit", "quit"),
+        Binding("ctrl+c", "quit", "quit", show=False, priority=True),
+    ]
+
+    def __init__(
+        self, watcher: Watcher, *, title: str, log: LogSwitch, armed: bool = False, duration_s: float | None = None
+    ) -> None:
+        super().__init__()
+        self.watcher = watcher
+        self.asked_all = asyncio.Event()
+        """Set when the time to ask is over."""
+        self._what = title
+        self._value_log = log
+        self._armed = armed
+        self._duration_s = duration_s
+        self._watching: asyncio.Task[None] | None = None
+        self._trend = watcher.names[0]
+        self._columns: tuple[object, ...] = ()
+
+    def compose(self) -> ComposeResult:
+        """Place the table, what stands below it, and the keys."""
+        yield Static(id="title", markup=False)
+        table: DataTable[Text] = DataTable(id="drives", cursor_type="row")
+        yield table
+        with Container(id="below"):
+            yield Static(id="drive", markup=False)
+            with VerticalScroll(id="happened", can_focus=False):
+                yield Static(id="happenings", markup=False)
+        yield Static(id="message", markup=False)
+        yield Footer()
+
+    def on_mount(self) -> None:
+        """Begin to watch."""
+        self._watching = asyncio.create_task(self._watch())
+        self.set_interval(REFRESH_S, self.show)
+        self.query_one("#drives").focus()
+
+    async def on_unmount(self) -> None:
+        """Let go of the lines."""
+        if self._watching is not None:
+            self._watching.cancel()
+            await asyncio.gather(self._watching, return_exceptions=True)
+
+    async def _watch(self) -> None:
+        try:
+            async with self.watcher:
+                await self.watcher.run(duration_s=self._duration_s)
+                self.asked_all.set()
+                self.say(f"asked for {self._duration_s:g} s; q leaves" if self._duration_s else "")
+                # The lines stay open for the keys.
+                await asyncio.Event().wait()
+        except Exception as error:  # noqa: BLE001 - the command raises it when the screen is gone
+            self.exit(error)
+
+    def on_resize(self, _: Resize) -> None:
+        """Show what fits now."""
+        self.call_after_refresh(self.show)
+
+    def show(self) -> None:
+        """Show how things are now."""
+        if len(self.screen_stack) > 1 or not self.is_running:
+            return
+        board = self.watcher.board()
+        self._show_title(summary_of(board), clock(board.elapsed_s))
+        self._show_table()
+        panel = self.query_one("#drive", Static)
+        width = panel.content_size.width or self.size.width - PADDING
+        # Where the panel has a height of its own, and does not make it by what it shows, there is room for a chart.
+        height = panel.content_size.height if self.screen.has_class("-wide") else 0
+        panel.update(drive_panel(self._view, self.watcher, shown=self._trend, width=width, height=height))
+        self.query_one("#happenings", Static).update(happenings_panel(board))
+        if self._value_log.broken:
+            self.say(self._value_log.broken)
+
+    def _show_title(self, summary: Text, time: str) -> None:
+        right = Text(f"{self._value_log.words}  {time}")
+        room = max(0, self.size.width - PADDING - len(right) - 1)
+        left = Text.assemble((self._what, "bold"), "  ", summary)
+        name = Text("drivecomm watch ", style=ASIDE)
+        if len(name) + len(left) <= room:
+            left = Text.assemble(name, left)
+        left.truncate(room, overflow="ellipsis", pad=True)
+        self.query_one("#title", Static).update(Text.assemble(left, " ", right))
+
+    def _show_table(self) -> None:
+        board = self.watcher.board()
+        table = self.query_one("#drives", DataTable)
+        columns = columns_for(self.watcher, board, self.size.width, self._trend)
+        laid_out = tuple((column.key, column.head, column.width) for column in columns)
+        if laid_out != self._columns:
+            self._columns = laid_out
+            row = table.cursor_row
+            table.clear(columns=True)
+            for column in columns:
+                table.add_column(column.head, width=column.width, key=column.key)
+            for view in board.drives:
+                table.add_row(*(column.cell(view) for column in columns), key=view.name)
+            table.move_cursor(row=row)
+            return
+        for view in board.drives:
+            for column in columns:
+                table.update_cell(view.name, column.key, column.cell(view))
+
+    @property
+    def _view(self) -> DriveView:
+        """The drive that is chosen."""
+        drives = self.watcher.board().drives
+        return drives[min(self._main.query_one("#drives", DataTable).cursor_row, len(drives) - 1)]
+
+    @property
+    def _main(self) -> Screen[Any]:
+        """The screen with the table, which may be under another."""
+        return self.screen_stack[0]
+
+    def say(self, text: str) -> None:
+        """Put a sentence above the keys."""
+        self._main.query_one("#message", Static).update(text)
+        if self.screen is not self._main and text:
+            # The screens on top have no place for it.
+            self.notify(text, markup=False)
+
+    def on_data_table_row_highlighted(self) -> None:
+        """Show the drive that the cursor came to."""
+        self.show()
+
+    def on_data_table_row_selected(self) -> None:
+        """Show the parameters of a drive on Enter."""
+        self.action_parameters()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Leave the keys of a screen on top to that screen; only stopping at once goes from everywhere."""
+        del parameters
+        if len(self.screen_stack) <= 1:
+            return True
+        if action == "stop_at_once":
+            return not isinstance(self.screen, Question)
+        return action not in {"parameters", "trace", "next_trend", "log", "stop", "reset", "start"}
+
+    # The keys
+
+    def action_parameters(self) -> None:
+        """Show the parameters of the drive."""
+        self.push_screen(ParametersScreen(self.watcher, self._view.name))
+
+    def action_trace(self) -> None:
+        """Show the telegrams with the drive."""
+        self.push_screen(TraceScreen(self.watcher, self._view.name))
+
+    def action_next_trend(self) -> None:
+        """Show the trend of the next quantity that one of the drives has."""
+        views = self.watcher.board().drives
+        known = [name for name in self.watcher.names if any(name in view.values for view in views)]
+        if known:
+            place = known.index(self._trend) + 1 if self._trend in known else 0
+            self._trend = known[place % len(known)]
+            self.show()
+
+    def action_log(self) -> None:
+        """Switch the log on or off."""
+        try:
+            self.say(self._value_log.switch())
+        except DriveCommError as error:
+            self.say(sentence(error))
+        self.show()
+
+    def action_stop(self) -> None:
+        """Stop the motor, after a question."""
+        name = self._view.name
+        self._ask(f"Stop {name}?", "down its ramp; S stops without this question", lambda: self._stop(name))
+
+    def action_stop_at_once(self) -> None:
+        """Stop the motor."""
+        self._stop(self._view.name)
+
+    def action_start(self) -> None:
+        """Start the motor, if the drive is armed, after a question."""
+        drive = self._view.drive
+        if reason := why_not("start", drive, armed=self._armed):
+            self.say(reason)
+            return
+        loss = self.watcher.drive(drive.name).capabilities.link_loss
+        self._ask(
+            f"Start {drive.name}?",
+            f"with the reference that it has; if its line falls silent: {loss}",
+            lambda: self._command(drive.name, "started", _start(self.watcher.drive(drive.name))),
+        )
+
+    def action_reset(self) -> None:
+        """Acknowledge a fault, if the drive is armed, after a question."""
+        drive = self._view.drive
+        if reason := why_not("reset", drive, armed=self._armed):
+            self.say(reason)
+            return
+        self._ask(
+            f"Reset {drive.name}?",
+            f"its fault: {self._view.fault}" if self._view.fault else "it has no fault now",
+            lambda: self._command(drive.name, "reset", self.watcher.drive(drive.name).reset()),
+        )
+
+    def _stop(self, name: str) -> None:
+        self._command(name, "stopped", self.watcher.drive(name).stop())
+
+    def _ask(self, question: str, remark: str, then: Callable[[], None]) -> None:
+        def answered(answer: bool | None) -> None:
+            if answer:
+                then()
+            else:
+                self.say("nothing was sent")
+
+        self.push_screen(Question(question, remark), answered)
+
+    def _command(self, name: str, done: str, command: Awaitable[None]) -> None:
+        self.run_worker(self._carry_out(name, done, command), exit_on_error=False)
+
+    async def _carry_out(self, name: str, done: str, command: Awaitable[None]) -> None:
+        self.say(f"{name} ...")
+        try:
+            await command
+        except DriveCommError as error:
+            self.say(f"not {done}: {sentence(error, where=name)}")
+            self.watcher.note(name, f"not {done}: {' '.join(str(error).split())}")
+        else:
+            self.say(f"{name} {done}")
+            self.watcher.note(name, f"{done} from here")
+        self.show()
+
+
+async def _start(drive: AsyncDrive) -> None:
+    """Start a motor that goes on without a master. Raises StateError where the drive's watchdog would not let it."""
+    async with keep_async(drive, HOLD):
+        await drive.start()

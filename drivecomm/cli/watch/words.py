@@ -1,0 +1,128 @@
+"""What the screen says, with colours that only repeat what the words say."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.text import Text
+
+from drivecomm.quantities import quantities
+from drivecomm.watching.happenings import state_words
+
+if TYPE_CHECKING:
+    from drivecomm.watching import Board, DriveView, Happening, WatchedValue
+
+FAULT, WARNING, DEAD, RUNNING, ASIDE = "bold red", "yellow", "dim", "green", "dim"
+
+_SHORT = {
+    "output_frequency": "freq",
+    "output_current": "curr",
+    "output_voltage": "volt",
+    "output_power": "power",
+    "dc_link_voltage": "DC",
+    "motor_speed": "speed",
+    "torque_percent": "torque",
+    "heat_sink_temperature": "temp",
+    "inside_temperature": "inside",
+    "reference_frequency": "ref",
+    "reference_percent": "ref",
+    "motor_thermal_load": "motor",
+    "drive_thermal_load": "drive",
+}
+_UNITS = {"degC": "°C"}
+_HAPPENED = {"fault": FAULT, "silent": WARNING, "warning": WARNING, "change": "", "command": "bold"}
+
+
+def unit_of(unit: str) -> str:
+    """Return a unit as it is written."""
+    return _UNITS.get(unit, unit)
+
+
+def head_of(name: str) -> str:
+    """Return a common name as the head of a narrow column, with its unit."""
+    return f"{_SHORT.get(name, name.replace('_', ' '))} {unit_of(quantities()[name].unit)}".rstrip()
+
+
+def state_of(view: DriveView) -> Text:
+    """Return the state of a drive in at most nine characters."""
+    if view.condition == "silent":
+        return Text("no answer", style=WARNING)
+    if view.condition == "asking" or view.status is None:
+        return Text("asking", style=ASIDE)
+    if view.fault:
+        return Text("FAULT", style=FAULT)
+    words = state_words(view.status)
+    if view.status.running:
+        return Text("backwards" if words.endswith("backwards") else "running", style=RUNNING)
+    return Text(words)
+
+
+def note_of(view: DriveView) -> Text:
+    """Return what is to be known of a drive besides its state."""
+    if view.condition == "silent" and view.age_s is not None:
+        return Text(f"silent for {view.age_s:.0f} s", style=WARNING)
+    if view.condition == "silent" or view.error:
+        return Text(view.error, style=WARNING)
+    if view.fault:
+        return Text(view.fault, style=FAULT)
+    status = view.status
+    if status is None:
+        return Text()
+    if status.warning:
+        return Text("warning", style=WARNING)
+    remote = Text("local", style=ASIDE) if status.remote is False else Text()
+    return Text("at reference", style=ASIDE) if status.running and status.at_reference else remote
+
+
+def value_of(view: DriveView, name: str) -> Text:
+    """Return a value without its unit: with ? behind it when it is old, - when there is none."""
+    value = view.values.get(name)
+    if value is None:
+        return Text("")
+    if value.reading is None:
+        return Text("-", style=DEAD)
+    if value.quality == "stale" or view.condition == "silent":
+        return Text(f"{value.reading.value}?", style=DEAD)
+    return Text(str(value.reading.value))
+
+
+def in_full(value: WatchedValue) -> Text:
+    """Return a value with its unit and what is to be said of it."""
+    if value.reading is None:
+        return Text(value.cause, style=WARNING)
+    text = Text(f"{value.reading.value} {unit_of(value.reading.unit)}".rstrip())
+    if value.quality == "stale":
+        text.append(f"  old: {value.cause}", style=WARNING)
+    return text
+
+
+def happening_of(happening: Happening) -> Text:
+    """Return what happened, on one line with its time."""
+    text = Text(no_wrap=True, overflow="ellipsis")
+    text.append(f"{clock(happening.time_s)}  ", style=ASIDE).append(happening.drive, style="bold")
+    return text.append(f"  {happening.text}", style=_HAPPENED[happening.kind])
+
+
+def summary_of(board: Board) -> Text:
+    """Return how many drives there are, and how many of them need somebody."""
+    text = Text(f"{len(board.drives)} drive{'' if len(board.drives) == 1 else 's'}")
+    if board.faults:
+        text.append(", ").append(f"{board.faults} fault{'' if board.faults == 1 else 's'}", style=FAULT)
+    if board.silent:
+        text.append(", ").append(f"{board.silent} silent", style=WARNING)
+    return text
+
+
+def counters_of(view: DriveView) -> Text:
+    """Return what was counted of a drive: the main things always, the others if they happened."""
+    always = ("requests", "replies", "timeouts", "damaged")
+    counted = [f"{view.counters.get(name, 0)} {name}" for name in always]
+    counted += [f"{number} {name}" for name, number in view.counters.items() if name not in always and number]
+    reply = f"; {1000 * view.reply_s:.1f} ms a reply" if view.reply_s else ""
+    return Text(", ".join(counted) + reply, style=ASIDE)
+
+
+def clock(seconds: float) -> str:
+    """Return a time since the beginning as hours, minutes and seconds."""
+    whole = int(seconds)
+    return f"{whole // 3600:02}:{whole // 60 % 60:02}:{whole % 60:02}"

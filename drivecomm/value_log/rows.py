@@ -1,0 +1,95 @@
+"""One line of a log of values. No I/O, no clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from decimal import Decimal, InvalidOperation
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.polling import PollResult
+
+Quality: TypeAlias = Literal["good", "uncertain", "stale", "bad"]
+"""good, uncertain: as of a `Reading`. stale: the drive gave none now, and this is its last one. bad: there is none."""
+
+QUALITIES: tuple[Quality, ...] = ("good", "uncertain", "stale", "bad")
+
+COLUMNS = ("time", "drive", "name", "address", "value", "unit", "text", "raw", "quality", "note")
+"""time: when the value was taken, UTC. drive: as the plant calls it. name: what was asked for, a common name or an
+address. address: of the parameter. value: exact, as text. text: what it stands for, such as a fault. raw: as it came.
+note: what is not certain, or why there is no value."""
+
+BEGINNING = datetime(1970, 1, 1, tzinfo=UTC)
+"""Where times in seconds begin."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogRow:
+    """A value of a drive at a time; the fields are COLUMNS."""
+
+    time: datetime
+    drive: str
+    name: str
+    address: str = ""
+    value: str = ""
+    unit: str = ""
+    text: str = ""
+    raw: str = ""
+    quality: Quality = "good"
+    note: str = ""
+
+    @property
+    def number(self) -> float | None:
+        """The value as a number; None where it is a text, or there is none."""
+        try:
+            number = Decimal(self.value)
+        except InvalidOperation:
+            return None
+        return float(number) if number.is_finite() else None
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether the drive gave this value when it was asked."""
+        return self.quality in ("good", "uncertain")
+
+    def texts(self) -> dict[str, str]:
+        """Return the row as texts by column, each on one line, the time in ISO 8601."""
+        # A row that is cut must not look like a whole one.
+        content = {name: " ".join(str(getattr(self, name)).splitlines()) for name in COLUMNS}
+        content["time"] = self.time.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        return content
+
+
+def row_of(result: PollResult) -> LogRow:
+    """Return the row of a poll result."""
+    reading = result.reading
+    # The times of a virtual line begin at 0; datetime.fromtimestamp takes no small negative ones everywhere.
+    time = BEGINNING + timedelta(seconds=result.time_s)
+    if reading is None:
+        return LogRow(time=time, drive=result.drive, name=result.parameter, quality="bad", note=result.cause)
+    quality: Quality = reading.quality if result.quality == "good" else "stale"
+    return LogRow(
+        time=time,
+        drive=result.drive,
+        name=result.parameter,
+        address=reading.parameter,
+        value=str(reading.value),
+        unit=reading.unit,
+        text=reading.text,
+        raw=str(reading.raw),
+        quality=quality,
+        note=result.cause or reading.note,
+    )
+
+
+def row_from(content: Mapping[str, str]) -> LogRow:
+    """Return the row that these texts make. Raises ValueError for a time or a quality that is none."""
+    time = datetime.fromisoformat(content["time"])
+    quality = next((each for each in QUALITIES if each == content["quality"]), None)
+    if quality is None or time.tzinfo is None:
+        raise ValueError("no time with its zone, or no quality")
+    others = {name: content[name] for name in COLUMNS if name not in ("time", "quality")}
+    return LogRow(time=time.astimezone(UTC), quality=quality, **others)
