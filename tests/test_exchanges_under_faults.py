@@ -80,7 +80,7 @@ class Course:
         }
         self.line = VirtualLine(self.virtual.values(), faults=self.faults, echo=echo)
         self.line.monitor = self._on_the_wire
-        self.bus = drivecomm.open_bus(self.line.port, echo=echo, trace=self._traced)
+        self.bus = drivecomm.open_bus(self.line.port, echo=echo, trace=self._traced, stored_writes_per_hour=10**9)
         self.drives = {address: self.bus.drive(plugin.name, address, model=self.model) for address in self.addresses}
         self.outcomes = Counter()
         self.avoidable = Counter()

@@ -128,7 +128,7 @@ def test_three_lines_make_tests(pytest_in):
     done = pytest_in(THREE_LINES.format(extent=""), "-k", "contract or documents", "-vv")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "test_conformance[vabus/contract/has all fields] PASSED" in done.stdout
-    assert "16 passed" in done.stdout
+    assert "17 passed" in done.stdout
 
 
 def test_a_test_that_fails_says_why(pytest_in):
@@ -141,4 +141,4 @@ installed._loaded["vabus"] = replace(installed["vabus"], facts_source="?")
     done = pytest_in(broken, "-k", "documents")
     assert done.returncode == 1
     assert "the source of the line facts is '?'" in done.stdout
-    assert "1 failed, 5 passed" in done.stdout
+    assert "1 failed, 6 passed" in done.stdout

@@ -145,7 +145,7 @@ def test_nothing_is_sent_for_a_call_that_cannot_work(line):
             (lambda: drive.write("481", "ten"), ValueRefusedError),
             (lambda: drive.stop(Stop.DC_BRAKE), NotSupported),
             (drive.jog, NotSupported),
-            (lambda: drive.set_reference(rpm=1), NotSupported),
+            (lambda: drive.set_reference(rpm=1, hz=1), UsageError),
             (lambda: drive.read("481", colour="red"), UsageError),
             (lambda: drive.write("481", 1, colour="red"), UsageError),
             (drive.set_reference, UsageError),

@@ -63,7 +63,7 @@ def models(draw):
     return Model(
         protocol="toy",
         name=draw(WORDS),
-        title=draw(TEXTS),
+        title=draw(TEXTS.filter(bool)),
         source=draw(TEXTS),
         parameters={info.address: info for info in known},
         faults=draw(CODES),
