@@ -26,6 +26,7 @@ from drivecomm.cli.sniff.command import sniff
 from drivecomm.cli.stats import stats
 from drivecomm.cli.status import status
 from drivecomm.cli.vectors import check, from_capture
+from drivecomm.cli.wait import wait
 from drivecomm.cli.watch import watch
 from drivecomm.version import __version__
 
@@ -73,6 +74,7 @@ app.command(cls=LineCommand)(on_a_line(drives.start))
 app.command(cls=LineCommand)(on_a_line(drives.stop))
 app.command(cls=LineCommand)(on_a_line(drives.reset))
 app.command(cls=LineCommand, context_settings=_NEGATIVE_NUMBERS)(on_a_line(drives.reference))
+app.command(cls=LineCommand)(on_a_line(wait))
 app.command(cls=LineCommand)(on_a_line(drives.call))
 app.command(cls=LineCommand)(on_a_line(backup))
 app.command(cls=LineCommand)(on_a_line(compare))

@@ -64,13 +64,17 @@ def write(
     value: Annotated[str, typer.Argument(help="Physical where the model knows the scale.")],
     line: LineOptions,
     store: Annotated[bool, typer.Option("--store", help="Keep it over power-off (EEPROM).")] = False,
+    read_back: Annotated[
+        bool, typer.Option("--read-back", help="Read it afterwards; exit code 5 when the drive holds something else.")
+    ] = False,
     model: Model = None,
     type: Type = None,
     option: Further = None,
 ) -> int:
     """Write a parameter; into RAM unless --store is given, where the protocol makes the difference."""
     with drive_named(line, drive, model) as one:
-        reading = one.write(parameter, value, store=store, **_verb_options(type, option))
+        write = one.write_and_read if read_back else one.write
+        reading = write(parameter, value, store=store, **_verb_options(type, option))
         if reading is not None:
             _show_reading(one, parameter, reading, as_json=line.json)
         elif line.json:
@@ -159,15 +163,15 @@ def stop(
     if colon and address == "*":
         with line.bus() as bus:
             bus.broadcast(protocol, **({"model": model} if model else {})).stop(chosen)
-        done = f"stop ({chosen.value}) sent to all; nobody confirms a broadcast"
+        told = f"stop ({chosen.value}) sent to all; nobody confirms a broadcast"
         if line.json:
-            emit(drive=drive, done=done)
+            emit(drive=drive, done=told)
         else:
-            say(f"{drive}  {done}")
+            say(f"{drive}  {told}")
         return 0
     with drive_named(line, drive, model) as one:
         one.stop(chosen)
-        _done(one, line, f"stop ({chosen.value}) commanded")
+        done(one, line, f"stop ({chosen.value}) commanded")
     return 0
 
 
@@ -175,30 +179,26 @@ def reset(drive: Name, line: LineOptions, model: Model = None) -> int:
     """Acknowledge a fault; the motor does not start by it."""
     with drive_named(line, drive, model) as one:
         one.reset()
-        _done(one, line, "reset")
+        done(one, line, "reset")
     return 0
 
 
 def reference(
     drive: Name,
     line: LineOptions,
-    value: Annotated[str | None, typer.Argument(metavar="[VALUE]", help="With its unit: 50% or 25Hz.")] = None,
+    value: Annotated[str | None, typer.Argument(metavar="[VALUE]", help="With its unit: 50%, 25Hz or 1450rpm.")] = None,
     percent: Annotated[str | None, typer.Option(help="Share of the reference range.")] = None,
     hz: Annotated[str | None, typer.Option(help="Output frequency.")] = None,
+    rpm: Annotated[str | None, typer.Option(help="Speed, by the motor's name plate in the drive.")] = None,
     model: Model = None,
 ) -> int:
     """Set the reference; never stored."""
     if value is not None:
-        text = value.strip().lower()
-        if text.endswith("%"):
-            percent = text[:-1]
-        elif text.endswith("hz"):
-            hz = text[:-2]
-        else:
-            raise UsageError(f"{value!r} has no unit; write {value}% or {value}Hz")
+        number, unit = _with_unit(value)
+        percent, hz, rpm = (number if unit == each else said for each, said in _units(percent, hz, rpm))
     with drive_named(line, drive, model) as one:
-        one.set_reference(percent=_number(percent), hz=_number(hz))
-        _done(one, line, f"reference {percent} %" if percent is not None else f"reference {hz} Hz")
+        one.set_reference(percent=_number(percent), hz=_number(hz), rpm=_number(rpm))
+        done(one, line, next(f"reference {said} {unit}" for unit, said in _units(percent, hz, rpm) if said is not None))
     return 0
 
 
@@ -212,7 +212,7 @@ def call(
     """Carry out a verb that only this protocol has, such as jog or set_up."""
     with drive_named(line, drive, model) as one:
         result = one.call(verb, **parse_settings(arguments or []))
-        _done(one, line, verb, result=result)
+        done(one, line, verb, result=result)
     return 0
 
 
@@ -221,6 +221,19 @@ def _way_to_stop(how: str) -> Stop:
         return Stop(how.lower().replace("-", "_"))
     except ValueError:
         raise UsageError(f"{how!r} is no way to stop; they are ramp, coast, quick and dc_brake") from None
+
+
+def _units(percent: str | None, hz: str | None, rpm: str | None) -> tuple[tuple[str, str | None], ...]:
+    return ("%", percent), ("Hz", hz), ("rpm", rpm)
+
+
+def _with_unit(value: str) -> tuple[str, str]:
+    """Return the number and the unit of a reference such as 50%."""
+    text = value.strip()
+    for unit in ("%", "Hz", "rpm"):
+        if text.lower().endswith(unit.lower()):
+            return text[: -len(unit)], unit
+    raise UsageError(f"{value!r} has no unit; write {value}%, {value}Hz or {value}rpm")
 
 
 def _verb_options(type: str | None, further: list[str] | None) -> dict[str, Any]:
@@ -245,7 +258,8 @@ def _show_reading(drive: Drive, parameter: str, reading: Reading, *, as_json: bo
     say(f"{drive.name}  {name:<34} {reading!s:>14}{note}".rstrip())
 
 
-def _done(drive: Drive, line: LineOptions, what: str, *, result: object = None) -> None:
+def done(drive: Drive, line: LineOptions, what: str, *, result: object = None) -> None:
+    """Say what was done with a drive."""
     if line.json:
         emit(drive=drive.name, done=what, result=result)
         return

@@ -141,10 +141,16 @@ class LineOptions:
 
     @property
     def named_port(self) -> str:
-        """The port. Raises UsageError when there is none."""
-        if self.port is None:
+        """The port that is given, or that of the plant's only line. Raises UsageError when there is none."""
+        if self.port is not None:
+            return self.port
+        known = known_plant(self.plant, port_given=False)
+        if known is None:
             raise UsageError("no port: give --port, or set DRIVECOMM_PORT")
-        return self.port
+        if len(known.plant.lines) > 1:
+            ports = ", ".join(f"{line.reached_at or 'no port'} ({line.name})" for line in known.plant.lines)
+            raise UsageError(f"no port: give --port; {known.file} has {ports}")
+        return self.port_of(known.plant.lines[0], known.file)
 
     @property
     def facts(self) -> dict[str, Any]:

@@ -47,7 +47,7 @@ def status(
         return _of_the_plant(line)
     with drive_named(line, drive, model) as one:
         found = one.status()
-        _show(one, found, as_json=line.json)
+        show_status(one, found, as_json=line.json)
     return DriveError.exit_code if found.fault else 0
 
 
@@ -197,7 +197,8 @@ def _summary(reports: Sequence[DriveReport]) -> str:
     return f"{count}: {', '.join(wrong) or 'no fault'}"
 
 
-def _show(drive: Drive, found: DriveStatus, *, as_json: bool) -> None:
+def show_status(drive: Drive, found: DriveStatus, *, as_json: bool) -> None:
+    """Show the status of one drive on a line."""
     if as_json:
         emit(drive=drive.name, **plain(found))
         return

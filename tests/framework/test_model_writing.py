@@ -32,7 +32,7 @@ def parameters(draw):
         title=draw(TEXTS),
         type=kind,
         unit=draw(TEXTS),
-        factor=draw(DECIMALS),
+        factor=draw(DECIMALS.filter(bool)),
         access=draw(st.sampled_from(get_args(Access))),
         storage=draw(st.sampled_from(get_args(Storage))),
         values=draw(CODES),

@@ -1,0 +1,34 @@
+"""The wait command: until a drive is in a state."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drivecomm.cli.drives import Model, Name
+from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.opened_drive import drive_named
+from drivecomm.cli.status import show_status
+from drivecomm.errors import UsageError
+from drivecomm.status import DriveState
+
+if TYPE_CHECKING:
+    from drivecomm.waiting import Goal
+
+
+def wait(
+    drive: Name,
+    state: Annotated[str, typer.Argument(help="ready, running, stopping, fault, not_ready or at_reference.")],
+    line: LineOptions,
+    seconds: Annotated[float, typer.Option("--seconds", help="How long at most.")] = 10.0,
+    model: Model = None,
+) -> int:
+    """Wait until a drive is in a state. Exit code 5 when it does not come there in time, or has a fault."""
+    goals: dict[str, Goal] = {"at_reference": "at_reference", **{each.value: each for each in DriveState}}
+    goal = goals.get(state.lower().replace("-", "_"))
+    if goal is None:
+        raise UsageError(f"{state!r} is nothing to wait for; write one of {', '.join(goals)}")
+    with drive_named(line, drive, model) as one:
+        show_status(one, one.wait_for(goal, seconds), as_json=line.json)
+    return 0
