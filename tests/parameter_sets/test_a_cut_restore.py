@@ -9,7 +9,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
-from drives import cases
+from set_drives import cases
 
 import drivecomm
 from drivecomm.errors import LinkError, ReplyError

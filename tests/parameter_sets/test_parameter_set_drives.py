@@ -5,7 +5,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
-from drives import Case, cases
+from set_drives import Case, cases
 
 import drivecomm
 from drivecomm.async_bus import open_bus_async
