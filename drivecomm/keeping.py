@@ -16,23 +16,20 @@ from __future__ import annotations
 
 import asyncio
 import time
-from dataclasses import dataclass
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Any, Self, get_args
+from typing import TYPE_CHECKING, Self, get_args
 
 from drivecomm.errors import DriveCommError, NotSupported, ReplyError, StateError, UsageError
 from drivecomm.models import LinkLoss
 from drivecomm.numbers import exact
 from drivecomm.status import DriveStatus, Stop
+from drivecomm.steps import AskStatus, Steps, StopMotor, carry_out, carry_out_async
 from drivecomm.watchdog import (
-    Plan,
     Setting,
-    carry_out,
-    carry_out_async,
     policies,
-    putting_back_plan,
-    reading_plan,
-    setting_plan,
+    putting_back_steps,
+    reading_steps,
+    setting_steps,
 )
 
 if TYPE_CHECKING:
@@ -261,20 +258,6 @@ class AsyncKept:
             await bus.sleep_until(min(until, self._next_at) if self._hand.feeds else until)
 
 
-@dataclass(frozen=True, slots=True)
-class _AskStatus:
-    def on(self, drive: Drive | AsyncDrive) -> Any:
-        return drive.status()
-
-
-@dataclass(frozen=True, slots=True)
-class _StopMotor:
-    how: Stop
-
-    def on(self, drive: Drive | AsyncDrive) -> Any:
-        return drive.stop(self.how)
-
-
 class _Hand:
     """What is done with a drive that is kept, as plans, and what has gone wrong meanwhile.
 
@@ -321,19 +304,19 @@ class _Hand:
         """Whether there is something to raise."""
         return self._first is not None
 
-    def taking(self) -> Plan[None]:
+    def taking(self) -> Steps[None]:
         """Set the watchdog to the policy, and remember how it was."""
         if self.feeds:
             # Made first, because it refuses what cannot be before anything is sent.
-            setting = setting_plan(self._name, self._model, self._policy, self._watchdog_s)
-            self._earlier = yield from reading_plan(self._name, self._model)
-            status: DriveStatus = yield _AskStatus()
+            setting = setting_steps(self._name, self._model, self._policy, self._watchdog_s)
+            self._earlier = yield from reading_steps(self._name, self._model)
+            status: DriveStatus = yield AskStatus()
             if not status.running and not status.fault:
                 # Changes nothing, but a drive that counts from its last command would act at once if that is long ago.
-                yield _StopMotor(Stop.RAMP)
+                yield StopMotor(Stop.RAMP)
             self.setting = yield from setting
         elif policies(self._model):
-            self.setting = yield from reading_plan(self._name, self._model)
+            self.setting = yield from reading_steps(self._name, self._model)
             if self.setting.policy != "hold":
                 raise StateError(
                     f"the watchdog of {self._name} is on ({self.setting}), which is not hold; choose its policy, or "
@@ -348,7 +331,7 @@ class _Hand:
         """Count the watchdog's time from now."""
         self._answered_at = now
 
-    def refreshing(self, now: float) -> Plan[None]:
+    def refreshing(self, now: float) -> Steps[None]:
         """Speak to the drive; what goes wrong is kept in mind and told."""
         self._asked += 1
         if self._answered_at is not None and now - self._answered_at > self._watchdog_s:
@@ -361,7 +344,7 @@ class _Hand:
                 )
             )
         try:
-            status = yield _AskStatus()
+            status = yield AskStatus()
         except DriveCommError as error:
             self._unanswered += 1
             self._fail(error)
@@ -380,21 +363,21 @@ class _Hand:
         """Keep in mind what a refresh, or what is told of it, must not raise."""
         self._first = self._first or error
 
-    def stopping(self) -> Plan[None]:
+    def stopping(self) -> Steps[None]:
         """Do what is to be done on leaving."""
         for left in reversed(range(_STOP_TRIES if self._stop is not None else 0)):
             try:
-                yield _StopMotor(self._stop)  # type: ignore[arg-type]
+                yield StopMotor(self._stop)  # type: ignore[arg-type]
             except ReplyError:
                 if not left:
                     raise
             else:
                 return
 
-    def putting_back(self) -> Plan[None]:
+    def putting_back(self) -> Steps[None]:
         """Set the watchdog as it was, so that a program that speaks less often does not set it off."""
         if self._earlier is not None:
-            yield from putting_back_plan(self._name, self._model, self._earlier)
+            yield from putting_back_steps(self._name, self._model, self._earlier)
 
     def raise_first(self) -> None:
         """Raise the first error, once."""

@@ -5,13 +5,11 @@ Which parameters decide it is said by the drive's model (`drivecomm.models.Watch
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from drivecomm.errors import (
-    DriveCommError,
     NotSupported,
     StateError,
     UnexpectedReplyError,
@@ -19,6 +17,7 @@ from drivecomm.errors import (
     ValueRefusedError,
 )
 from drivecomm.numbers import exact
+from drivecomm.steps import Read, Steps, Write, carry_out, carry_out_async
 from drivecomm.units import converted
 
 if TYPE_CHECKING:
@@ -53,49 +52,13 @@ class Setting:
         return f"{what} after {self.time_s} s"
 
 
-@dataclass(frozen=True, slots=True)
-class Read:
-    """Read a parameter; what comes is sent back."""
-
-    parameter: str
-
-    def on(self, drive: Drive | AsyncDrive) -> Any:
-        """Do it, or return what is to be awaited."""
-        return drive.read(self.parameter)
-
-
-@dataclass(frozen=True, slots=True)
-class Write:
-    """Write a parameter."""
-
-    parameter: str
-    value: Value
-    store: bool
-
-    def on(self, drive: Drive | AsyncDrive) -> Any:
-        """Do it, or return what is to be awaited."""
-        return drive.write(self.parameter, self.value, store=self.store)
-
-
-class Step(Protocol):
-    """Something that is done with a drive."""
-
-    def on(self, drive: Drive | AsyncDrive) -> Any:
-        """Do it, or return what is to be awaited."""
-        ...
-
-
-Plan: TypeAlias = Generator[Step, Any, T]
-"""What is done one after the other, in whichever way the caller waits for it; what goes wrong is thrown in."""
-
-
 def read_watchdog(drive: Drive) -> Setting:
     """Return how the drive's watchdog is set.
 
     Raises UsageError for a drive without a model, NotSupported where its model knows no watchdog, and what `Drive.read`
     raises.
     """
-    return carry_out(drive, reading_plan(drive.name, drive.model))
+    return carry_out(drive, reading_steps(drive.name, drive.model))
 
 
 def set_watchdog(drive: Drive, policy: LinkLoss, time_s: Value | float = 5) -> Setting:
@@ -108,17 +71,17 @@ def set_watchdog(drive: Drive, policy: LinkLoss, time_s: Value | float = 5) -> S
     Raises NotSupported for a policy that this drive's watchdog has not, ValueRefusedError for a time that its parameter
     cannot hold, StateError where it reads back something else, and as `read_watchdog`.
     """
-    return carry_out(drive, setting_plan(drive.name, drive.model, policy, time_s))
+    return carry_out(drive, setting_steps(drive.name, drive.model, policy, time_s))
 
 
 async def read_watchdog_async(drive: AsyncDrive) -> Setting:
     """Return how the drive's watchdog is set; as `read_watchdog`."""
-    return await carry_out_async(drive, reading_plan(drive.name, drive.model))
+    return await carry_out_async(drive, reading_steps(drive.name, drive.model))
 
 
 async def set_watchdog_async(drive: AsyncDrive, policy: LinkLoss, time_s: Value | float = 5) -> Setting:
     """Set the drive's watchdog; as `set_watchdog`."""
-    return await carry_out_async(drive, setting_plan(drive.name, drive.model, policy, time_s))
+    return await carry_out_async(drive, setting_steps(drive.name, drive.model, policy, time_s))
 
 
 def policies(model: Model | None) -> tuple[LinkLoss, ...]:
@@ -129,56 +92,24 @@ def policies(model: Model | None) -> tuple[LinkLoss, ...]:
     return tuple(known if model.watchdog.off is None else {"hold": None, **known})
 
 
-def carry_out(drive: Drive, plan: Plan[T]) -> T:
-    """Do what a plan says, and return its result."""
-    try:
-        step = next(plan)
-        while True:
-            try:
-                found = step.on(drive)
-            except DriveCommError as error:
-                step = plan.throw(error)
-            else:
-                step = plan.send(found)
-    except StopIteration as end:
-        result: T = end.value
-        return result
-
-
-async def carry_out_async(drive: AsyncDrive, plan: Plan[T]) -> T:
-    """Do what a plan says, and return its result."""
-    try:
-        step = next(plan)
-        while True:
-            try:
-                found = await step.on(drive)
-            except DriveCommError as error:
-                step = plan.throw(error)
-            else:
-                step = plan.send(found)
-    except StopIteration as end:
-        result: T = end.value
-        return result
-
-
-def reading_plan(name: str, model: Model | None) -> Plan[Setting]:
+def reading_steps(name: str, model: Model | None) -> Steps[Setting]:
     """Read how the watchdog of the drive with this name is set."""
     return _reading(_Parameters(name, model))
 
 
-def setting_plan(name: str, model: Model | None, policy: LinkLoss, time_s: Value | float) -> Plan[Setting]:
+def setting_steps(name: str, model: Model | None, policy: LinkLoss, time_s: Value | float) -> Steps[Setting]:
     """Set the watchdog to a policy, and read it back. What cannot be raises before anything is sent."""
     parameters = _Parameters(name, model)
     action, time = parameters.values_for(policy, exact(time_s, "watchdog time"))
     return _setting(parameters, action, time)
 
 
-def putting_back_plan(name: str, model: Model | None, earlier: Setting) -> Plan[Setting]:
+def putting_back_steps(name: str, model: Model | None, earlier: Setting) -> Steps[Setting]:
     """Set the watchdog as it was."""
     return _setting(_Parameters(name, model), earlier.action_value, earlier.time_value)
 
 
-def _reading(parameters: _Parameters) -> Plan[Setting]:
+def _reading(parameters: _Parameters) -> Steps[Setting]:
     time = _number((yield Read(parameters.time.address)))
     action, words = None, ""
     if parameters.action is not None:
@@ -188,7 +119,7 @@ def _reading(parameters: _Parameters) -> Plan[Setting]:
     return parameters.setting(action, time, words)
 
 
-def _setting(parameters: _Parameters, action: Value | None, time: Value | None) -> Plan[Setting]:
+def _setting(parameters: _Parameters, action: Value | None, time: Value | None) -> Steps[Setting]:
     """Write what differs. A parameter whose value is None keeps what it holds."""
     now = yield from _reading(parameters)
     held = {parameters.time.address: now.time_value}

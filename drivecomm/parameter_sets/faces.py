@@ -9,9 +9,9 @@ from drivecomm.parameter_sets.parameter_set import SETTINGS, WRITABLE
 from drivecomm.parameter_sets.planning import planning
 from drivecomm.parameter_sets.reading_out import factory_values, reading_out
 from drivecomm.parameter_sets.restoring import restoring
-from drivecomm.parameter_sets.steps import carry_out, carry_out_awaiting
 from drivecomm.parameter_sets.subject import subject
 from drivecomm.parameter_sets.wishes import Wishes
+from drivecomm.steps import carry_out, carry_out_async
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -35,12 +35,12 @@ def back_up(drive: Drive, parts: Collection[Part] = WRITABLE, *, progress: Progr
     parts: settings and communication unless told. progress: told the address, how many are done, and how many there
     are. Raises UsageError for a drive without a model, ReplyError and LinkError when drive or line are away.
     """
-    return carry_out(reading_out(subject(drive), parts, progress), drive)
+    return carry_out(drive, reading_out(subject(drive), parts, progress))
 
 
 def factory_set(drive: Drive, parts: Collection[Part] = SETTINGS, *, progress: Progress = _silent) -> ParameterSet:
     """Read the factory values of a drive's parameters. Raises UsageError where such drives do not tell them."""
-    return carry_out(factory_values(subject(drive), parts, progress), drive)
+    return carry_out(drive, factory_values(subject(drive), parts, progress))
 
 
 def plan_restore(
@@ -50,7 +50,7 @@ def plan_restore(
 
     Raises UsageError for a set of another drive unless that is wished, ValueRefusedError when a value does not fit.
     """
-    return carry_out(planning(subject(drive), known, wishes or Wishes(), progress), drive)
+    return carry_out(drive, planning(subject(drive), known, wishes or Wishes(), progress))
 
 
 def carry_out_plan(
@@ -61,32 +61,32 @@ def carry_out_plan(
     Raises StateError when the motor runs, before anything is written; ReplyError and LinkError when drive or line are
     away in the middle. What the drive refuses is in the result.
     """
-    return carry_out(restoring(plan, journal or Forgetful(), progress), drive)
+    return carry_out(drive, restoring(plan, journal or Forgetful(), progress))
 
 
 async def back_up_async(
     drive: AsyncDrive, parts: Collection[Part] = WRITABLE, *, progress: Progress = _silent
 ) -> ParameterSet:
     """Read the parameters of a drive, as `back_up` does."""
-    return await carry_out_awaiting(reading_out(subject(drive), parts, progress), drive)
+    return await carry_out_async(drive, reading_out(subject(drive), parts, progress))
 
 
 async def factory_set_async(
     drive: AsyncDrive, parts: Collection[Part] = SETTINGS, *, progress: Progress = _silent
 ) -> ParameterSet:
     """Read the factory values of a drive's parameters, as `factory_set` does."""
-    return await carry_out_awaiting(factory_values(subject(drive), parts, progress), drive)
+    return await carry_out_async(drive, factory_values(subject(drive), parts, progress))
 
 
 async def plan_restore_async(
     drive: AsyncDrive, known: ParameterSet, wishes: Wishes | None = None, *, progress: Progress = _silent
 ) -> Plan:
     """Find out what a restore would write, as `plan_restore` does."""
-    return await carry_out_awaiting(planning(subject(drive), known, wishes or Wishes(), progress), drive)
+    return await carry_out_async(drive, planning(subject(drive), known, wishes or Wishes(), progress))
 
 
 async def carry_out_plan_async(
     drive: AsyncDrive, plan: Plan, journal: Remembers | None = None, *, progress: Progress = _silent
 ) -> Restored:
     """Do what a plan says, as `carry_out_plan` does."""
-    return await carry_out_awaiting(restoring(plan, journal or Forgetful(), progress), drive)
+    return await carry_out_async(drive, restoring(plan, journal or Forgetful(), progress))

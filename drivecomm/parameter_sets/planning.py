@@ -11,18 +11,18 @@ from drivecomm.parameter_sets.identity import of_another_drive
 from drivecomm.parameter_sets.ordering import Stage, stage_of
 from drivecomm.parameter_sets.parameter_set import in_order
 from drivecomm.parameter_sets.reading_out import identity_told
-from drivecomm.parameter_sets.steps import CheckWrite, Read
 from drivecomm.parameter_sets.subject import part_of
 from drivecomm.parameter_sets.values import in_unit, same
+from drivecomm.steps import CheckWrite, Read
 
 if TYPE_CHECKING:
     from drivecomm.models import ParameterInfo
     from drivecomm.parameter_sets.parameter_set import Entry, ParameterSet
     from drivecomm.parameter_sets.reading_out import Progress
-    from drivecomm.parameter_sets.steps import Steps
     from drivecomm.parameter_sets.subject import Subject
     from drivecomm.parameter_sets.wishes import Wishes
     from drivecomm.reading import Value
+    from drivecomm.steps import Steps
 
 Action: TypeAlias = Literal["write", "equal", "skip"]
 """write: its value is another one. equal: it has the value already. skip: it is left alone, and why."""

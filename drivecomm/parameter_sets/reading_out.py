@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveError, ReplyError, UnexpectedReplyError, UsageError
 from drivecomm.parameter_sets.parameter_set import Entry, ParameterSet, in_order
-from drivecomm.parameter_sets.steps import AskIdentity, AskStatus, Read
 from drivecomm.parameter_sets.subject import part_of
+from drivecomm.steps import AskIdentity, AskStatus, Read
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
     from drivecomm.models import ParameterInfo
     from drivecomm.parameter_sets.parameter_set import Part
-    from drivecomm.parameter_sets.steps import Steps
     from drivecomm.parameter_sets.subject import Subject
     from drivecomm.reading import Reading
+    from drivecomm.steps import Steps
 
     Progress = Callable[[str, int, int], None]
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveError, ReplyError, StateError, UsageError
 from drivecomm.parameter_sets.ordering import Stage
-from drivecomm.parameter_sets.steps import AskStatus, Read, Write
 from drivecomm.parameter_sets.values import same
+from drivecomm.steps import AskStatus, Read, Write
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from drivecomm.parameter_sets.journal import Remembers
     from drivecomm.parameter_sets.planning import Plan, Planned
     from drivecomm.parameter_sets.reading_out import Progress
-    from drivecomm.parameter_sets.steps import Steps
     from drivecomm.reading import Reading
     from drivecomm.status import DriveStatus
+    from drivecomm.steps import Steps
 
 _ROUNDS = 5
 """How often a parameter is written at most: a limit that waits for another one, three deep, is through in four."""
