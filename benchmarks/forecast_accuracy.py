@@ -11,7 +11,7 @@ from report import Figure, Section
 
 import drivecomm
 from drivecomm.forecast import forecast
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.plan import Plan, PlannedDrive, PlannedRead
 from drivecomm.virtual import VirtualLine, virtual_drive
 

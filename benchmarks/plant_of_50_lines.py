@@ -20,7 +20,7 @@ from report import Figure, Section
 from yardstick import slowness
 
 import drivecomm
-from drivecomm.plant_files import read_plant
+from drivecomm.plant.files import read_plant
 from drivecomm.virtual.virtual_plant import VirtualPlant
 
 if TYPE_CHECKING:

@@ -20,8 +20,8 @@ from mkdocs.structure.files import File
 
 from drivecomm.conformance.vectors import packaged_vectors
 from drivecomm.errors import FileFormatError
-from drivecomm.model_files import load_model, model_names
-from drivecomm.quantities import quantities
+from drivecomm.models.files import load_model, model_names
+from drivecomm.models.quantities import quantities
 from drivecomm.registry import installed
 from drivecomm.status import Stop
 

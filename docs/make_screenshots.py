@@ -14,7 +14,7 @@ from pathlib import Path
 import drivecomm
 from drivecomm.cli.watch.log_switch import LogSwitch
 from drivecomm.cli.watch.screen import WatchScreen
-from drivecomm.plant_files import read_plant
+from drivecomm.plant.files import read_plant
 from drivecomm.virtual.virtual_plant import VirtualPlant
 from drivecomm.watching import Watcher, lines_of
 

@@ -103,8 +103,8 @@ if _TYPE_CHECKING:
     from drivecomm.async_drive import AsyncDrive as AsyncDrive
     from drivecomm.keeping import keep as keep
     from drivecomm.keeping import keep_async as keep_async
-    from drivecomm.opened_plant import OpenPlant as OpenPlant
-    from drivecomm.opened_plant import open_plant as open_plant
+    from drivecomm.plant.opened import OpenPlant as OpenPlant
+    from drivecomm.plant.opened import open_plant as open_plant
     from drivecomm.poll_loops import poll_async as poll_async
     from drivecomm.watchdog import read_watchdog as read_watchdog
     from drivecomm.watchdog import read_watchdog_async as read_watchdog_async
@@ -115,11 +115,11 @@ _ON_DEMAND = {
     "AsyncBroadcast": "drivecomm.async_drive",
     "AsyncBus": "drivecomm.async_bus",
     "AsyncDrive": "drivecomm.async_drive",
-    "OpenPlant": "drivecomm.opened_plant",
+    "OpenPlant": "drivecomm.plant.opened",
     "open_bus_async": "drivecomm.async_bus",
     "keep": "drivecomm.keeping",
     "keep_async": "drivecomm.keeping",
-    "open_plant": "drivecomm.opened_plant",
+    "open_plant": "drivecomm.plant.opened",
     "poll_async": "drivecomm.poll_loops",
     "read_watchdog": "drivecomm.watchdog",
     "read_watchdog_async": "drivecomm.watchdog",

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import open_bus
 from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.model_files import load_model
 from drivecomm.models import ParameterInfo
+from drivecomm.models.files import load_model
 from drivecomm.plan import LONGEST_DELAY_S
 from drivecomm.poll_loops import poll
 from drivecomm.polling import FIRST_ROUND_S

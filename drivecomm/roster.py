@@ -10,7 +10,7 @@ from drivecomm.drive_options import sort_out
 from drivecomm.errors import AddressError, NotSupported, UsageError
 from drivecomm.line import LINE_FACT_NAMES
 from drivecomm.link import Link, Party
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.read_only import ReadOnly
 from drivecomm.registry import installed
 from drivecomm.stored_writes import StoredWrites

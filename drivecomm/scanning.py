@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import DriveCommError, NoReplyError, ReplyError
 from drivecomm.exchange import Ask
 from drivecomm.likely_settings import likely_settings
-from drivecomm.model_files import load_model, model_names, user_folders
+from drivecomm.models.files import load_model, model_names, user_folders
 from drivecomm.registry import installed
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm.errors import NotSupported, ParameterAddressError, StateError, UsageError
+from drivecomm.models.quantities import CommonName, not_said, quantities
 from drivecomm.numbers import exact
-from drivecomm.quantities import CommonName, not_said, quantities
 from drivecomm.stored_writes import is_stored
 
 if TYPE_CHECKING:

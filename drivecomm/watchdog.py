@@ -16,9 +16,9 @@ from drivecomm.errors import (
     UsageError,
     ValueRefusedError,
 )
+from drivecomm.models.units import converted
 from drivecomm.numbers import exact
 from drivecomm.steps import Read, Steps, Write, carry_out, carry_out_async
-from drivecomm.units import converted
 
 if TYPE_CHECKING:
     from drivecomm.async_drive import AsyncDrive

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from mutation import mutate_bytes, mutate_json, mutate_toml
 from target import Target, expect
 
-from drivecomm import plan_files, plant_files
+from drivecomm import plan_files
 from drivecomm.capture.json_lines import JsonLines, read_json_lines
 from drivecomm.capture.pcapng_fields import MAGIC
 from drivecomm.capture.pcapng_reading import read_pcapng
@@ -22,7 +22,8 @@ from drivecomm.capture.pieces import Capture, Piece, Provenance
 from drivecomm.conformance.vectors import load_vectors, packaged_vectors
 from drivecomm.errors import DriveCommError, FileFormatError
 from drivecomm.line import LineSettings
-from drivecomm.model_files import model_names, read_model
+from drivecomm.models.files import model_names, read_model
+from drivecomm.plant import files as plant_files
 from drivecomm.registry import installed
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from mutation import mutate_json
 from target import Target, expect
 
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.plant import Plant, PlantDrive, PlantLine
 from drivecomm.virtual.control_orders import answer_order
 from drivecomm.virtual.virtual_plant import VirtualPlant

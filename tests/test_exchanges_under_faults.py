@@ -24,7 +24,7 @@ from drivecomm.conformance.vectors import packaged_vectors
 from drivecomm.errors import DriveCommError, DriveError, ReplyError
 from drivecomm.framing import Framed, Framer
 from drivecomm.link import TraceEvent
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.registry import installed
 from drivecomm.virtual import FaultPlan, VirtualLine, virtual_drive
 from drivecomm.virtual.faults import TRANSMISSION_FAULTS, Fault

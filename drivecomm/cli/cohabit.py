@@ -62,7 +62,7 @@ def _passes(verdict: Verdict, bits: int | None) -> bool:
 def plant_lines(path: Path) -> dict[str, list[LineDrive]]:
     """Return the drives of a plant file by the names of their lines. Raises FileFormatError."""
     # Loaded by those who have a file only.
-    from drivecomm.plant_files import read_plant  # noqa: PLC0415
+    from drivecomm.plant.files import read_plant  # noqa: PLC0415
 
     plant = read_plant(path)
     return {

@@ -75,7 +75,7 @@ def known_plant(given: Path | None, *, port_given: bool) -> KnownPlant | None:
     if path is None:
         return None
     # Loaded by those who have a plant only.
-    from drivecomm.plant_files import read_plant  # noqa: PLC0415
+    from drivecomm.plant.files import read_plant  # noqa: PLC0415
 
     return KnownPlant(plant=read_plant(path), file=str(path))
 

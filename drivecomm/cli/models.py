@@ -10,9 +10,9 @@ import typer
 
 from drivecomm.cli.output import complain, emit, say
 from drivecomm.errors import FileFormatError, ParameterAddressError, UsageError
-from drivecomm.model_check import check_model
-from drivecomm.model_files import load_model, model_paths, open_model_file, packaged_models
-from drivecomm.quantities import parameter_at, quantities
+from drivecomm.models.check import check_model
+from drivecomm.models.files import load_model, model_paths, open_model_file, packaged_models
+from drivecomm.models.quantities import parameter_at, quantities
 from drivecomm.registry import installed
 
 if TYPE_CHECKING:

@@ -12,17 +12,17 @@ from drivecomm.cli.drive_names import parse_settings
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
 from drivecomm.errors import DriveCommError, DriveError, UsageError
-from drivecomm.model_files import load_model
-from drivecomm.model_growing import addresses_in, descriptions, grown
-from drivecomm.model_writing import model_text
 from drivecomm.models import ParameterInfo
+from drivecomm.models.files import load_model
+from drivecomm.models.growing import addresses_in, descriptions, grown
+from drivecomm.models.writing import model_text
 from drivecomm.registry import installed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from drivecomm.drive import Drive
-    from drivecomm.model_growing import Described
+    from drivecomm.models.growing import Described
 
 # As many as fit below each other on a screen; the others are counted.
 _MOST_SHOWN = 10

@@ -58,7 +58,7 @@ def scan(
     several = wide or any(len(some) > 1 for some in (given.baudrates, given.bytesizes, given.parities, given.stopbits))
     wanted = addresses_of(addresses) if addresses else None
     if write is not None and not force and write.exists():
-        from drivecomm.plant_writing import there_already  # noqa: PLC0415 - loaded by those who write a plant
+        from drivecomm.plant.writing import there_already  # noqa: PLC0415 - loaded by those who write a plant
 
         # Said before the line is asked for minutes.
         raise UsageError(there_already(write))
@@ -86,7 +86,7 @@ def scan(
 
 def _tell(found: list[Found], line: LineOptions, write: Path | None, *, force: bool) -> None:
     if write is not None and found:
-        from drivecomm.plant_writing import found_text, write_new, write_over  # noqa: PLC0415 - as above
+        from drivecomm.plant.writing import found_text, write_new, write_over  # noqa: PLC0415 - as above
 
         text = found_text(found, port=line.named_port, echo=line.echo == "expect")
         (write_over if force else write_new)(write, text)

@@ -9,7 +9,7 @@ from drivecomm.cli.output import emit, say
 from drivecomm.cli.until_stopped import until_stopped
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
 from drivecomm.plant import Plant, PlantDrive, PlantLine
-from drivecomm.plant_files import read_plant
+from drivecomm.plant.files import read_plant
 from drivecomm.virtual.plant_server import PlantServer
 from drivecomm.virtual.virtual_plant import VirtualPlant
 

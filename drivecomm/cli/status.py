@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from drivecomm.drive import Drive
-    from drivecomm.plant_status import DriveReport
+    from drivecomm.plant.status import DriveReport
     from drivecomm.reading import Reading
     from drivecomm.status import DriveStatus
 
@@ -63,8 +63,8 @@ def _of_the_plant(line: LineOptions) -> int:
     if line.record is not None and len(known.plant.lines) > 1:
         raise UsageError("--record is for one line, and this plant has several; name a drive, or leave it out")
     # Loaded by those who have a plant only.
-    from drivecomm.opened_plant import OpenPlant  # noqa: PLC0415
-    from drivecomm.plant_status import plant_status  # noqa: PLC0415
+    from drivecomm.plant.opened import OpenPlant  # noqa: PLC0415
+    from drivecomm.plant.status import plant_status  # noqa: PLC0415
 
     opening = {key: value for key, value in line.opening.items() if (key, value) != ("echo", "off")}
     port_of = partial(line.port_of, file=known.file)

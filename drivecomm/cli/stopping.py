@@ -73,7 +73,7 @@ def stop_all(everything: Everything, *, as_json: bool) -> int:
     if everything.plant is None:
         return _without_a_plant(everything, as_json=as_json)
     # Only who has a plant file needs the reader of it.
-    from drivecomm.plant_files import read_plant  # noqa: PLC0415
+    from drivecomm.plant.files import read_plant  # noqa: PLC0415
 
     lines = list(_lines_of(read_plant(everything.plant), everything))
     if not lines:

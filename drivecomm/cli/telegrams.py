@@ -12,7 +12,7 @@ from drivecomm.cli.output import complain, emit, fields_text, say
 from drivecomm.decoding import decode as decode_telegram
 from drivecomm.decoding import encode as encode_telegram
 from drivecomm.errors import TelegramError, UsageError
-from drivecomm.model_files import model_names
+from drivecomm.models.files import model_names
 from drivecomm.registry import installed
 from drivecomm.telegram import Direction
 

@@ -11,7 +11,7 @@ from drivecomm.cohabitation.outlines import Outline, addressed, has_address, out
 from drivecomm.drive_options import sort_out
 from drivecomm.errors import DriveCommError
 from drivecomm.exchange import Ask, Tell
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.registry import installed
 from drivecomm.telegram import fields_of
 from drivecomm.virtual.drives import virtual_drive

@@ -16,7 +16,7 @@ from drivecomm.drive_options import sort_out
 from drivecomm.errors import DriveCommError, ParameterAddressError, TelegramError, UsageError
 from drivecomm.exchange import Ask, Pause, Tell
 from drivecomm.line import LINE_FACT_NAMES, LineFacts, LineSettings
-from drivecomm.model_files import model_names
+from drivecomm.models.files import model_names
 from drivecomm.motor import Motor
 from drivecomm.protocol import Capabilities, Protocol
 from drivecomm.registry import installed

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from drivecomm.bus import open_bus
 from drivecomm.conformance.limits import limits
 from drivecomm.errors import DriveCommError
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.registry import installed
 from drivecomm.virtual.drives import virtual_drive
 from drivecomm.virtual.line import VirtualLine

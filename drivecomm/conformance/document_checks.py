@@ -12,8 +12,8 @@ from drivecomm.conformance.bench import raise_all
 from drivecomm.conformance.case import expect
 from drivecomm.conformance.known_models import known_model
 from drivecomm.conformance.vectors import packaged_vectors
-from drivecomm.model_check import check_model
-from drivecomm.model_files import model_names, packaged_models
+from drivecomm.models.check import check_model
+from drivecomm.models.files import model_names, packaged_models
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Protocol

@@ -16,9 +16,9 @@ from drivecomm.conformance.sites import InProcess, Served, served
 from drivecomm.conformance.watched_line import WatchedDrive, WatchedLine
 from drivecomm.conformance.watched_plant import watched_plant
 from drivecomm.errors import UsageError
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.plant import Plant
-from drivecomm.plant_files import read_plant
+from drivecomm.plant.files import read_plant
 from drivecomm.registry import installed
 from drivecomm.virtual.drives import virtual_drive
 from drivecomm.virtual.faults import FaultPlan

@@ -35,7 +35,7 @@ from drivecomm.conformance.known_models import known_model
 from drivecomm.conformance.report import Check, Report, Verdict, try_out
 from drivecomm.conformance.vectors import VectorFile, packaged_vectors
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.model_files import model_names
+from drivecomm.models.files import model_names
 from drivecomm.registry import installed
 
 if TYPE_CHECKING:

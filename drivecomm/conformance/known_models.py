@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 
 if TYPE_CHECKING:
     from drivecomm.models import Model

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
+from drivecomm.models.quantities import quantities
 from drivecomm.parameter_sets.parameter_set import Entry
 from drivecomm.parameter_sets.values import in_unit, same
-from drivecomm.quantities import quantities
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

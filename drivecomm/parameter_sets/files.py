@@ -35,8 +35,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.models.quantities import quantities
 from drivecomm.parameter_sets.parameter_set import PARTS, Entry, ParameterSet, in_order
-from drivecomm.quantities import quantities
 from drivecomm.toml_places import Places
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.drive_options import sort_out
 from drivecomm.errors import UsageError
-from drivecomm.quantities import quantities
+from drivecomm.models.quantities import quantities
 from drivecomm.registry import installed
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
-from drivecomm.units import converted
+from drivecomm.models.units import converted
 
 if TYPE_CHECKING:
     from drivecomm.reading import Value

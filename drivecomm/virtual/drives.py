@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.drive_options import sort_out
 from drivecomm.errors import AddressError
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.registry import installed
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.model_files import load_model
 from drivecomm.models import Model
+from drivecomm.models.files import load_model
 from drivecomm.plant import LARGEST_CODE, InjectStep, PowerCutStep, StuckStep, TelegramFault, TripStep
 from drivecomm.registry import installed
 from drivecomm.virtual.condition_watch import ConditionWatch

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, Self
 
 from drivecomm.async_bus import open_bus_async
 from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
+from drivecomm.models.quantities import quantities
 from drivecomm.poll_loops import poll_async
 from drivecomm.polling import PollItem
-from drivecomm.quantities import quantities
 from drivecomm.reading import Reading
 from drivecomm.statistics import Statistics
 from drivecomm.watching.board import Board, DriveView, WatchedValue
@@ -153,7 +153,7 @@ class Watcher:
     ) -> None:
         for name in names:
             if name not in quantities():
-                raise UsageError(f"{name!r} is no common name; see drivecomm/quantities.toml for those there are")
+                raise UsageError(f"{name!r} is no common name; drivecomm models names lists them")
         if not 0 < period_s < float("inf"):
             raise UsageError(f"a period of {period_s:g} s cannot be; write seconds above 0")
         self.names = tuple(names)

@@ -6,7 +6,7 @@ import pytest
 
 import drivecomm.bus
 from drivecomm.line import LineSettings
-from drivecomm.plant_files import read_plant
+from drivecomm.plant.files import read_plant
 from drivecomm.virtual import virtual_drive
 from drivecomm.virtual.virtual_plant import VirtualPlant
 

@@ -6,8 +6,8 @@ import re
 import pytest
 from pages import ROOT
 
-from drivecomm.model_files import load_model, model_names
-from drivecomm.quantities import quantities
+from drivecomm.models.files import load_model, model_names
+from drivecomm.models.quantities import quantities
 from drivecomm.registry import installed
 
 pytest.importorskip("mkdocs", reason="the pages need the extra named docs")

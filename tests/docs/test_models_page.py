@@ -6,9 +6,9 @@ import pytest
 from console import Console, in_process
 from pages import ROOT, blocks_of
 
-from drivecomm.model_check import check_model
-from drivecomm.model_schema import PARAMETER_KEYS, TABLES, TEXTS
 from drivecomm.models import Watchdog
+from drivecomm.models.check import check_model
+from drivecomm.models.schema import PARAMETER_KEYS, TABLES, TEXTS
 
 PAGE = ROOT / "docs" / "models.md"
 

@@ -6,7 +6,7 @@ import pytest
 from console import Console, in_process
 from pages import ROOT, blocks_of
 
-from drivecomm.plant_files import read_plant
+from drivecomm.plant.files import read_plant
 from drivecomm.virtual.virtual_plant import VirtualPlant
 
 PAGE = ROOT / "docs" / "virtual-plant.md"

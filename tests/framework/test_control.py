@@ -7,7 +7,7 @@ import pytest
 import drivecomm
 from drivecomm.drive import Drive
 from drivecomm.errors import NotSupported, StateError, UsageError, ValueRefusedError
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.registry import installed
 from drivecomm.status import DriveState
 from drivecomm.virtual.drives import virtual_drive

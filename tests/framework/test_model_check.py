@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from drivecomm.errors import FileFormatError, NotSupported, UsageError
-from drivecomm.model_check import check_model
-from drivecomm.model_files import packaged_models, read_model
+from drivecomm.models.check import check_model
+from drivecomm.models.files import packaged_models, read_model
 from drivecomm.protocol import Protocol
 from drivecomm.registry import installed
 from drivecomm.virtual import virtual_drive

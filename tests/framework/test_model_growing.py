@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import drivecomm
 from drivecomm.errors import NotSupported, UsageError
-from drivecomm.model_growing import addresses_in, descriptions, grown
 from drivecomm.models import Model, ParameterInfo, Watchdog
+from drivecomm.models.growing import addresses_in, descriptions, grown
 from drivecomm.registry import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 

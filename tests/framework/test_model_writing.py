@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivecomm.errors import UsageError
-from drivecomm.model_files import load_model, model_names, read_model
-from drivecomm.model_writing import model_text
 from drivecomm.models import Access, LinkLoss, Model, ParameterInfo, Storage, Sureness, Watchdog
+from drivecomm.models.files import load_model, model_names, read_model
+from drivecomm.models.writing import model_text
 from drivecomm.registry import installed
 
 # A TOML file holds any text but half a pair of surrogates.

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.model_files import load_model, model_names, model_paths, packaged_models, read_model
 from drivecomm.models import Model
-from drivecomm.quantities import CommonName, parameter_at
+from drivecomm.models.files import load_model, model_names, model_paths, packaged_models, read_model
+from drivecomm.models.quantities import CommonName, parameter_at
 from drivecomm.registry import installed
 
 HEAD = 'format = 1\nprotocol = "vabus"\nname = "some"\n'

@@ -14,11 +14,11 @@ import drivecomm
 from drivecomm.errors import FileFormatError, NoReplyError, UsageError
 from drivecomm.exchange import Ask, Pause
 from drivecomm.line import LineSettings
-from drivecomm.opened_plant import OpenPlant, open_plant
 from drivecomm.plant import Plant, PlantDrive, PlantLine, PlantLinkLoss, PlantRead
-from drivecomm.plant_files import read_plant
-from drivecomm.plant_status import plant_status
-from drivecomm.plant_writing import found_text, plant_of_found, plant_text, write_new, write_over
+from drivecomm.plant.files import read_plant
+from drivecomm.plant.opened import OpenPlant, open_plant
+from drivecomm.plant.status import plant_status
+from drivecomm.plant.writing import found_text, plant_of_found, plant_text, write_new, write_over
 from drivecomm.read_only import ReadOnly
 from drivecomm.registry import installed
 from drivecomm.runners.script import play

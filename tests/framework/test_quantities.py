@@ -7,10 +7,10 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import ParameterAddressError, UsageError
-from drivecomm.model_files import load_model, read_model
-from drivecomm.quantities import quantities
+from drivecomm.models.files import load_model, read_model
+from drivecomm.models.quantities import quantities
+from drivecomm.models.units import converted, factor_between
 from drivecomm.reading import Reading
-from drivecomm.units import converted, factor_between
 from drivecomm.virtual.drives import virtual_drive
 from drivecomm.virtual.line import VirtualLine
 

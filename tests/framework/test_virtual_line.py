@@ -6,7 +6,7 @@ import drivecomm
 from drivecomm.errors import AddressError, LinkDownError, NoReplyError, UsageError
 from drivecomm.framing import Framed
 from drivecomm.line import LineSettings
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.motor import Motor
 from drivecomm.protocol import VirtualReply
 from drivecomm.registry import installed

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import drivecomm
 from drivecomm.errors import NotSupported, StateError, UnexpectedReplyError, UsageError, ValueRefusedError
-from drivecomm.model_files import load_model, read_model
+from drivecomm.models.files import load_model, read_model
 from drivecomm.registry import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm.watchdog import (

@@ -9,7 +9,7 @@ import drivecomm
 from drivecomm.errors import UsageError
 from drivecomm.likely_settings import LineChoices, likely_settings
 from drivecomm.line import LineSettings
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.registry import installed
 from drivecomm.scan_forecast import forecast_scan
 from drivecomm.scanning import Asking, Found, Search

@@ -13,7 +13,7 @@ import drivecomm
 from drivecomm.conformance.fixtures import LineMaker
 from drivecomm.errors import ParameterAddressError, PortError, UsageError
 from drivecomm.line import LineSettings
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.virtual import FaultPlan
 from drivecomm.virtual.faults import Fault
 

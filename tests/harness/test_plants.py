@@ -7,7 +7,7 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.plant_files import read_plant
+from drivecomm.plant.files import read_plant
 from drivecomm.virtual import virtual_drive
 
 PLANT = """

@@ -8,7 +8,7 @@ import drivecomm
 from drivecomm.conformance import strategies
 from drivecomm.conformance.limits import limits
 from drivecomm.errors import DriveError, UsageError
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.registry import installed
 from drivecomm.virtual import FaultPlan, VirtualLine, virtual_drive
 from drivecomm.virtual.faults import Fault

@@ -5,7 +5,7 @@ from contextlib import suppress
 from decimal import Decimal
 
 from drivecomm.errors import DriveCommError, NotSupported
-from drivecomm.model_files import load_model, model_names
+from drivecomm.models.files import load_model, model_names
 from drivecomm.parameter_sets.subject import part_of
 from drivecomm.registry import installed
 from drivecomm.virtual.direct import carry_out

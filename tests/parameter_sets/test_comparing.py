@@ -7,7 +7,7 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import UsageError
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.parameter_sets import Entry, ParameterSet, back_up, compare
 from drivecomm.parameter_sets.values import same
 from drivecomm.virtual import VirtualLine, virtual_drive

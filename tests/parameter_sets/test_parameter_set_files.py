@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from pages import ROOT, blocks_of
 
 from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.models.quantities import quantities
 from drivecomm.parameter_sets import Entry, ParameterSet, entries_text, read_set, text_of, write_set
 from drivecomm.parameter_sets.parameter_set import PARTS, in_order
-from drivecomm.quantities import quantities
 
 FEW = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)

@@ -5,10 +5,10 @@ from decimal import Decimal
 import pytest
 
 import drivecomm
-from drivecomm.model_files import load_model, model_names
-from drivecomm.quantities import quantities
+from drivecomm.models.files import load_model, model_names
+from drivecomm.models.quantities import quantities
+from drivecomm.models.units import converted
 from drivecomm.registry import installed
-from drivecomm.units import converted
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 MODELS = {

@@ -15,7 +15,7 @@ from drivecomm.errors import (
     ValueRefusedError,
 )
 from drivecomm.exchange import Ask, Tell
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.runners.script import play
 from drivecomm.status import Stop
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations

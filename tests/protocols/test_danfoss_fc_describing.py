@@ -6,11 +6,11 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import NotSupported, ParameterAddressError, RefusedError, UsageError
-from drivecomm.model_files import load_model, model_names, read_model
-from drivecomm.model_growing import descriptions, grown
-from drivecomm.model_writing import model_text
+from drivecomm.models.files import load_model, model_names, read_model
+from drivecomm.models.growing import descriptions, grown
+from drivecomm.models.units import factor_between
+from drivecomm.models.writing import model_text
 from drivecomm.runners.script import play
-from drivecomm.units import factor_between
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_danfoss_fc.description import unit_and_factor
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations

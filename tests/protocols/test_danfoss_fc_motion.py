@@ -6,7 +6,7 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import NoReplyError, NotSupported, StateError, UsageError, ValueRefusedError
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.runners.script import play
 from drivecomm.status import DriveState, Stop
 from drivecomm.virtual import VirtualLine, virtual_drive

@@ -8,7 +8,7 @@ import pytest
 
 from drivecomm import NoReplyError, NotSupported, RefusedError, StateError, Stop, UsageError, ValueRefusedError
 from drivecomm.exchange import Ask, Pause, Tell
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.runners.script import play
 from drivecomm.status import DriveState
 from drivecomm_fuji.exchanges import FujiOperations

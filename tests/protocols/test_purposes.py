@@ -3,7 +3,7 @@
 import pytest
 
 from drivecomm.conformance.vectors import packaged_vectors
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.registry import installed
 
 PLUGINS = list(installed.working())

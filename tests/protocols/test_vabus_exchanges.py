@@ -15,7 +15,7 @@ from drivecomm.errors import (
     ValueRefusedError,
 )
 from drivecomm.exchange import Tell
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.runners.script import play
 from drivecomm.status import DriveState, Stop
 from drivecomm_vabus.exchanges import VabusOperations

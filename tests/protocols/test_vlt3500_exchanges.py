@@ -18,8 +18,8 @@ from drivecomm.errors import (
     ValueRefusedError,
 )
 from drivecomm.exchange import Ask, Pause
-from drivecomm.model_files import load_model
 from drivecomm.models import Model
+from drivecomm.models.files import load_model
 from drivecomm.runners.script import play
 from drivecomm.status import DriveState, Stop
 from drivecomm_vlt3500.exchanges import VltOperations

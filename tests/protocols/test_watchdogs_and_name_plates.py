@@ -3,7 +3,7 @@
 import pytest
 
 import drivecomm
-from drivecomm.model_files import load_model, model_names
+from drivecomm.models.files import load_model, model_names
 from drivecomm.registry import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 

@@ -9,7 +9,7 @@ from random import Random
 import drivecomm
 from drivecomm.capture.pieces import Piece
 from drivecomm.errors import DriveCommError
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.registry import installed
 from drivecomm.sniffer import HeardTelegram, Sniffer
 from drivecomm.virtual import FaultPlan, VirtualLine, virtual_drive

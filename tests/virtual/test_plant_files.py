@@ -5,7 +5,7 @@ from textwrap import dedent
 
 import pytest
 
-import drivecomm.plant_files
+import drivecomm.plant.files
 from drivecomm.errors import FileFormatError
 from drivecomm.plant import (
     Condition,
@@ -19,7 +19,7 @@ from drivecomm.plant import (
     TripStep,
     Window,
 )
-from drivecomm.plant_files import read_fault, read_plant
+from drivecomm.plant.files import read_fault, read_plant
 from drivecomm.virtual.faults import Fault
 from drivecomm.virtual.virtual_plant import VirtualPlant
 
@@ -38,7 +38,7 @@ def read(tmp_path):
 
 
 def test_the_example_in_the_documentation_of_the_module(read):
-    text = drivecomm.plant_files.__doc__
+    text = drivecomm.plant.files.__doc__
     plant = read(text[text.index("format = 1") :])
     (line,) = plant.lines
     assert (line.name, line.echo, line.paced, line.settings) == ("hall", True, False, {"baudrate": 19200})

@@ -9,17 +9,17 @@ from tempfile import TemporaryDirectory
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import drivecomm.plant_files
+import drivecomm.plant.files
 from drivecomm.errors import DriveCommError, FileFormatError
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.plant import Plant, PlantDrive, PlantLine
-from drivecomm.plant_files import read_plant
+from drivecomm.plant.files import read_plant
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm.virtual.control_orders import answer_order
 from drivecomm.virtual.served_line import ServedLine
 from drivecomm.virtual.virtual_plant import VirtualPlant
 
-EXAMPLE = drivecomm.plant_files.__doc__
+EXAMPLE = drivecomm.plant.files.__doc__
 EXAMPLE = EXAMPLE[EXAMPLE.index("format = 1") :].splitlines()
 ASSIGNMENTS = [number for number, line in enumerate(EXAMPLE) if " = " in line]
 JUNK = [

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.cli.drive_names import DriveName
 from drivecomm.drive_options import sort_out
 from drivecomm.errors import AddressError, DriveCommError
-from drivecomm.model_files import load_model
+from drivecomm.models.files import load_model
 from drivecomm.registry import installed
 from drivecomm.sniffer import HeardTelegram, ParameterNames
 

@@ -82,7 +82,7 @@ def watched_lines(what: list[str], line: LineOptions) -> list[WatchedLine]:
     if plants and len(what) > 1:
         raise UsageError("give one plant file or drives, not both")
     if plants:
-        from drivecomm.plant_files import read_plant  # noqa: PLC0415 - as above
+        from drivecomm.plant.files import read_plant  # noqa: PLC0415 - as above
 
         if line.port is not None:
             raise UsageError(f"the ports are those of {plants[0]}; leave --port and DRIVECOMM_PORT out")

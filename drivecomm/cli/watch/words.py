@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
-from drivecomm.quantities import quantities
+from drivecomm.models.quantities import quantities
 from drivecomm.watching.happenings import state_words
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """A plant as data: which lines there are, which drives on them, and what goes wrong when.
 
-`drivecomm.plant_files` reads one from a file; `drivecomm.virtual.virtual_plant` makes virtual drives of it. All times
+`drivecomm.plant.files` reads one from a file; `drivecomm.virtual.virtual_plant` makes virtual drives of it. All times
 are seconds of the plant's process, from its start.
 """
 

@@ -1,4 +1,4 @@
-"""Models as text: what `drivecomm.model_files` reads, one key a line, so that two editions compare well.
+"""Models as text: what `drivecomm.models.files` reads, one key a line, so that two editions compare well.
 
 Only keys that say something are written, in the order in which docs/models.md explains them.
 """
@@ -11,12 +11,12 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
-from drivecomm.models import ParameterInfo, Watchdog
+from drivecomm.models.model import ParameterInfo, Watchdog
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from drivecomm.models import Model
+    from drivecomm.models.model import Model
 
 _FORMAT = 1
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from drivecomm import bus as buses
 from drivecomm.errors import UsageError
-from drivecomm.plant_files import read_plant
+from drivecomm.plant.files import read_plant
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from drivecomm.bus import Bus
     from drivecomm.drive import Drive
     from drivecomm.link import TraceEvent
-    from drivecomm.plant import Plant, PlantDrive, PlantLine
+    from drivecomm.plant.plant import Plant, PlantDrive, PlantLine
     from drivecomm.runners.port import Port
 
 DEFAULT_FILE = Path("plant.toml")

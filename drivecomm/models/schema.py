@@ -1,6 +1,6 @@
 """What a model file may hold: its tables, their keys, and what each can be, whatever its protocol.
 
-`drivecomm.model_files` refuses a file at the first mistake; `drivecomm.model_check` lists all of them.
+`drivecomm.models.files` refuses a file at the first mistake; `drivecomm.models.check` lists all of them.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any, get_args
 
-from drivecomm.models import Access, Kind, LinkLoss, ParameterInfo, Storage, Sureness, Watchdog
+from drivecomm.models.model import Access, Kind, LinkLoss, ParameterInfo, Storage, Sureness, Watchdog
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping

@@ -11,13 +11,13 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError
+from drivecomm.models.units import converted
 from drivecomm.numbers import exact
-from drivecomm.units import converted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.models import Model, ParameterInfo
+    from drivecomm.models.model import Model, ParameterInfo
     from drivecomm.reading import Reading, Value
 
 
@@ -36,7 +36,7 @@ def quantities() -> Mapping[str, Quantity]:
     import tomllib  # noqa: PLC0415 - loaded with the first common name, not with drivecomm
     from importlib import resources  # noqa: PLC0415 - as above
 
-    content = tomllib.loads(resources.files("drivecomm").joinpath("quantities.toml").read_text(encoding="utf-8"))
+    content = tomllib.loads(resources.files("drivecomm.models").joinpath("quantities.toml").read_text(encoding="utf-8"))
     return {name: Quantity(name, entry["unit"], entry["meaning"]) for name, entry in content.items()}
 
 

@@ -12,14 +12,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DamagedReplyError, NotSupported, RefusedError, UnexpectedReplyError, UsageError
-from drivecomm.models import Model
+from drivecomm.models.model import Model
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
     from typing import Any, TypeAlias
 
     from drivecomm.drive import Drive
-    from drivecomm.models import ParameterInfo
+    from drivecomm.models.model import ParameterInfo
 
     Described: TypeAlias = "ParameterInfo | RefusedError | UnexpectedReplyError | DamagedReplyError"
 

@@ -16,8 +16,8 @@ from drivecomm.errors import DriveCommError, DriveError, LinkError, ReplyError, 
 
 if TYPE_CHECKING:
     from drivecomm.drive import Drive
-    from drivecomm.opened_plant import OpenPlant
-    from drivecomm.plant import PlantDrive
+    from drivecomm.plant.opened import OpenPlant
+    from drivecomm.plant.plant import PlantDrive
     from drivecomm.reading import Reading
     from drivecomm.status import DriveStatus
 

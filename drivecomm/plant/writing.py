@@ -1,4 +1,4 @@
-"""Plants as the text of a file that `drivecomm.plant_files` reads, and that people go on with."""
+"""Plants as the text of a file that `drivecomm.plant.files` reads, and that people go on with."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.plant import Plant, PlantDrive, PlantLine
+from drivecomm.plant.plant import Plant, PlantDrive, PlantLine
 from drivecomm.scanning import options_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from drivecomm.plant import PlantRead
+    from drivecomm.plant.plant import PlantRead
     from drivecomm.scanning import Found
 
 _ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}

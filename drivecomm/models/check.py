@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, ProtocolLoadError, UnknownProtocolError
-from drivecomm.model_files import ModelFile, assembled, base_of, open_model_file, parameter_of
-from drivecomm.model_rules import Given, broken_rules
-from drivecomm.model_schema import Mistake, mistakes_in
-from drivecomm.model_trials import failed_trials, wrong_keys, wrong_options
+from drivecomm.models.files import ModelFile, assembled, base_of, open_model_file, parameter_of
+from drivecomm.models.rules import Given, broken_rules
+from drivecomm.models.schema import Mistake, mistakes_in
+from drivecomm.models.trials import failed_trials, wrong_keys, wrong_options
 from drivecomm.registry import installed
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """What the tables of a model must agree in: parameters among themselves, common names, the watchdog.
 
-Nothing here asks a protocol; `drivecomm.model_trials` does.
+Nothing here asks a protocol; `drivecomm.models.trials` does.
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from drivecomm.model_schema import Mistake, near
-from drivecomm.quantities import parameter_at, quantities
-from drivecomm.units import factor_between
+from drivecomm.models.quantities import parameter_at, quantities
+from drivecomm.models.schema import Mistake, near
+from drivecomm.models.units import factor_between
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from drivecomm.models import Model, ParameterInfo, Watchdog
+    from drivecomm.models.model import Model, ParameterInfo, Watchdog
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
 _NO_SOURCE = "nothing says where it is from; name the manual and the page under source"

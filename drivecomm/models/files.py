@@ -55,8 +55,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.model_schema import EXACT, PARAMETER_KEYS, PLAIN, TEXT_TYPES, Mistake, mistakes_in, number_in
-from drivecomm.models import Model, ParameterInfo, Watchdog
+from drivecomm.models.model import Model, ParameterInfo, Watchdog
+from drivecomm.models.schema import EXACT, PARAMETER_KEYS, PLAIN, TEXT_TYPES, Mistake, mistakes_in, number_in
 from drivecomm.toml_places import Places
 
 if TYPE_CHECKING:

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.drive_options import option_names, sort_out
 from drivecomm.errors import DriveCommError, NotSupported, ParameterAddressError, UsageError, ValueRefusedError
 from drivecomm.line import LINE_FACT_NAMES
-from drivecomm.model_files import load_model
-from drivecomm.model_rules import starts_within_limits
-from drivecomm.model_schema import PARAMETER_KEYS, Mistake, near
+from drivecomm.models.files import load_model
+from drivecomm.models.rules import starts_within_limits
+from drivecomm.models.schema import PARAMETER_KEYS, Mistake, near
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from drivecomm.models import Model, ParameterInfo
+    from drivecomm.models.model import Model, ParameterInfo
     from drivecomm.protocol import Operations, Protocol
 
 _PLAIN_TEXTS = ("A",)

@@ -62,7 +62,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
 from drivecomm.line import LineSettings
-from drivecomm.plant import (
+from drivecomm.plant.plant import (
     Condition,
     InjectStep,
     Noise,
