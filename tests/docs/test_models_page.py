@@ -49,7 +49,7 @@ def test_every_key_is_explained(keys):
 
 
 def test_the_rules_for_common_names_are_those_of_the_registry():
-    registry = (ROOT / "drivecomm" / "quantities.toml").read_text(encoding="utf-8")
+    registry = (ROOT / "drivecomm" / "models" / "quantities.toml").read_text(encoding="utf-8")
     rules = re.findall(r"^# (\d\. .*)$", registry, re.MULTILINE)
     assert len(rules) == 5
     assert all(rule in PAGE.read_text(encoding="utf-8") for rule in rules)
