@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-from contextlib import contextmanager
 from dataclasses import replace
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -14,7 +13,7 @@ from drivecomm.numbers import exact
 from drivecomm.stored_writes import is_stored
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Mapping
 
     from drivecomm.exchange import Exchange
     from drivecomm.models import Model
@@ -34,42 +33,49 @@ class Verbs:
         self._name = name
         self.operations = operations
         self._model = model
-        self._common = {common: CommonName(common, model) for common in model.quantities} if model else {}
+        self._common: dict[str, CommonName] = {}
 
     def read(self, parameter: str, options: Mapping[str, Any]) -> Exchange[Reading]:
         """Read a parameter, by its address, its name in the model or a common name."""
-        common = self._common.get(parameter)
+        common = self._common_name(parameter)
         if common is not None:
             return _told(bound(self.operations.read, common.address, **options), common)
-        with self._common_names_explained(parameter):
+        try:
             return bound(self.operations.read, parameter, **options)
+        except ParameterAddressError as error:
+            if parameter not in quantities():
+                raise
+            raise not_said(parameter, self._model) from error
 
     def write(self, parameter: str, value: Value | float, options: Mapping[str, Any]) -> Exchange[Reading | None]:
         """Write a parameter, named as for `read`; by a common name, the value is in the unit of the quantity."""
         value = self._number_of(parameter, value)
-        common = self._common.get(parameter)
+        common = self._common_name(parameter)
         if common is not None:
             return _confirmed(bound(self.operations.write, common.address, common.given(value), **options), common)
-        with self._common_names_explained(parameter):
+        try:
             return bound(self.operations.write, parameter, value, **options)
+        except ParameterAddressError as error:
+            if parameter not in quantities():
+                raise
+            raise not_said(parameter, self._model) from error
 
     def _number_of(self, parameter: str, value: Value | float) -> Value | float:
         """Return what stands for a value that was given by its name in the model, such as an option's text."""
         if not isinstance(value, str) or self._model is None:
             return value
-        common = self._common.get(parameter)
+        common = self._common_name(parameter)
         info = self._model.find((common.address if common else parameter).partition("[")[0])
         named = [number for number, text in info.values.items() if text.casefold() == value.casefold()] if info else []
         return named[0] if len(named) == 1 else value
 
-    @contextmanager
-    def _common_names_explained(self, parameter: str) -> Iterator[None]:
-        try:
-            yield
-        except ParameterAddressError as error:
-            if parameter in quantities():
-                raise not_said(parameter, self._model) from error
-            raise
+    def _common_name(self, parameter: str) -> CommonName | None:
+        """Return what a common name is on this drive, None for any other word; looked up when it is asked for first."""
+        if self._model is None or parameter not in self._model.quantities or parameter not in quantities():
+            return None
+        if parameter not in self._common:
+            self._common[parameter] = CommonName(parameter, self._model)
+        return self._common[parameter]
 
     @property
     def capabilities(self) -> Capabilities:
@@ -79,7 +85,7 @@ class Verbs:
 
     def stored_parameter(self, parameter: str, *, store: bool) -> str:
         """Return the address of a parameter whose write may end in EEPROM, empty where it does not."""
-        common = self._common.get(parameter)
+        common = self._common_name(parameter)
         address = common.address if common else parameter
         if not is_stored(self.operations.capabilities, self._model, address, store=store):
             return ""
@@ -109,7 +115,7 @@ class Verbs:
 
     def _set_reference_rpm(self, rpm: Decimal) -> Exchange[None]:
         for name in ("motor_rated_frequency", "motor_rated_speed"):
-            if name not in self._common:
+            if self._common_name(name) is None:
                 raise NotSupported(f"{self._name}: without {name} in its model, revolutions are unknown; give hz")
         if not self.operations.capabilities.reference_hz:
             raise NotSupported(f"{self._name} takes its reference in percent only here; see its options for hertz")

@@ -70,9 +70,7 @@ def _names(plant: Plant) -> Iterable[str]:
 
 def _line_of(plant: Plant, name: str, options: Mapping[str, Any]) -> WatchedLine:
     line = next(line for line in plant.lines if line.name == name)
-    # A line of virtual drives may say only where it listens.
-    port = line.port or str(getattr(line, "reached_at", ""))
-    if not port:
+    if not line.reached_at:
         raise UsageError(f'line {name} has no port; write port = "/dev/ttyUSB0" or what a master opens to reach it')
     drives = tuple(
         WatchedDrive(
@@ -80,18 +78,11 @@ def _line_of(plant: Plant, name: str, options: Mapping[str, Any]) -> WatchedLine
             address=drive.address,
             name=drive.name,
             options=drive.options,
-            armed=bool(getattr(drive, "armed", False)),
-            link_loss=_policy(getattr(drive, "link_loss", None)),
+            armed=drive.armed,
+            link_loss=drive.link_loss.policy if drive.link_loss else "",
         )
         for drive in plant.on_line(name)
     )
     given = {key: value for key, value in options.items() if value is not None}
     echo = {"echo": True} if line.echo else {}
-    return WatchedLine(name=name, port=port, drives=drives, options={**given, **echo, **line.settings})
-
-
-def _policy(link_loss: Any) -> str:
-    """Return the policy of a plant's link_loss, be it a table, a value with a policy, or absent."""
-    if isinstance(link_loss, dict):
-        return str(link_loss.get("policy", ""))
-    return str(getattr(link_loss, "policy", link_loss or ""))
+    return WatchedLine(name=name, port=line.reached_at, drives=drives, options={**given, **echo, **line.settings})

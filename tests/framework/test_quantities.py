@@ -75,6 +75,19 @@ def test_what_a_model_extends_can_be_taken_back(tmp_path):
     assert model.quantities["output_current"] == "211"
 
 
+def test_a_model_with_a_misspelt_common_name_spoils_nothing_else(line, tmp_path):
+    own = tmp_path / "own.toml"
+    own.write_text(
+        'format = 1\nprotocol = "vabus"\nname = "own"\nextends = "agile"\n[quantities]\noutput_freqency = "210"\n',
+        encoding="utf-8",
+    )
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive("vabus", 1, model=str(own))
+        assert drive.read("output_frequency").unit == "Hz"
+        with pytest.raises(ParameterAddressError, match="'output_freqency' is no VABus parameter address"):
+            drive.read("output_freqency")
+
+
 def test_the_users_folder_goes_before_the_packages(tmp_path, monkeypatch):
     monkeypatch.setenv("DRIVECOMM_MODELS", str(tmp_path))
     (tmp_path / "vabus").mkdir()

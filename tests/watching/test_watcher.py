@@ -2,14 +2,13 @@
 
 import asyncio
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 from plants import FAN, HALL, PUMP, WELL, YARD, dark, plant_of, tripped, virtual_lines, watched
 
 import drivecomm
 from drivecomm.errors import PortError, UsageError
-from drivecomm.plant import Plant
+from drivecomm.plant import Plant, PlantLinkLoss
 from drivecomm.registry import installed
 from drivecomm.status import DriveState
 from drivecomm.watching import WatchedDrive, WatchedLine, Watcher, lines_of
@@ -251,12 +250,9 @@ def test_lines_of_a_plant():
         lines_of(Plant(lines=(replace(HALL, port=""),), drives=(PUMP,)))
 
 
-@pytest.mark.parametrize("link_loss", ["hold", {"policy": "hold", "watchdog_s": 5}, SimpleNamespace(policy="hold")])
-def test_a_plant_that_says_what_may_be_commanded(link_loss):
-    drive = SimpleNamespace(**{name: getattr(PUMP, name) for name in ("protocol", "address", "name", "options")})
-    drive.armed, drive.link_loss = True, link_loss
-    line = SimpleNamespace(name="hall", port="", reached_at="socket://127.0.0.1:4001", echo=False, settings={})
-    plant = SimpleNamespace(lines=(line,), on_line=lambda name: (drive,) if name == "hall" else ())
-    (watched_line,) = lines_of(plant)
+def test_a_plant_that_says_what_may_be_commanded():
+    line = replace(HALL, port="", listen="tcp:127.0.0.1:4001")
+    drive = replace(PUMP, armed=True, link_loss=PlantLinkLoss(policy="hold"))
+    (watched_line,) = lines_of(Plant(lines=(line,), drives=(drive,)))
     assert watched_line.port == "socket://127.0.0.1:4001"
     assert (watched_line.drives[0].armed, watched_line.drives[0].link_loss) == (True, "hold")
