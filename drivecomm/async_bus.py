@@ -166,9 +166,10 @@ class AsyncBus:
         """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that."""
         return self._roster.commands.called(party.name)
 
-    def forget_after(self, party: Party, silence_s: float | None) -> None:
-        """Repeat no command to a drive that is older than this; None for no limit."""
-        self._roster.link.forget_after(party, float("inf") if silence_s is None else silence_s)
+    def watched(self, party: Party, silence_s: float | None) -> None:
+        """Take note how long a drive's watchdog waits; None when it is off, or not known."""
+        self._roster.commands.watch(party.name, silence_s)
+        self._roster.link.repeat_within(party, float("inf") if silence_s is None else silence_s)
 
     def storing(self, party: Party, parameter: str) -> None:
         """Count a write that may end in EEPROM. Raises UsageError for one too many within an hour."""

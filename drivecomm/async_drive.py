@@ -51,8 +51,8 @@ class AsyncRuns(Protocol):
         """Take note that a drive is to be commanded."""
         ...
 
-    def forget_after(self, party: Party, silence_s: float | None) -> None:
-        """Repeat no command to a drive that is older than this."""
+    def watched(self, party: Party, silence_s: float | None) -> None:
+        """Take note how long a drive's watchdog waits."""
         ...
 
     def wall_time(self) -> float:
@@ -114,9 +114,9 @@ class AsyncDrive:
         """What this drive can be asked to do."""
         return self._verbs.capabilities
 
-    def forget_after(self, silence_s: float | None) -> None:
-        """Never repeat a command that is older than this, because the drive's watchdog acted then; None: no limit."""
-        self._bus.forget_after(self._party, silence_s)
+    def watched(self, silence_s: float | None) -> None:
+        """Say how long this drive's watchdog waits for its master, None when it is off; sends nothing."""
+        self._bus.watched(self._party, silence_s)
 
     async def read(self, parameter: str, **options: Any) -> Reading:
         """Read a parameter, by its address in the protocol's form or by its name in the drive's model."""

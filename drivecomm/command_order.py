@@ -11,7 +11,7 @@
    the line was away. A package forgets a run command as soon as a status says that the motor does not run.
 5. A run command is sent again only by what is meant to repeat it, right after a status in the same exchange that says
    that the motor runs; and not when it is older than the drive's watchdog waits, which the link looks at when it goes
-   out (`Ask.command`).
+   out (`Ask.command`). Where no watchdog is known to be on, nothing is repeated at all.
 6. What this program did not command itself is never sent.
 7. Reading carries no command, and a verb that is refused leaves nothing behind.
 """
@@ -65,6 +65,13 @@ class Commands:
         for drive, memory in memories:
             if drive == name or (address == EVERYBODY and drive.partition(":")[0] == protocol):
                 memory.forget()
+
+    def watch(self, name: str, silence_s: float | None) -> None:
+        """Take note how long a drive's watchdog waits for its master."""
+        with self._guard:
+            memory = self._memories.get(name)
+        if memory is not None:
+            memory.watch(silence_s)
 
     def _stops_for(self, name: str) -> int:
         protocol, _, address = name.partition(":")

@@ -49,8 +49,8 @@ class Runs(Protocol):
         """Take note that a drive is to be commanded."""
         ...
 
-    def forget_after(self, party: Party, silence_s: float | None) -> None:
-        """Repeat no command to a drive that is older than this."""
+    def watched(self, party: Party, silence_s: float | None) -> None:
+        """Take note how long a drive's watchdog waits."""
         ...
 
     def wall_time(self) -> float:
@@ -117,12 +117,14 @@ class Drive:
         """What this drive can be asked to do."""
         return self._verbs.capabilities
 
-    def forget_after(self, silence_s: float | None) -> None:
-        """Never repeat a command that is older than this, because the drive's watchdog has acted then; None: no limit.
+    def watched(self, silence_s: float | None) -> None:
+        """Say how long this drive's watchdog waits for its master, None when it is off; sends nothing.
 
-        Commands are repeated for the watchdogs of some drives. `set_watchdog`, `read_watchdog` and `keep` call this.
+        Where such a watchdog counts from the last command (Danfoss FC), `status` then repeats what was commanded, as
+        long as that is not older than this: the drive has acted by itself then. `set_watchdog`, `read_watchdog` and
+        `keep` call this.
         """
-        self._bus.forget_after(self._party, silence_s)
+        self._bus.watched(self._party, silence_s)
 
     def read(self, parameter: str, **options: Any) -> Reading:
         """Read a parameter, by its address in the protocol's form or by its name in the drive's model.
@@ -160,8 +162,8 @@ class Drive:
     def status(self) -> DriveStatus:
         """Read the status word; commands nothing new.
 
-        Where a drive's watchdog counts from its last command (Danfoss FC), the command that this bus has given it is
-        then repeated, if the status just read says that the drive obeys it still.
+        Where a drive's watchdog counts from its last command (Danfoss FC) and is known to be on (`watched`), the
+        command that this bus has given is then repeated, if the status just read says that the drive obeys it still.
         """
         return self._bus.run(self._party, self._verbs.operations.status())
 

@@ -142,13 +142,13 @@ class _Partner:
         "asked_at",
         "commanded_at",
         "count",
-        "forget_after_s",
         "health",
         "late_until",
         "settings",
         "statistics",
         "surplus",
         "unanswered",
+        "watchdog_s",
     )
 
     def __init__(self, settings: LineSettings | None = None) -> None:
@@ -158,7 +158,7 @@ class _Partner:
         self.health = Health()
         self.asked_at = float("-inf")
         self.commanded_at = float("-inf")
-        self.forget_after_s = float("inf")
+        self.watchdog_s = float("inf")
         self.late_until = 0.0
         self.unanswered = b""
         self.surplus = False
@@ -230,9 +230,9 @@ class Link:
         """Let this drive be set up before its next exchange."""
         self._partner(party).health.away = True
 
-    def forget_after(self, party: Party, silence_s: float) -> None:
+    def repeat_within(self, party: Party, watchdog_s: float) -> None:
         """Repeat no command to this drive that it was last sent, or last sent again, longer ago than this."""
-        self._partner(party).forget_after_s = silence_s
+        self._partner(party).watchdog_s = watchdog_s
 
     def run(
         self,
@@ -620,7 +620,7 @@ class Link:
     def _check_age(self, party: Party, partner: _Partner, ask: Ask) -> None:
         """Make sure that what is repeated still holds: the drive's own watchdog may have acted meanwhile."""
         silent_s = self._now - partner.commanded_at
-        if ask.command == "repeated" and silent_s > partner.forget_after_s:
+        if ask.command == "repeated" and silent_s > partner.watchdog_s:
             self._tell_away(party.name)
             raise CommandTooOldError(
                 f"{party.name} was last commanded {silent_s:.1f} s ago, longer than its watchdog waits; what it was "

@@ -62,6 +62,13 @@ class Memory(Interface):
         """Forget what was commanded: a stop was called, or the drive was away. It must not be sent again."""
         ...
 
+    def watch(self, silence_s: float | None) -> None:
+        """Take note that the drive's watchdog waits so long for the master; None when it is off, or not known.
+
+        Only where it is on `status` has to repeat what was commanded.
+        """
+        ...
+
 
 class Operations(Interface):
     """The operations of one drive, or of all drives at the broadcast address, as exchanges.

@@ -90,14 +90,14 @@ class AskIdentity:
 
 
 @dataclass(frozen=True, slots=True)
-class ForgetAfter:
-    """Repeat no command that is older than this, see `Drive.forget_after`."""
+class Watched:
+    """Say how long the drive's watchdog waits, see `Drive.watched`."""
 
     silence_s: float | None
 
     def on(self, drive: Drive | AsyncDrive) -> Any:
         """Do it."""
-        return drive.forget_after(self.silence_s)
+        return drive.watched(self.silence_s)
 
 
 @dataclass(frozen=True, slots=True)

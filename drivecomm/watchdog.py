@@ -18,7 +18,7 @@ from drivecomm.errors import (
 )
 from drivecomm.models.units import converted
 from drivecomm.numbers import exact
-from drivecomm.steps import ForgetAfter, Read, Steps, Write, carry_out, carry_out_async
+from drivecomm.steps import Read, Steps, Watched, Write, carry_out, carry_out_async
 
 if TYPE_CHECKING:
     from drivecomm.async_drive import AsyncDrive
@@ -110,9 +110,9 @@ def putting_back_steps(name: str, model: Model | None, earlier: Setting) -> Step
 
 
 def _minded(steps: Steps[Setting]) -> Steps[Setting]:
-    """Let no command be repeated that is older than the watchdog waits: the drive has acted then."""
+    """Let the drive know how long its watchdog waits: what is older is not repeated."""
     setting = yield from steps
-    yield ForgetAfter(None if setting.time_s is None else float(setting.time_s))
+    yield Watched(None if setting.time_s is None else float(setting.time_s))
     return setting
 
 

@@ -68,6 +68,7 @@ class DanfossFcOperations:
         self._motion = Motion(
             self._talk,
             state_timeout_s=options.state_timeout_s,
+            control_word_pnu=self._shown_in(options.control_word_parameter),
             reference_pnu=self._shown_in(options.reference_parameter),
         )
         self._range = span("reference", options.reference_minimum_hz, options.reference_maximum_hz)

@@ -11,6 +11,8 @@ class DanfossFcMemory:
     word: the control word that was commanded, 0 when there is none, or none that holds. obeyed: whether a status has
     shown since that the drive does what the word says. reference: PCD2 for it. reference_known: False until it was set
     here or read from the drive. functions: the bits for preset, ramp, relays and set-up that every command carries.
+    watched: whether the drive's control word timeout is known to be on, so that the command has to be repeated. owed:
+    whether the word takes back a start that the drive still keeps, and has not been sent yet.
     """
 
     def __init__(self) -> None:
@@ -19,14 +21,20 @@ class DanfossFcMemory:
         self.reference = 0
         self.reference_known = False
         self.functions = 0
+        self.watched = False
+        self.owed = False
 
     def forget(self) -> None:
         """Forget the control word; reference and functions stay as they were chosen, for the next start."""
         self.command(words.IGNORED)
 
+    def watch(self, silence_s: float | None) -> None:
+        """Take note whether the control word timeout is on."""
+        self.watched = silence_s is not None
+
     def command(self, word: int) -> None:
         """Take note of a control word that is commanded."""
-        self.word, self.obeyed = word, False
+        self.word, self.obeyed, self.owed = word, False, False
 
     def see(self, status: int, *, profidrive: bool) -> None:
         """Take note of a status word: what it contradicts holds no longer.
@@ -40,6 +48,7 @@ class DanfossFcMemory:
         if runs and words.tripped(status, profidrive=profidrive):
             # Whoever resets it would start the motor, as long as the drive keeps the word that made it run.
             self.command((words.PROFIDRIVE_STANDSTILL if profidrive else words.RAMP_STOP) | self.functions)
+            self.obeyed = self.owed = True
         elif words.has(status, words.RUNNING) == runs:
             self.obeyed = True
         elif self.obeyed:

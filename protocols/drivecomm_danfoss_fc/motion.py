@@ -68,22 +68,42 @@ class Motion:
         talk: Conversation,
         *,
         state_timeout_s: float,
+        control_word_pnu: int | None = None,
         reference_pnu: int | None = None,
     ) -> None:
         self._talk = talk
         self._memory = talk.memory
         self._state_timeout_s = state_timeout_s
+        self._control_word_pnu = control_word_pnu
         self._reference_pnu = reference_pnu
 
     def status_word(self) -> Exchange[tuple[int, int]]:
         """Ask for status word and actual value; a command that holds is then repeated, for the drive's watchdog."""
         reply = yield from self._talk.look()
-        runs = words.has(reply.status_word, words.RUNNING)
-        if self._memory.word and (runs or not self._talk.runs):
+        memory = self._memory
+        if (memory.watched or memory.owed) and (yield from self._still_holds(reply.status_word)):
             # Too old: what the look has shown is the status all the same.
             with suppress(CommandTooOldError):
                 reply = yield from self._talk.repeat()
+                memory.owed = False
         return reply.status_word, reply.main_actual
+
+    def _still_holds(self, status: int) -> Exchange[bool]:
+        """Whether the word that was commanded may be sent again: none that would start the motor.
+
+        A motor that another master has stopped shows as running until it stands, so a drive that can is asked which
+        word it got last. One that shows none, or an ignored one, says nothing by that.
+        """
+        memory = self._memory
+        if not self._talk.runs:
+            return bool(memory.word)
+        if not words.has(status, words.RUNNING):
+            return False
+        if self._control_word_pnu is not None:
+            shown = yield from self._talk.shown_word(self._control_word_pnu)
+            if shown is not None and words.has(shown, words.VALID_BIT) and shown != memory.word:
+                memory.command(words.IGNORED)
+        return self._talk.runs
 
     def start(self, *, reverse: bool) -> Exchange[None]:
         """Start with 047C, or with 047E and 047F in PROFIdrive; refuses to on a tripped or locally operated drive.
@@ -153,7 +173,7 @@ class Motion:
                 )
             standstill = words.PROFIDRIVE_STANDSTILL if self._talk.profidrive else words.RAMP_STOP
             memory.command(self._talk.stop_word(standstill))
-        self._must_still_run("set_reference", status)
+        yield from self._must_still_run("set_reference", status)
         before = memory.reference, memory.reference_known
         memory.reference, memory.reference_known = steps, True
         try:
@@ -178,7 +198,7 @@ class Motion:
             if at_once and not memory.word:
                 raise StateError(f"{verb} needs a command that holds, and another one does by now; start or stop first")
             if memory.word:
-                self._must_still_run(verb, status)
+                yield from self._must_still_run(verb, status)
                 word = memory.word & ~mask | bits
                 yield from self._talk.amend(word)
                 memory.word = word
@@ -255,16 +275,15 @@ class Motion:
         if not self._talk.runs:
             raise UsageError(f"{verb} is for a motor that was started; call start() first")
         status = yield from self._look()
-        self._must_still_run(verb, status)
+        yield from self._must_still_run(verb, status)
         return self._memory.word
 
-    def _must_still_run(self, verb: str, status: int) -> None:
+    def _must_still_run(self, verb: str, status: int) -> Exchange[None]:
         """Make sure that to send the last command again, with something added, does not start the motor."""
-        if self._memory.word and not self._talk.runs:
-            return
-        if not self._memory.word or not words.has(status, words.RUNNING):
+        if not (yield from self._still_holds(status)):
             raise StateError(
-                f"{verb} would send the start again to a motor that does not run; start it anew, or stop it first"
+                f"{verb} would send the start again to a motor that does not run, or that somebody else commands by "
+                "now; start it anew, or stop it first"
             )
 
     def _remember(self, word: int) -> None:

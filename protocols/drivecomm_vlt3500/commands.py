@@ -47,6 +47,9 @@ class VltMemory:
         """Forget the last control word, which further ones would build on."""
         self.commanded = None
 
+    def watch(self, silence_s: float | None) -> None:
+        """Do nothing: nothing is repeated for a watchdog."""
+
 
 class Commander:
     """Sends control words to one drive, or to all at address 0, and remembers what a master must."""

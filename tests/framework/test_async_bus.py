@@ -39,7 +39,7 @@ AT_ONCE = {
     "bus",
     "capabilities",
     "check_write",
-    "forget_after",
+    "watched",
 }
 """What returns at once on both faces; all else waits for the line."""
 

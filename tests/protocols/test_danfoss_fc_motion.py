@@ -1,5 +1,6 @@
 """Commands of the FC protocol: which control words are sent, remembered and repeated."""
 
+from contextlib import suppress
 from decimal import Decimal
 
 import pytest
@@ -22,11 +23,13 @@ READY, RUNNING, TRIPPED, LOCAL = 0x0607, 0x0F07, 0x0608, 0x0407
 
 
 def operations(model=None, *, memory=None, reference=0, **options):
-    """A master that has set a reference already, in the way of somebody who stopped the drive first."""
+    """A master that has set a reference already, and knows that the drive's watchdog is on."""
     if memory is None:
         memory = DanfossFcMemory()
         memory.reference, memory.reference_known = reference, True
-    return DanfossFcOperations(3, DanfossFcOptions(**{**(model.options if model else {}), **options}), model, memory)
+        memory.watch(5.0)
+    options = {**(model.options if model else {}), "control_word_parameter": "", **options}
+    return DanfossFcOperations(3, DanfossFcOptions(**options), model, memory)
 
 
 def sent(word, reference=0, status=READY, actual=0):
@@ -66,6 +69,60 @@ def repeats(drive, word, reference=0, status=RUNNING):
 
 def repeats_nothing(drive, status=RUNNING):
     play(drive.status(), [sent(0, status=status)])
+
+
+class TestWithoutAWatchdog:
+    """Nothing has to be repeated, so nothing is."""
+
+    def test_neither_a_start_nor_a_stop_is_repeated(self):
+        memory = DanfossFcMemory()
+        memory.reference_known = True
+        drive = operations(memory=memory)
+        play(drive.start(), [sent(0), sent(0x047C)])
+        repeats_nothing(drive)
+        play(drive.stop(), [sent(0x043C, status=RUNNING)])
+        repeats_nothing(drive)
+
+    def test_a_start_that_a_tripped_drive_still_keeps_is_taken_back_once(self):
+        """Whoever resets it at its keypad would start the motor."""
+        memory = DanfossFcMemory()
+        memory.reference_known = True
+        drive = operations(memory=memory)
+        play(drive.start(), [sent(0), sent(0x047C)])
+        play(drive.read("16-14"), [read(TRIPPED)])
+        repeats(drive, 0x043C, status=TRIPPED)
+        repeats_nothing(drive, TRIPPED)
+
+    def test_not_where_somebody_else_has_reset_and_started_it_since(self):
+        drive = started()
+        play(drive.read("16-14"), [read(TRIPPED)])
+        repeats_nothing(drive, RUNNING)
+
+
+def shows(word, status=RUNNING):
+    return shown(1685, word, status)
+
+
+class TestAnotherMaster:
+    """A motor that somebody else has stopped shows as running until it stands; the drive may show by which word."""
+
+    def test_its_stop_is_not_undone(self):
+        for verb in (
+            lambda drive: drive.status(),
+            lambda drive: drive.set_reference_percent(50),
+            lambda drive: drive.set_up(2),
+            lambda drive: drive.freeze(),
+        ):
+            drive = started(control_word_parameter="16-85")
+            with suppress(StateError):
+                play(verb(drive), [LOOK, shows(0x043C)])
+            repeats_nothing(drive)
+
+    @pytest.mark.parametrize("word", [0x047C, 0, 0x0078, None])
+    def test_what_it_shows_of_our_own_words_says_nothing_against_them(self, word):
+        """Some drives may show the last word of all, that is the one of the look, others none."""
+        drive = started(control_word_parameter="16-85")
+        play(drive.status(), [LOOK, shows(word), sent(0x047C, status=RUNNING)])
 
 
 class TestBeforeAnyCommand:

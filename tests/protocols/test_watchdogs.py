@@ -20,6 +20,7 @@ class Bench:
         self.line = VirtualLine([self.virtual, *others])
         self.bus = drivecomm.open_bus(self.line.port)
         self.drive = self.bus.drive(protocol, 2, model=model)
+        self.drive.watched(WATCHDOG_S)
         self.drive.set_reference(percent=50)
         self.drive.start()
         self.keep_speaking(10)
