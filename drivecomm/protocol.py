@@ -36,7 +36,8 @@ class Capabilities:
     stops: the ways to stop. reverse: whether it can start backwards. reference_percent, reference_hz: how a reference
     can be given. stored_writes: `store=True` writes to EEPROM. volatile_writes: `store=False` keeps a write out of
     EEPROM. broadcast: commands to all drives at once. link_loss: what the drive does when the master falls silent and
-    which parameter decides it. verbs: which of the common verbs it has besides (jog, hold, select_setup, select_preset,
+    which parameter decides it, as a sentence; a package gives that of a drive without a model, the drive fills it in
+    from its model. verbs: which of the common verbs it has besides (jog, hold, select_setup, select_preset,
     set_relay); the drive fills it in from `Operations.extra`.
     """
 

@@ -8,6 +8,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm.errors import NotSupported, ParameterAddressError, StateError, UsageError
+from drivecomm.models.link_loss import link_loss_of
 from drivecomm.models.quantities import CommonName, not_said, quantities
 from drivecomm.numbers import exact
 from drivecomm.stored_writes import is_stored
@@ -81,7 +82,8 @@ class Verbs:
     def capabilities(self) -> Capabilities:
         """What this drive can be asked to do."""
         operations = self.operations
-        return replace(operations.capabilities, verbs=COMMON_VERBS.intersection(operations.extra))
+        told = replace(operations.capabilities, verbs=COMMON_VERBS.intersection(operations.extra))
+        return replace(told, link_loss=link_loss_of(self._model)) if self._model else told
 
     def stored_parameter(self, parameter: str, *, store: bool) -> str:
         """Return the address of a parameter whose write may end in EEPROM, empty where it does not."""

@@ -95,7 +95,7 @@ class VabusOperations:
             stored_writes=True,
             volatile_writes=self._options.ram_datasets,
             broadcast=True,
-            link_loss="fault F2010 after the watchdog time in parameter 413; 0 presumably means that it runs on",
+            link_loss="it trips (F2010) after the watchdog time in 413, presumably never with 0",
         )
 
     @property

@@ -72,7 +72,9 @@ class VltOperations:
             stored_writes=False,
             volatile_writes=False,
             broadcast=True,
-            link_loss="in no page that was read; presumably the drive keeps obeying the last control word",
+            link_loss=(
+                "no page that was read says what these drives do; presumably they go on obeying the last control word"
+            ),
         )
 
     @property
