@@ -195,6 +195,8 @@ class Protocol:
     for these options; unless a package says otherwise, every parameter has one value.
     factory_reading: the options of `read` with which a drive tells a parameter's factory value instead of its value;
     empty where drives do not tell.
+    plain_writing: the options of `write` with which a value is the number that `Reading.raw` shows, for parameters
+    whose scale depends on more than the model and may not be known; empty where there is no such thing.
     """
 
     name: str
@@ -220,3 +222,4 @@ class Protocol:
     parameter_keys: frozenset[str] | None = None
     element_addresses: Callable[[ParameterInfo, Any], tuple[str, ...]] = _one_value
     factory_reading: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    plain_writing: Mapping[str, Any] = field(default_factory=dict, hash=False)

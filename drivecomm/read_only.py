@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
-from drivecomm.errors import ReplyError, UsageError
+from drivecomm.errors import ReadOnlyError, ReplyError, UsageError
 from drivecomm.exchange import Pause
 from drivecomm.status import Stop
 from drivecomm.verbs import COMMON_VERBS
@@ -97,7 +97,7 @@ class ReadOnly:
         return self._operations.identify()
 
     def _refused(self, *_: object, **__: object) -> NoReturn:
-        raise UsageError(self._why)
+        raise ReadOnlyError(self._why)
 
     def _asking(self, verb: Callable[..., Exchange[T]]) -> Callable[..., Exchange[T]]:
         def asked(*values: Any, **options: Any) -> Exchange[T]:

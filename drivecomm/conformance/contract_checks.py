@@ -54,6 +54,7 @@ _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
     "parameter_examples": tuple,
     "parameter_keys": (frozenset, type(None)),
     "factory_reading": dict,
+    "plain_writing": dict,
 }
 
 
