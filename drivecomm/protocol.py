@@ -78,6 +78,13 @@ class Operations(Interface):
         """
         ...
 
+    def address_of(self, parameter: str, **options: Any) -> str:
+        """Return the address of the value that `write` would change, one text for every way to name it.
+
+        options: those of `write`; they may name an index or a data set. Raises ParameterAddressError as `write` does.
+        """
+        ...
+
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
         """Further verbs, by name; `Drive.call` reaches them.

@@ -52,6 +52,10 @@ class ReadOnly:
         """Refuse to write."""
         return self._refused
 
+    def address_of(self, parameter: str, **options: Any) -> str:
+        """Return the address of the value that a write would change."""
+        return self._operations.address_of(parameter, **options)
+
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
         """The protocol's own verbs, as far as they only ask; those that every maker's drives have all command."""

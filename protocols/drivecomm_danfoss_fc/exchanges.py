@@ -170,6 +170,11 @@ class DanfossFcOperations:
             return access.write_text(self._talk, wanted, value, allowed=self._options.text_writes)
         return access.write_number(self._talk, wanted, value, store=store)
 
+    def address_of(self, parameter: str, *, index: int | None = None, **_: Any) -> str:
+        """Return PNU and index of a parameter, as they stand in the telegram; no index is index 0."""
+        wanted = target(parameter, self._model, self._options, index=index)
+        return f"{wanted.pnu}[{wanted.ind}]" if wanted.ind else str(wanted.pnu)
+
     def status(self) -> Exchange[DriveStatus]:
         """Read status word and actual value with a process block, and the fault code if the drive has tripped."""
         self._must_be_one_drive("status")

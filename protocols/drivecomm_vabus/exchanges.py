@@ -131,6 +131,11 @@ class VabusOperations:
         dataset_sent = self._write_dataset(wanted, store=store)
         return self._select(wanted.number, dataset_sent, characters_for(wanted, value), attempts=attempts)
 
+    def address_of(self, parameter: str, *, dataset: int | None = None, **_: Any) -> str:
+        """Return number and data set of a parameter; data set 0 is the one that is meant without any."""
+        wanted = target(parameter, self._model, "", dataset)
+        return wanted.address if wanted.dataset else str(wanted.number)
+
     def status(self) -> Exchange[DriveStatus]:
         """Read the state word, and the fault code if it says fault."""
         self._must_be_one_drive("status")

@@ -129,6 +129,10 @@ class VltOperations:
         sent, places = data_for(wanted, value, decimals)
         return self._write(wanted, sent, places, attempts)
 
+    def address_of(self, parameter: str, **_: Any) -> str:
+        """Return number and index of a parameter."""
+        return target(parameter, self._model).address
+
     def status(self) -> Exchange[DriveStatus]:
         """Ask for the status word with a C telegram that commands nothing."""
         self._must_be_one_drive("status")
