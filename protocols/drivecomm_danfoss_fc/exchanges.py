@@ -62,6 +62,7 @@ class DanfossFcOperations:
         self._talk = Conversation(address, options)
         # Model and options of a drive do not change, so that an address always means the same.
         self._known = lru_cache(_KEPT)(lambda name, kind: target(name, model, options, type=kind))
+        self._types: dict[int, str] = {}
         self._motion = Motion(
             self._talk,
             state_timeout_s=options.state_timeout_s,
@@ -126,10 +127,11 @@ class DanfossFcOperations:
     ) -> Exchange[Reading]:
         """Read a parameter.
 
-        type: int16, int32, uint8, uint16, uint32 or text. index: of an array's element. option_text: read what this
-        value of an option parameter is called instead. element: read this element of the parameter's description
-        instead (1 basic characteristics, 2 number of array elements, 4 conversion index and unit, 6 name, 7 and 8
-        limits, 20 default value, 21 additional characteristics).
+        type: int16, int32, uint8, uint16, uint32 or text; without it, a read that the drive refuses for its data type
+        is repeated as what the drive says that it is. index: of an array's element. option_text: read what this value
+        of an option parameter is called instead. element: read this element of the parameter's description instead (1
+        basic characteristics, 2 number of array elements, 4 conversion index and unit, 6 name, 7 and 8 limits, 20
+        default value, 21 additional characteristics).
         """
         self._must_be_one_drive("read")
         if index is None:
@@ -142,6 +144,7 @@ class DanfossFcOperations:
             option_text=option_text,
             element=element,
             index_given=index is not None or "[" in parameter,
+            types=None if type else self._types,
         )
 
     def write(
