@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import DriveError, ReplyError, UsageError
+from drivecomm.errors import DriveError, UsageError
 from drivecomm.parameter_sets.common_values import common_values
 from drivecomm.parameter_sets.effect import Held, counts_with, is_watchdog_time, watchdog_told
 from drivecomm.parameter_sets.parameter_set import WRITABLE
@@ -44,10 +44,7 @@ def carried_watchdog(to: Subject, known: ParameterSet, model: Model) -> Steps[li
 
     Reads the drive, writes nothing. Raises UsageError where the set does not tell it, or this drive cannot do it.
     """
-    try:
-        wanted = watchdog_told(known, model)
-    except ReplyError as error:
-        raise UsageError(str(error)) from error
+    wanted = watchdog_told(known, model)
     if wanted.policy is None:
         raise UsageError(f"the watchdog of {known.drive} does {wanted.action!r}, which no other maker's is known to do")
     now = yield from reading_steps(to.name, to.model)

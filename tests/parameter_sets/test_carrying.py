@@ -90,6 +90,22 @@ def test_a_set_that_does_not_hold_the_function_says_nothing_of_the_watchdog():
     assert read_watchdog(saw.drive).policy == "hold"
 
 
+def test_a_time_that_is_no_number_says_nothing_of_the_watchdog():
+    saved = back_up(Site(FAN, {"8-03": 10, "8-04": 5}).drive)
+    spoilt = replace(saved.entries["8-03"], value="soon")
+    saw = Site(SAW, {"y08": 0, "y02": 0})
+    plan = plan_restore(saw.drive, replace(saved, entries={**saved.entries, "8-03": spoilt}), TIMEOUT)
+    assert "'soon', which is no number" in plan.missed[0].reason
+
+
+def test_a_set_whose_drive_has_no_watchdog_in_its_model_switches_none_on():
+    entry = Entry(address="206", value=5, unit="s", name="ramp_up_time", common="link_timeout")
+    saved = ParameterSet(protocol="danfoss-fc", drive="danfoss-fc:3", model="vlt6000", entries={"206": entry})
+    saw = Site(SAW, {"y08": 0, "y02": 0})
+    plan = plan_restore(saw.drive, saved, TIMEOUT)
+    assert "the model vlt6000 of danfoss-fc:3 knows no watchdog" in plan.missed[0].reason
+
+
 def test_without_the_model_of_a_set_nobody_knows_what_its_numbers_do():
     saved = replace(back_up(Site(FAN).drive), model="dryer")
     saw = Site(SAW)
@@ -188,3 +204,13 @@ def test_a_value_that_would_be_without_effect_on_this_drive_is_not_written():
         assert told.startswith("it would be without effect on this drive, because 3-00 reference_range is 0")
         virtual.poke("3-00", 1)
         assert "maximum_frequency" in [item.address for item in plan_restore(fan, saved, ANOTHER).to("write")]
+
+
+def test_a_value_of_which_the_drive_does_not_tell_whether_it_counts_is_not_written():
+    limited = own(
+        FAN.model, **{"4-14": {"only_with": {"0-02": (1,)}}, "0-02": {"type": "uint8", "name": "unit_of_speed"}}
+    )
+    with drivecomm.open_bus(VirtualLine([virtual_drive("danfoss-fc", 3, model="fc300")]).port) as bus:
+        plan = plan_restore(bus.drive("danfoss-fc", 3, model=limited), back_up(Site(SAW).drive), ANOTHER)
+    told = {item.address: item.reason for item in plan.to("skip")}["maximum_frequency"]
+    assert told.startswith("whether it counts is not known: the drive refused parameter 0-02")
