@@ -65,6 +65,9 @@ from drivecomm.errors import (
     ProtocolLoadError as ProtocolLoadError,
 )
 from drivecomm.errors import (
+    ReadOnlyError as ReadOnlyError,
+)
+from drivecomm.errors import (
     RefusedError as RefusedError,
 )
 from drivecomm.errors import (

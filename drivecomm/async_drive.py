@@ -130,15 +130,15 @@ class AsyncDrive:
         self, parameter: str, value: Value | float, *, store: bool = False, **options: Any
     ) -> Reading | None:
         """Write a parameter; returns what the drive reports back, None where it only confirms."""
-        return await self._write(parameter, store, self._verbs.write(parameter, value, {"store": store, **options}))
+        given = {"store": store, **options}
+        return await self._write(parameter, given, self._verbs.write(parameter, value, given))
 
     async def write_and_read(
         self, parameter: str, value: Value | float, *, store: bool = False, **options: Any
     ) -> Reading | None:
         """Write a parameter, and read it back. Raises StateError when the drive holds another value."""
-        return await self._write(
-            parameter, store, self._verbs.written_and_read(parameter, value, {"store": store, **options})
-        )
+        given = {"store": store, **options}
+        return await self._write(parameter, given, self._verbs.written_and_read(parameter, value, given))
 
     def check_write(self, parameter: str, value: Value | float, *, store: bool = False, **options: Any) -> None:
         """Raise what `write` would raise before it sends anything; sends nothing."""
@@ -215,8 +215,10 @@ class AsyncDrive:
         """Carry out a verb that only this protocol has, such as jogging or choosing a set-up."""
         return await self._command(self._verbs.call(verb, arguments))
 
-    async def _write(self, parameter: str, store: bool, exchange: Exchange[Reading | None]) -> Reading | None:
-        if stored := self._verbs.stored_parameter(parameter, store=store):
+    async def _write(
+        self, parameter: str, options: Mapping[str, Any], exchange: Exchange[Reading | None]
+    ) -> Reading | None:
+        if stored := self._verbs.stored_parameter(parameter, options):
             self._bus.storing(self._party, stored)
         return await self._bus.reading(self._party, exchange, Rank.COMMAND, self._bus.command(self._party))
 
@@ -243,6 +245,8 @@ class AsyncBroadcast:
     async def write(self, parameter: str, value: Value | float, **options: Any) -> None:
         """Write a parameter of all drives; returns when the telegram is sent."""
         exchange = self._verbs.write(parameter, value, options)
+        if stored := self._verbs.stored_parameter(parameter, options):
+            self._bus.storing(self._party, stored)
         await self._bus.run(self._party, exchange, Rank.COMMAND, self._bus.command(self._party))
 
     async def stop(self, how: Stop = Stop.RAMP) -> None:

@@ -145,15 +145,15 @@ class Drive:
         does not fit raises ValueRefusedError before anything is sent, and so does a UsageError for a parameter that was
         stored too often within an hour: EEPROM cells wear out.
         """
-        return self._write(parameter, store, self._verbs.write(parameter, value, {"store": store, **options}))
+        given = {"store": store, **options}
+        return self._write(parameter, given, self._verbs.write(parameter, value, given))
 
     def write_and_read(
         self, parameter: str, value: Value | float, *, store: bool = False, **options: Any
     ) -> Reading | None:
         """Write a parameter as `write` does, and read it back. Raises StateError when the drive holds another value."""
-        return self._write(
-            parameter, store, self._verbs.written_and_read(parameter, value, {"store": store, **options})
-        )
+        given = {"store": store, **options}
+        return self._write(parameter, given, self._verbs.written_and_read(parameter, value, given))
 
     def check_write(self, parameter: str, value: Value | float, *, store: bool = False, **options: Any) -> None:
         """Raise what `write` would raise before it sends anything; sends nothing."""
@@ -246,8 +246,8 @@ class Drive:
         """
         return self._command(self._verbs.call(verb, arguments))
 
-    def _write(self, parameter: str, store: bool, exchange: Exchange[Reading | None]) -> Reading | None:
-        if stored := self._verbs.stored_parameter(parameter, store=store):
+    def _write(self, parameter: str, options: Mapping[str, Any], exchange: Exchange[Reading | None]) -> Reading | None:
+        if stored := self._verbs.stored_parameter(parameter, options):
             self._bus.storing(self._party, stored)
         return self._bus.reading(self._party, exchange, Rank.COMMAND, self._bus.command(self._party))
 
@@ -274,6 +274,8 @@ class Broadcast:
     def write(self, parameter: str, value: Value | float, **options: Any) -> None:
         """Write a parameter of all drives; returns when the telegram is sent."""
         exchange = self._verbs.write(parameter, value, options)
+        if stored := self._verbs.stored_parameter(parameter, options):
+            self._bus.storing(self._party, stored)
         self._bus.run(self._party, exchange, Rank.COMMAND, self._bus.command(self._party))
 
     def stop(self, how: Stop = Stop.RAMP) -> None:

@@ -8,6 +8,7 @@ DriveCommError                      exit code 1
 │   ├── ParameterAddressError       "48x" is no parameter address
 │   ├── ValueRefusedError           six digits for a telegram with room for five
 │   ├── NotSupported                DC brake on a drive that has none
+│   ├── ReadOnlyError               writing to a drive that the plant does not arm
 │   └── FileFormatError             a vector or model file with a missing key
 ├── LinkError                   3   the line or its port
 │   ├── PortError                   the port does not exist or is in use
@@ -70,6 +71,10 @@ class ValueRefusedError(UsageError):
 
 class NotSupported(UsageError):  # noqa: N818 - the public name since the first plan
     """This drive cannot do that; its capabilities say what it can."""
+
+
+class ReadOnlyError(UsageError):
+    """The drive may be asked and stopped from here, and neither written nor commanded."""
 
 
 class FileFormatError(UsageError):

@@ -36,7 +36,8 @@ class Capabilities:
     stops: the ways to stop. reverse: whether it can start backwards. reference_percent, reference_hz: how a reference
     can be given. stored_writes: `store=True` writes to EEPROM. volatile_writes: `store=False` keeps a write out of
     EEPROM. broadcast: commands to all drives at once. link_loss: what the drive does when the master falls silent and
-    which parameter decides it. verbs: which of the common verbs it has besides (jog, hold, select_setup, select_preset,
+    which parameter decides it, as a sentence; a package gives that of a drive without a model, the drive fills it in
+    from its model. verbs: which of the common verbs it has besides (jog, hold, select_setup, select_preset,
     set_relay); the drive fills it in from `Operations.extra`.
     """
 
@@ -93,6 +94,13 @@ class Operations(Interface):
         """`write(parameter, value, *, store=False, **own options)`: write one parameter.
 
         The result is what the drive then reports, None where it only confirms.
+        """
+        ...
+
+    def address_of(self, parameter: str, **options: Any) -> str:
+        """Return the address of the value that `write` would change, one text for every way to name it.
+
+        options: those of `write`; they may name an index or a data set. Raises ParameterAddressError as `write` does.
         """
         ...
 
@@ -208,6 +216,8 @@ class Protocol:
     for these options; unless a package says otherwise, every parameter has one value.
     factory_reading: the options of `read` with which a drive tells a parameter's factory value instead of its value;
     empty where drives do not tell.
+    plain_writing: the options of `write` with which a value is the number that `Reading.raw` shows, for parameters
+    whose scale depends on more than the model and may not be known; empty where there is no such thing.
     """
 
     name: str
@@ -234,3 +244,4 @@ class Protocol:
     element_addresses: Callable[[ParameterInfo, Any], tuple[str, ...]] = _one_value
     factory_reading: Mapping[str, Any] = field(default_factory=dict, hash=False)
     memory: Callable[[], Memory] | None = None
+    plain_writing: Mapping[str, Any] = field(default_factory=dict, hash=False)

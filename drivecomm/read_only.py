@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
-from drivecomm.errors import ReplyError, UsageError
+from drivecomm.errors import ReadOnlyError, ReplyError, UsageError
 from drivecomm.exchange import Pause
 from drivecomm.status import Stop
 from drivecomm.verbs import COMMON_VERBS
@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.exchange import Exchange
-    from drivecomm.models import Model
-    from drivecomm.protocol import Capabilities, Operations, Protocol
+    from drivecomm.protocol import Capabilities, Operations
     from drivecomm.reading import Reading, Value
     from drivecomm.status import DriveStatus
     from drivecomm.telegram import Message
@@ -27,32 +26,18 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-def read_only_operations(plugin: Protocol, address: int, options: Any, model: Model | None, *, why: str) -> ReadOnly:
-    """Return the operations of a drive that is only asked and stopped. why: the sentence that a refusal gives."""
-    if plugin.memory is None:
-        return ReadOnly(plugin.operations(address, options, model), why, plugin.only_asks, _nothing)
-    memory = plugin.memory()
-    return ReadOnly(plugin.operations(address, options, model, memory), why, plugin.only_asks, memory.forget)
-
-
 class ReadOnly:
     """The operations of a drive without those that write or command; stopping it stays, always.
 
-    why: the sentence that a refusal gives. only_asks: the protocol's, None where it has none: then no verb of its own
-    is let through. forget: makes the operations forget what they have sent.
+    new: makes the drive's operations, with nothing remembered; each stop and each verb gets its own. why: the sentence
+    that a refusal gives. only_asks: the protocol's, None where it has none: then no verb of its own is let through.
     """
 
-    def __init__(
-        self,
-        operations: Operations,
-        why: str,
-        only_asks: Callable[[Message], bool] | None,
-        forget: Callable[[], None],
-    ) -> None:
-        self._operations = operations
+    def __init__(self, new: Callable[[], Operations], why: str, only_asks: Callable[[Message], bool] | None) -> None:
+        self._operations = new()
+        self._new = new
         self._why = why
         self._only_asks = only_asks
-        self._forget = forget
 
     @property
     def capabilities(self) -> Capabilities:
@@ -69,13 +54,14 @@ class ReadOnly:
         """Refuse to write."""
         return self._refused
 
+    def address_of(self, parameter: str, **options: Any) -> str:
+        """Return the address of the value that a write would change."""
+        return self._operations.address_of(parameter, **options)
+
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
         """The protocol's own verbs, as far as they only ask; those that every maker's drives have all command."""
-        return {
-            name: self._refused if name in COMMON_VERBS else self._asking(verb)
-            for name, verb in self._operations.extra.items()
-        }
+        return {name: self._refused if name in COMMON_VERBS else self._asking(name) for name in self._operations.extra}
 
     def status(self) -> Exchange[DriveStatus]:
         """Read the status word."""
@@ -87,7 +73,7 @@ class ReadOnly:
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop the motor."""
-        return self._forgotten(self._operations.stop(how))
+        return self._new().stop(how)
 
     def reset(self) -> Exchange[None]:
         """Refuse to acknowledge a fault."""
@@ -110,20 +96,13 @@ class ReadOnly:
         return self._operations.identify()
 
     def _refused(self, *_: object, **__: object) -> NoReturn:
-        raise UsageError(self._why)
+        raise ReadOnlyError(self._why)
 
-    def _asking(self, verb: Callable[..., Exchange[T]]) -> Callable[..., Exchange[T]]:
-        def asked(*values: Any, **options: Any) -> Exchange[T]:
-            return self._forgotten(self._as_long_as_it_asks(verb(*values, **options)))
+    def _asking(self, verb: str) -> Callable[..., Exchange[Any]]:
+        def asked(*values: Any, **options: Any) -> Exchange[Any]:
+            return self._as_long_as_it_asks(self._new().extra[verb](*values, **options))
 
         return asked
-
-    def _forgotten(self, exchange: Exchange[T]) -> Exchange[T]:
-        """Carry out an exchange, and forget it however it ends."""
-        try:
-            return (yield from exchange)
-        finally:
-            self._forget()
 
     def _as_long_as_it_asks(self, exchange: Exchange[T]) -> Exchange[T]:
         """Carry out an exchange up to the first telegram that does more than ask; that one is not sent.
@@ -149,7 +128,3 @@ class ReadOnly:
                 raise UsageError(self._why) from None
             result: T = finished.value
             return result
-
-
-def _nothing() -> None:
-    pass

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from drivecomm.command_order import Commands
@@ -10,7 +11,7 @@ from drivecomm.errors import AddressError, NotSupported, UsageError
 from drivecomm.line import LINE_FACT_NAMES
 from drivecomm.link import Link, Party
 from drivecomm.models.files import load_model
-from drivecomm.read_only import read_only_operations
+from drivecomm.read_only import ReadOnly
 from drivecomm.registry import installed
 from drivecomm.stored_writes import StoredWrites
 from drivecomm.verbs import setting_up
@@ -79,14 +80,12 @@ class Roster:
         known = None if model is None else load_model(plugin.package, protocol, model)
         facts, chosen = sort_out(plugin, known, options, for_all=self._overrides)
         name = f"{plugin.name}:{address}"
+        remembered = () if plugin.memory is None else (self.commands.memory(name, plugin.memory),)
+        operations: Operations = plugin.operations(address, chosen, known, *remembered)
         if read_only:
             if set_up:
                 raise UsageError(f"{name} cannot be set up: {read_only}")
-            operations: Operations = read_only_operations(plugin, address, chosen, known, why=read_only)
-        elif plugin.memory is None:
-            operations = plugin.operations(address, chosen, known)
-        else:
-            operations = plugin.operations(address, chosen, known, self.commands.memory(name, plugin.memory))
+            operations = ReadOnly(partial(plugin.operations, address, chosen, known), read_only, plugin.only_asks)
         if set_up:
             self._set_up[name] = (operations, dict(set_up))
 

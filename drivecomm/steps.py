@@ -52,10 +52,11 @@ class Write:
     parameter: str
     value: Value
     store: bool
+    options: Mapping[str, Any] = field(default_factory=dict)
 
     def on(self, drive: Drive | AsyncDrive) -> Any:
         """Do it."""
-        return drive.write(self.parameter, self.value, store=self.store)
+        return drive.write(self.parameter, self.value, store=self.store, **self.options)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,10 +66,11 @@ class CheckWrite:
     parameter: str
     value: Value
     store: bool
+    options: Mapping[str, Any] = field(default_factory=dict)
 
     def on(self, drive: Drive | AsyncDrive) -> Any:
         """Do it."""
-        return drive.check_write(self.parameter, self.value, store=self.store)
+        return drive.check_write(self.parameter, self.value, store=self.store, **self.options)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,16 +24,31 @@ class StoredWrites:
         self._times: dict[tuple[str, str], deque[float]] = {}
 
     def count(self, drive: str, parameter: str, now: float) -> None:
-        """Count a write that is about to be stored. Raises UsageError instead of letting one too many happen."""
-        times = self._times.setdefault((drive, parameter), deque())
-        while times and now - times[0] >= WITHIN_S:
-            times.popleft()
-        if len(times) >= self._allowed:
+        """Count a write that is about to be stored. Raises UsageError instead of letting one too many happen.
+
+        drive: PROTOCOL:ADDRESS, or PROTOCOL:* for a write to all drives, which counts for each of them. parameter: its
+        one address, however it was spelled.
+        """
+        protocol = drive.partition(":")[0]
+        everyone = f"{protocol}:*"
+        if drive == everyone:
+            single = {who for who, what in self._times if what == parameter and who.startswith(f"{protocol}:")}
+            stored = max((self._stored(who, parameter, now) for who in single - {everyone}), default=0)
+        else:
+            stored = self._stored(drive, parameter, now)
+        stored += self._stored(everyone, parameter, now)
+        if stored >= self._allowed:
             raise UsageError(
-                f"{parameter} of {drive} was stored {len(times)} times within an hour, and EEPROM cells wear out; "
+                f"{parameter} of {drive} was stored {stored} times within an hour, and EEPROM cells wear out; "
                 "write it without store=True, or raise stored_writes_per_hour of the bus"
             )
-        times.append(now)
+        self._times.setdefault((drive, parameter), deque()).append(now)
+
+    def _stored(self, drive: str, parameter: str, now: float) -> int:
+        times = self._times.get((drive, parameter), deque())
+        while times and now - times[0] >= WITHIN_S:
+            times.popleft()
+        return len(times)
 
 
 def is_stored(capabilities: Capabilities, model: Model | None, parameter: str, *, store: bool) -> bool:

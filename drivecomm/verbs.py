@@ -8,6 +8,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm.errors import NotSupported, ParameterAddressError, StateError, UsageError
+from drivecomm.models.link_loss import link_loss_of
 from drivecomm.models.quantities import CommonName, not_said, quantities
 from drivecomm.numbers import exact
 from drivecomm.stored_writes import is_stored
@@ -81,16 +82,18 @@ class Verbs:
     def capabilities(self) -> Capabilities:
         """What this drive can be asked to do."""
         operations = self.operations
-        return replace(operations.capabilities, verbs=COMMON_VERBS.intersection(operations.extra))
+        told = replace(operations.capabilities, verbs=COMMON_VERBS.intersection(operations.extra))
+        return replace(told, link_loss=link_loss_of(self._model)) if self._model else told
 
-    def stored_parameter(self, parameter: str, *, store: bool) -> str:
-        """Return the address of a parameter whose write may end in EEPROM, empty where it does not."""
+    def stored_parameter(self, parameter: str, options: Mapping[str, Any]) -> str:
+        """Return the address of what a write with these options may change in EEPROM, empty where it does not.
+
+        However the parameter is called, it is the one address that the protocol has for it.
+        """
         common = self._common_name(parameter)
-        address = common.address if common else parameter
-        if not is_stored(self.operations.capabilities, self._model, address, store=store):
-            return ""
-        info = self._model.find(address) if self._model else None
-        return info.address if info else address
+        address: str = bound(self.operations.address_of, common.address if common else parameter, **options)
+        store = bool(options.get("store"))
+        return address if is_stored(self.operations.capabilities, self._model, address, store=store) else ""
 
     def written_and_read(
         self, parameter: str, value: Value | float, options: Mapping[str, Any]
@@ -185,7 +188,7 @@ def setting_up(operations: Operations, writes: Mapping[str, Any]) -> Exchange[No
         yield from operations.write(parameter, value)
 
 
-def bound(operation: Callable[..., Exchange[T]], *values: Any, **options: Any) -> Exchange[T]:
+def bound(operation: Callable[..., T], *values: Any, **options: Any) -> T:
     """Call an operation; options that it does not have are a UsageError that lists those it has."""
     try:
         return operation(*values, **options)

@@ -16,6 +16,7 @@ from drivecomm.errors import (
     UsageError,
     ValueRefusedError,
 )
+from drivecomm.models.link_loss import link_loss_of
 from drivecomm.models.units import converted
 from drivecomm.numbers import exact
 from drivecomm.steps import Read, Steps, Watched, Write, carry_out, carry_out_async
@@ -169,8 +170,8 @@ class _Parameters:
             )
         if model.watchdog is None:
             raise NotSupported(
-                f"the model {model.name} of {name} knows no watchdog: its motor obeys the last command when its "
-                'master falls silent; the policy "hold" says so'
+                f"the model {model.name} of {name} knows no watchdog that can be set; when its master falls "
+                f'silent: {link_loss_of(model)}; the policy "hold" leaves it at that'
             )
         self._name = name
         self._watchdog: Watchdog = model.watchdog

@@ -12,6 +12,7 @@ from drivecomm.cli.output import complain, emit, say
 from drivecomm.errors import FileFormatError, ParameterAddressError, UsageError
 from drivecomm.models.check import check_model
 from drivecomm.models.files import load_model, model_paths, open_model_file, packaged_models
+from drivecomm.models.link_loss import link_loss_of
 from drivecomm.models.quantities import parameter_at, quantities
 from drivecomm.registry import installed
 
@@ -170,6 +171,9 @@ def _print_parameter(info: ParameterInfo, model: Model, *, apart: bool) -> None:
         "access": info.access,
         "storage": info.storage,
         "values": ", ".join(f"{code} {text}" for code, text in info.values.items()),
+        "counts with": ", ".join(
+            f"{address} = {' or '.join(map(str, codes))}" for address, codes in info.only_with.items()
+        ),
         **{key: str(value) for key, value in info.extra.items()},
         "source": info.source or model.source,
         "sure": info.sure,
@@ -191,6 +195,7 @@ def _emit(model: Model, *, common: bool) -> None:
         options=dict(model.options),
         quantities=dict(model.quantities),
         watchdog=model.watchdog,
+        link_loss=link_loss_of(model),
         identified_by=dict(model.identified_by),
         faults=len(model.faults),
         warnings=len(model.warnings),
@@ -206,6 +211,7 @@ def _print_model(model: Model) -> None:
         "options": ", ".join(f"{name}={value}" for name, value in model.options.items()),
         "identified by": ", ".join(f"{key} = {pattern}" for key, pattern in model.identified_by.items()),
         "watchdog": _watchdog(model),
+        "link loss": "" if model.watchdog else link_loss_of(model),
         "texts": ", ".join(_counts(model)),
     }
     _print_columns((f"  {key}", text) for key, text in about.items() if text)

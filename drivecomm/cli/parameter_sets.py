@@ -32,11 +32,23 @@ from drivecomm.parameter_sets.files import must_be_free
 
 if TYPE_CHECKING:
     from drivecomm.drive import Drive
-    from drivecomm.parameter_sets import Comparison, Entry, Journal, ParameterSet, Part, Plan, Planned, Restored
+    from drivecomm.parameter_sets import (
+        Comparison,
+        Difference,
+        Entry,
+        Journal,
+        ParameterSet,
+        Part,
+        Plan,
+        Planned,
+        Restored,
+    )
 
     Progress = Callable[[str, int, int], None]
 
 FACTORY = "factory"
+INCOMPLETE = 1
+"""Exit code of a restore that did all it could, and left alone what it should have restored."""
 
 Model = Annotated[
     str | None, typer.Option("--model", "-m", help="Model by name, or a .toml file; that of the set if absent.")
@@ -75,7 +87,10 @@ def compare(
     communication: Communication = False,
     everything: Annotated[bool, typer.Option("--all", help="Everything, measured values too.")] = False,
 ) -> int:
-    """Tell in which parameters two drives or files differ. Exit code 1 when they do."""
+    """Tell in which parameters two drives or files differ. Exit code 1 when they do.
+
+    What one of them merely lacks is listed and counted apart, and is no difference.
+    """
     parts: list[Part] = ["settings"]
     if communication or everything:
         parts.append("communication")
@@ -109,7 +124,8 @@ def restore(
 ) -> int:
     """Give a drive the parameters of a file, each read back; whatever is equal already is not written.
 
-    Exit code 5 when the drive refuses some.
+    Exit code 5 when the drive refuses some, 1 when some of its own settings cannot be restored; 2 when nothing can be
+    written, to a read-only drive for example.
     """
     known = read_set(file)
     _, name = line.reaching(drive)
@@ -125,13 +141,15 @@ def restore(
             plan = plan_restore(one, known, wishes, progress=progress)
         if journal is None:
             _show_plan(plan, as_json=line.json)
-            return 0
+            return INCOMPLETE if plan.missed else 0
         with _said_how_to_go_on(journal, line), _progress("writing", line) as progress:
             done = carry_out_plan(one, plan, journal, progress=progress)
     _show_restored(done, as_json=line.json)
     if done.refused:
         return DriveError.exit_code
-    return 0 if done.complete else ReplyError.exit_code
+    if done.unconfirmed or done.left:
+        return ReplyError.exit_code
+    return 0 if done.complete else INCOMPLETE
 
 
 @contextmanager
@@ -210,25 +228,36 @@ class _Operands:
 
 def _show_comparison(found: Comparison, left: str, right: str, *, as_json: bool) -> None:
     if as_json:
-        for difference in found.differences:
+        for difference in (*found.differences, *found.missing):
             emit(kind=difference.kind, parameter=difference.address, name=difference.name,
                  left=_told(difference.left), right=_told(difference.right), reason=difference.reason)  # fmt: skip
-        emit(same=found.same, differences=len(found.differences), equal=found.equal, by=found.by,
-             remarks=list(found.remarks))  # fmt: skip
+        emit(same=found.same, differences=len(found.differences), equal=found.equal, missing=len(found.missing),
+             by=found.by, remarks=list(found.remarks))  # fmt: skip
         return
     if found.differences:
-        rows = [_row(each.address, each.name, _shown(each.left), _shown(each.right)) for each in found.differences]
-        say(_row("", "", left, right))
-        for row, difference in zip(rows, found.differences, strict=True):
-            say(row + (f"  {difference.reason}" if difference.reason else ""))
+        rows = [(_called(each), _shown(each.left), _shown(each.right), each.reason) for each in found.differences]
+        for line in _in_columns([("", left, right, ""), *rows]):
+            say(line)
+    for side, absent in ((left, [each for each in found.missing if each.right is None]),
+                         (right, [each for each in found.missing if each.left is None])):  # fmt: skip
+        if absent:
+            say(f"  only in {side}: {', '.join(map(_called, absent))}")
     for remark in found.remarks:
         say(f"  {remark}")
     count = len(found.differences)
-    say(f"{count} difference{'' if count == 1 else 's'}, {found.equal} equal, by {found.by}")
+    apart = f", {len(found.missing)} in one only" if found.missing else ""
+    say(f"{count} difference{'' if count == 1 else 's'}, {found.equal} equal{apart}, by {found.by}")
 
 
-def _row(address: str, name: str, left: str, right: str) -> str:
-    return f"{f'{address} {name}':<36} {left:>18} {right:>18}".rstrip()
+def _called(difference: Difference) -> str:
+    return f"{difference.address} {difference.name}".rstrip()
+
+
+def _in_columns(rows: list[tuple[str, str, str, str]]) -> Iterator[str]:
+    """Yield rows as lines: a name, two values that end under each other, and a remark."""
+    name, left, right = (max(len(row[place]) for row in rows) for place in range(3))
+    for row in rows:
+        yield f"{row[0]:<{name}}  {row[1]:>{left}}  {row[2]:>{right}}  {row[3]}".rstrip()
 
 
 def _shown(entry: Entry | None) -> str:
@@ -247,25 +276,39 @@ def _show_plan(plan: Plan, *, as_json: bool) -> None:
         for item in plan.items:
             emit(drive=plan.drive, **{**plain(item), "stage": item.stage.name.lower()})
         emit(drive=plan.drive, write=len(plan.to("write")), equal=len(plan.to("equal")), skip=len(plan.to("skip")),
-             stored=plan.store, remarks=list(plan.remarks))  # fmt: skip
+             missed=len(plan.missed), stored=plan.store, remarks=list(plan.remarks))  # fmt: skip
         return
-    for item in plan.to("write"):
-        before = "?" if item.current is None else item.current
-        say(f"{plan.drive}  {f'{item.address} {item.name}':<34} {before} -> {item.value} {item.unit}".rstrip())
+    _show_changes(plan, plan.to("write"))
     _show_skipped(plan)
-    counts = f"{len(plan.to('write'))} to write, {len(plan.to('equal'))} equal, {len(plan.to('skip'))} left alone"
+    counts = f"{len(plan.to('write'))} to write, {len(plan.to('equal'))} equal{_left_alone(plan)}"
     say(f"{plan.drive}  {counts}; nothing was written")
+
+
+def _show_changes(plan: Plan, items: list[Planned]) -> None:
+    """Say what each of these was before and what it is to be."""
+    names = [f"{item.address} {item.name}" for item in items]
+    width = max(map(len, names), default=0)
+    for name, item in zip(names, items, strict=True):
+        before = "?" if item.current is None else item.current
+        say(f"{plan.drive}  {name:<{width}}  {before} -> {item.value} {item.unit}".rstrip())
+
+
+def _left_alone(plan: Plan) -> str:
+    """Return how much of a set is not restored, of that first what should have been."""
+    missed, as_meant = len(plan.missed), len(plan.to("skip")) - len(plan.missed)
+    told = f", {missed} not restored" if missed else ""
+    return told + (f", {as_meant} left alone" if as_meant else "")
 
 
 def _show_skipped(plan: Plan) -> None:
     for remark in plan.remarks:
         say(f"{plan.drive}  {remark}")
-    by_reason: dict[str, list[Planned]] = {}
+    by_reason: dict[tuple[bool, str], list[Planned]] = {}
     for item in plan.to("skip"):
-        by_reason.setdefault(item.reason, []).append(item)
-    for reason, items in by_reason.items():
+        by_reason.setdefault((item.missed, item.reason), []).append(item)
+    for (missed, reason), items in by_reason.items():
         names = ", ".join(f"{item.address} {item.name}".rstrip() for item in items)
-        say(f"{plan.drive}  left alone, {reason}: {names}")
+        say(f"{plan.drive}  {'not restored' if missed else 'left alone'}, {reason}: {names}")
 
 
 def _show_restored(done: Restored, *, as_json: bool) -> None:
@@ -273,8 +316,11 @@ def _show_restored(done: Restored, *, as_json: bool) -> None:
     if as_json:
         emit(drive=plan.drive, written=list(done.written), equal=len(plan.to("equal")), stored=plan.store,
              skipped={item.address: item.reason for item in plan.to("skip")}, refused=dict(done.refused),
-             unconfirmed=list(done.unconfirmed), left=list(done.left), complete=done.complete)  # fmt: skip
+             missed=[item.address for item in plan.missed], unconfirmed=list(done.unconfirmed), left=list(done.left),
+             complete=done.complete)  # fmt: skip
         return
+    planned = {item.address: item for item in plan.items}
+    _show_changes(plan, [planned[address] for address in done.written])
     _show_skipped(plan)
     for address, reason in done.refused.items():
         say(f"{plan.drive}  {address} does not hold what it should: {reason}")
@@ -283,4 +329,6 @@ def _show_restored(done: Restored, *, as_json: bool) -> None:
         left = f", and {', '.join(done.left)} not written" if done.left else ""
         say(f"{plan.drive}  {names} written{left}: it does not answer as before; use its new settings and --resume")
     kept = "and stored" if plan.store else "without asking for storage"
-    say(f"{plan.drive}  {len(done.written)} written {kept}, {len(plan.to('equal'))} equal before")
+    refused = f", {len(done.refused)} refused by the drive" if done.refused else ""
+    equal = f"{len(plan.to('equal'))} equal before"
+    say(f"{plan.drive}  {len(done.written)} written {kept}, {equal}{refused}{_left_alone(plan)}")

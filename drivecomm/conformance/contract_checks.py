@@ -25,6 +25,7 @@ from drivecomm.status import Stop
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from drivecomm.models import Model
     from drivecomm.protocol import Operations, VirtualDrive
 
 VERBS = (
@@ -54,6 +55,7 @@ _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
     "parameter_examples": tuple,
     "parameter_keys": (frozenset, type(None)),
     "factory_reading": dict,
+    "plain_writing": dict,
 }
 
 
@@ -132,7 +134,7 @@ def _decodes(codec: Any, data: bytes, direction: str) -> bool:
 
 
 def operations_are_whole(plugin: Protocol) -> None:
-    """The operations of any address have all verbs and their capabilities, and further verbs say what they do."""
+    """Operations have all verbs, capabilities and one address for each parameter; further verbs say what they do."""
     options = plugin.options()
     for address in (plugin.addresses[0], plugin.addresses[-1]):
         if plugin.memory is None:
@@ -142,7 +144,7 @@ def operations_are_whole(plugin: Protocol) -> None:
             expect(callable(getattr(memory, "forget", None)), "what is remembered of a drive cannot be forgotten")
             memory.forget()
             operations = plugin.operations(address, options, None, memory)
-        for name in VERBS:
+        for name in (*VERBS, "address_of"):
             expect(callable(getattr(operations, name, None)), f"the operations have no {name}")
         able = operations.capabilities
         expect(isinstance(able, Capabilities), f"the capabilities are {able!r}")
@@ -156,6 +158,18 @@ def operations_are_whole(plugin: Protocol) -> None:
             expect(callable(verb), f"the verb {name} cannot be called")
             expect(inspect.getdoc(verb), f"the verb {name} does not say what it does")
             expect(name not in VERBS, f"the verb {name} has the name of one that every drive has")
+    model = known_model(plugin, plugin.default_model)
+    _one_address_for_each_parameter(
+        plugin.operations(plugin.addresses[0], sort_out(plugin, model, {})[1], model), model
+    )
+
+
+def _one_address_for_each_parameter(operations: Operations, model: Model) -> None:
+    addresses = [operations.address_of(info.address) for info in model.parameters.values()]
+    for info, address in zip(model.parameters.values(), addresses, strict=True):
+        expect(operations.address_of(info.name) == address, f"{info.name} and {info.address} have two addresses")
+        expect(operations.address_of(address) == address, f"the address {address} of {info.address} has another one")
+    expect(len({*addresses}) == len(addresses), "two parameters of the model have one address")
 
 
 def virtual_drives_are_whole(plugin: Protocol) -> None:

@@ -8,6 +8,7 @@ name = "act"
 title = "Bonfiglioli ACT"
 extends = "family"            # optional: a model of the same protocol that this one takes over and changes
 source = "where the table as a whole comes from"
+link_loss = "what is known of drives whose master falls silent, where no [watchdog] says it"
 
 [options]                     # defaults for the protocol's drive options and line facts
 ram_datasets = false
@@ -43,6 +44,7 @@ kind = "setting"              # or "communication" (address, baud rate, ...), "c
 values = { 1 = "state machine", 2 = "remote contacts" }
 minimum = "0.00"              # physical, where the source gives them
 maximum = "999.99"
+only_with = { 412 = [1, 2] }  # it counts only while parameter 412 has one of these raw values
 source = "manual, page"
 sure = "printed"              # "printed", "derived", "field", "unconfirmed"
 """
@@ -188,6 +190,7 @@ def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
         options={**(base.options if base else {}), **content.get("options", {})},
         quantities={name: address for name, address in quantities.items() if address},
         watchdog=watchdog or (base.watchdog if base else None),
+        link_loss=content.get("link_loss", base.link_loss if base else ""),
         # A rule is about one series, so it is not taken over.
         identified_by=dict(content.get("identified_by", {})),
     )
@@ -202,6 +205,7 @@ def parameter_of(entry: Mapping[str, Any]) -> ParameterInfo:
         address=entry["address"],
         name=entry["name"],
         values=_by_code(entry, "values"),
+        only_with={address: tuple(codes) for address, codes in entry.get("only_with", {}).items()},
         start=start if start is None or entry.get("type") in TEXT_TYPES else number_in(start),
         extra={key: value for key, value in entry.items() if key not in PARAMETER_KEYS},
         **{"title": entry["name"], **plain},

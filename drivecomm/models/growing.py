@@ -73,6 +73,9 @@ def grown(
         return Model(
             protocol=protocol, name=name, title=title, source=source, parameters=parameters, faults={}, options={}
         )
+    for info in list(parameters.values()):
+        left = {address: codes for address, codes in info.only_with.items() if address in parameters}
+        parameters[info.address] = replace(info, only_with=left)
     watchdog = base.watchdog
     if watchdog and not {watchdog.time, watchdog.action or watchdog.time} <= set(parameters):
         watchdog = None

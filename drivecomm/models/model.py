@@ -48,6 +48,9 @@ class ParameterInfo:
     start: Decimal | str | None = None
     source: str = ""
     sure: Sureness = "printed"
+    only_with: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    """Other parameters, by address, and the raw values with one of which they let this one count; else it is without
+    effect."""
     extra: Mapping[str, Any] = field(default_factory=dict)
     """Keys of this parameter that only its protocol knows, such as `datasets` or `conversion_index`."""
 
@@ -77,6 +80,7 @@ class Model:
 
     quantities: which parameter each common name is, by its address. watchdog: None where none is known. identified_by:
     a regular expression for what the drive tells of itself, by the names that `Drive.identify` gives; all must match.
+    link_loss: what is known, without a watchdog that can be set, of drives whose master falls silent; as a sentence.
     """
 
     protocol: str
@@ -89,6 +93,7 @@ class Model:
     warnings: Mapping[int, str] = field(default_factory=dict)
     quantities: Mapping[str, str] = field(default_factory=dict)
     watchdog: Watchdog | None = None
+    link_loss: str = ""
     identified_by: Mapping[str, str] = field(default_factory=dict)
 
     def find(self, name_or_address: str) -> ParameterInfo | None:

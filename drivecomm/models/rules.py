@@ -41,6 +41,9 @@ def broken_rules(given: Given, model: Model, base: Model | None) -> Iterator[Mis
     yield from _names(given, model)
     for number, info in given.parameters:
         yield from _limits(number, info)
+        for address in info.only_with:
+            if address not in model.parameters:
+                yield _of(number, "only_with", _unknown(address, model))
         if not (info.source.strip() or given.source.strip()):
             yield _of(number, "", f"parameter {info.address}: {_NO_SOURCE}")
     yield from _quantities(given, model, base)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 FORMAT = 1
 TABLES = ("options", "quantities", "watchdog", "identified_by", "faults", "warnings")
-TEXTS = ("name", "title", "extends", "source")
+TEXTS = ("name", "title", "extends", "source", "link_loss")
 TEXT_TYPES = ("string", "text")
 """Types of parameters that hold characters; their `start` is a text."""
 
@@ -181,10 +181,18 @@ def _in_parameter(entry: Mapping[str, Any]) -> Iterator[Mistake]:
     else:
         for mistake in _texts_by_code("", values):
             yield Mistake(key="values", text=mistake.text)
+    yield from _only_with(entry.get("only_with", {}))
     if "start" in entry:
         is_text = entry.get("type") in TEXT_TYPES
         if not isinstance(entry["start"], str) if is_text else number_in(entry["start"]) is None:
             yield Mistake(key="start", text=f"{entry['start']!r} is no {'text' if is_text else 'number'}")
+
+
+def _only_with(given: Any) -> Iterator[Mistake]:
+    lists = list(given.values()) if isinstance(given, dict) else [given]
+    if not all(isinstance(codes, list) and codes and all(type(code) is int for code in codes) for codes in lists):
+        text = 'names other parameters, each with a list of the raw values that let this one count: { "8-04" = [2, 5] }'
+        yield Mistake(key="only_with", text=text)
 
 
 def _words(entry: Mapping[str, Any]) -> Iterator[Mistake]:

@@ -35,7 +35,8 @@ def model_text(model: Model) -> str:
     Raises UsageError for what no file can hold: a value of a protocol's own key that TOML has no form for.
     """
     head = {"format": _FORMAT, "protocol": model.protocol, "name": model.name, "title": model.title}
-    parts = [_lines({**head, **({"source": model.source} if model.source else {})}.items())]
+    head |= {key: text for key in ("source", "link_loss") if (text := getattr(model, key))}
+    parts = [_lines(head.items())]
     tables: dict[str, Mapping[Any, Any]] = {
         "options": model.options,
         "quantities": model.quantities,

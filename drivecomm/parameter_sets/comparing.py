@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivecomm.errors import UsageError
 from drivecomm.parameter_sets.common_values import common_values
+from drivecomm.parameter_sets.effect import model_of
 from drivecomm.parameter_sets.identity import changes_told
 from drivecomm.parameter_sets.parameter_set import SETTINGS, in_order
 from drivecomm.parameter_sets.values import in_unit, same
@@ -41,18 +42,19 @@ class Difference:
 class Comparison:
     """What is not the same in two parameter sets.
 
-    by: what was compared with what. equal: how many parameters are the same. remarks: what else is to be known, as
-    sentences; they do not make the sets different.
+    by: what was compared with what. equal: how many parameters are the same. missing: what only one of them has; that
+    and remarks, what else is to be known as sentences, do not make the sets different.
     """
 
     by: Literal["address", "common name"]
     differences: tuple[Difference, ...]
     equal: int
+    missing: tuple[Difference, ...] = ()
     remarks: tuple[str, ...] = ()
 
     @property
     def same(self) -> bool:
-        """Whether everything that was compared is the same."""
+        """Whether everything that both have is the same, and could be compared."""
         return not self.differences
 
 
@@ -70,9 +72,10 @@ def compare(left: ParameterSet, right: ParameterSet, parts: Collection[Part] = S
         found, equal = _differences(here, there, left.not_read, right.not_read)
         if nowhere := set(left.not_read) & set(right.not_read):
             remarks.append(f"read on neither side: {', '.join(in_order(nowhere))}")
-        return Comparison(by="address", differences=tuple(found), equal=equal, remarks=tuple(remarks))
-    here, unclear = common_values(ours)
-    there, unclear_there = common_values(theirs)
+        return _comparison("address", found, equal, remarks)
+    models = [model_of(known) for known in (left, right)]
+    here, unclear = common_values(left, parts, models[0])
+    there, unclear_there = common_values(right, parts, models[1])
     if not set(here) & set(there):
         raise UsageError(
             f"{left.protocol} and {right.protocol} drives share only parameters with common names, and these two sets "
@@ -80,8 +83,25 @@ def compare(left: ParameterSet, right: ParameterSet, parts: Collection[Part] = S
         )
     found, equal = _differences(here, there, unclear, unclear_there)
     nameless = [sum(not entry.common for entry in entries) for entries in (ours, theirs)]
+    remarks += [
+        f"whether every value of {known.drive} counts is not known, because no model {known.model} is found by its name"
+        for known, model in zip((left, right), models, strict=True)
+        if model is None
+    ]
     remarks.append(f"not compared, for want of a common name: {nameless[0]} here, {nameless[1]} there")
-    return Comparison(by="common name", differences=tuple(found), equal=equal, remarks=tuple(remarks))
+    return _comparison("common name", found, equal, remarks)
+
+
+def _comparison(
+    by: Literal["address", "common name"], found: list[Difference], equal: int, remarks: list[str]
+) -> Comparison:
+    return Comparison(
+        by=by,
+        differences=tuple(each for each in found if each.kind != "missing"),
+        equal=equal,
+        missing=tuple(each for each in found if each.kind == "missing"),
+        remarks=tuple(remarks),
+    )
 
 
 def _differences(

@@ -10,22 +10,23 @@ from enum import IntEnum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from drivecomm.models import ParameterInfo
+    from drivecomm.models import ParameterInfo, Watchdog
 
 
 class Stage(IntEnum):
     """When a parameter is written.
 
     MAKE_UP: options and motor data, on which other parameters' limits, scales and meanings depend. LIMITS: what bounds
-    other values. VALUES: all that is left. LOCKS: what may keep others from being written. COMMUNICATION: what can cut
-    the line.
+    other values. VALUES: all that is left. WATCHDOG: what acts on a master that falls silent. LOCKS: what may keep
+    others from being written. COMMUNICATION: what can cut the line.
     """
 
     MAKE_UP = 0
     LIMITS = 1
     VALUES = 2
-    LOCKS = 3
-    COMMUNICATION = 4
+    WATCHDOG = 3
+    LOCKS = 4
+    COMMUNICATION = 5
 
 
 _LIMITS = frozenset({"minimum_frequency", "maximum_frequency", "current_limit"})
@@ -36,8 +37,10 @@ _MOTOR_WORDS = frozenset({"rated", "motor"})
 _NO_LIMIT = frozenset({"warning"})
 
 
-def stage_of(info: ParameterInfo, common: str) -> Stage:
-    """Return when a parameter is written. common: its common name, empty without one."""
+def stage_of(info: ParameterInfo, common: str, watchdog: Watchdog | None = None) -> Stage:
+    """Return when a parameter is written. common: its common name, empty without one. watchdog: of its model."""
+    if watchdog is not None and info.address in (watchdog.time, watchdog.action):
+        return Stage.WATCHDOG
     words = frozenset(info.name.split("_"))
     if info.kind == "communication":
         return Stage.COMMUNICATION

@@ -41,8 +41,8 @@ class Restored:
 
     @property
     def complete(self) -> bool:
-        """Whether the drive now has all that it was to have."""
-        return not (self.refused or self.unconfirmed or self.left)
+        """Whether the drive now has all that it was to have; see `Plan.missed` for what never was to be written."""
+        return not (self.refused or self.unconfirmed or self.left or self.plan.missed)
 
 
 def restoring(plan: Plan, journal: Remembers, progress: Progress) -> Steps[Restored]:
@@ -150,11 +150,11 @@ class _Work:
     def _send(self, item: Planned) -> Steps[None]:
         """Write; whether a write arrived that nobody confirmed is seen by reading, and if not it is sent once more."""
         try:
-            yield Write(item.address, item.value, self._store)
+            yield Write(item.address, item.value, self._store, item.options)
         except ReplyError:
             reading: Reading = yield Read(item.address)
-            if not same(reading.value, item.value):
-                yield Write(item.address, item.value, self._store)
+            if not same(item.held_by(reading), item.value):
+                yield Write(item.address, item.value, self._store, item.options)
 
     def _held(self, item: Planned) -> Steps[str]:
         """Return why the drive does not hold the value that it should, empty when it does."""
@@ -162,6 +162,6 @@ class _Work:
             reading: Reading = yield Read(item.address)
         except DriveError as error:
             return f"it cannot be read back: {error}"
-        if same(reading.value, item.value):
+        if same(item.held_by(reading), item.value):
             return ""
         return f"{item.value} {item.unit}".rstrip() + f" was written, and it is {reading}"

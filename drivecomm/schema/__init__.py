@@ -1,5 +1,6 @@
 """The vocabulary in which protocols declare their telegrams."""
 
+from drivecomm.schema.by_name import message_of as message_of
 from drivecomm.schema.form import Form as Form
 from drivecomm.schema.leaves import (
     Check as Check,

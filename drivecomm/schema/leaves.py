@@ -100,7 +100,7 @@ class Leaf(_Construct):
         try:
             data = self._write(obj)
         except (ValueError, TypeError) as error:
-            raise Fault("field", str(error), _name_in(path)) from None
+            raise Fault("field", "it is missing" if obj is None else str(error), _name_in(path)) from None
         size = self._size_in(context)
         if len(data) != size:
             raise Fault("field", f"{len(data)} characters where {size} belong", _name_in(path))

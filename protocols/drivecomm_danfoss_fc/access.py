@@ -8,11 +8,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import NotSupported, ParameterAddressError, UsageError
+from drivecomm.errors import NotSupported, ParameterAddressError, RefusedError, UnexpectedReplyError, UsageError
 from drivecomm_danfoss_fc.conversation import answered
-from drivecomm_danfoss_fc.description import NAME, description_reading
+from drivecomm_danfoss_fc.description import BASIC, NAME, description_reading
+from drivecomm_danfoss_fc.faultcodes import WRONG_TYPE
 from drivecomm_danfoss_fc.messages import ParameterReply, TextReply
-from drivecomm_danfoss_fc.parameters import raw_for, reading_of, text_for, text_reading, trimmed
+from drivecomm_danfoss_fc.parameters import TYPES_BY_NUMBER, raw_for, reading_of, text_for, text_reading, trimmed
 from drivecomm_danfoss_fc.telegrams import LONGEST_TEXT
 
 if TYPE_CHECKING:
@@ -35,6 +36,44 @@ _WRITTEN_TEXT = frozenset([1, 2, 15])
 # A confirmation with another value can be the late reply to an earlier read, so the write is sent once more before that
 # value is believed. Values are absolute: nothing changes by writing one twice.
 _TWICE = range(2)
+
+
+def read_as_it_is(talk: Conversation, wanted: Target, types: dict[int, str]) -> Exchange[Reading]:
+    """Read a value; where the drive refuses that for its data type, ask what it is (AK 4) and read it as that.
+
+    types: by PNU, what was found out so far; it is added to.
+    """
+    wanted = replace(wanted, type=types[wanted.pnu]) if wanted.pnu in types else wanted
+    try:
+        return (yield from _read_typed(talk, wanted))
+    except RefusedError as refused:
+        if refused.code != WRONG_TYPE:
+            raise
+        found = replace(wanted, type=(yield from _told_type(talk, wanted)))
+        if (found.type == "text") is (wanted.type == "text"):
+            raise
+        try:
+            reading = yield from _read_typed(talk, found)
+        except RefusedError:
+            raise refused from None
+    types[found.pnu] = found.type
+    note = f"the drive refuses to read it as {'a text' if wanted.type == 'text' else 'a number'}"
+    return replace(reading, note="; ".join(filter(None, (note, reading.note))))
+
+
+def _read_typed(talk: Conversation, wanted: Target) -> Exchange[Reading]:
+    return read_text(talk, wanted) if wanted.type == "text" else read_number(talk, wanted)
+
+
+def _told_type(talk: Conversation, wanted: Target) -> Exchange[str]:
+    """Return the type that the drive tells; where it tells none, the one that is left when the other was refused."""
+    try:
+        basic = yield from _read_element(talk, wanted, BASIC)
+    except (RefusedError, UnexpectedReplyError):
+        kind = ""
+    else:
+        kind = TYPES_BY_NUMBER.get(int(basic.raw) & 0xFF, "")
+    return kind or ("" if wanted.type == "text" else "text")
 
 
 def read_number(talk: Conversation, wanted: Target) -> Exchange[Reading]:
@@ -128,11 +167,20 @@ def tell_number(talk: Conversation, wanted: Target, value: Value | float, *, sto
 
 
 def chosen_reading(
-    talk: Conversation, wanted: Target, *, option_text: int | None, element: int | None, index_given: bool
+    talk: Conversation,
+    wanted: Target,
+    *,
+    option_text: int | None,
+    element: int | None,
+    index_given: bool,
+    types: dict[int, str] | None,
 ) -> Exchange[Reading]:
-    """Return the exchange that reads what the options of `read` ask for. Raises UsageError for two things at once."""
+    """Return the exchange that reads what the options of `read` ask for. Raises UsageError for two things at once.
+
+    types: what was found out of data types, None for a type that somebody insists on.
+    """
     if option_text is None and element is None:
-        return read_text(talk, wanted) if wanted.type == "text" else read_number(talk, wanted)
+        return _read_typed(talk, wanted) if types is None else read_as_it_is(talk, wanted, types)
     asked = [name for name, given in (("option_text", option_text), ("element", element)) if given is not None]
     if len(asked) > 1 or (asked and index_given):
         raise UsageError(f"IND holds one thing: {' or '.join([*asked, 'an index'] if index_given else asked)}")

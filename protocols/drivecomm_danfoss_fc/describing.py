@@ -24,7 +24,7 @@ from drivecomm_danfoss_fc.description import (
     unit_and_factor,
 )
 from drivecomm_danfoss_fc.faultcodes import NO_SUCH_ELEMENT
-from drivecomm_danfoss_fc.parameters import DATA_TYPES, signed
+from drivecomm_danfoss_fc.parameters import DATA_TYPES, TYPES_BY_NUMBER, signed
 
 if TYPE_CHECKING:
     from drivecomm.exchange import Exchange
@@ -34,10 +34,6 @@ if TYPE_CHECKING:
 SOURCE = "read from the drive, AK 4"
 
 _ARRAY_FLAG, _OPTION_TEXTS_FLAG, _READ_ONLY_FLAG, _NO_LIMITS_FLAG = 14, 10, 9, 8
-
-# N2 (4000 hex is 100 %) and V2 (a sequence of bits) are 16 bits on the line, whatever they are called.
-_NAMED_OTHERWISE = {33: "int16", 35: "uint16"}
-_TYPES = {number: name for name, number in DATA_TYPES.items()} | _NAMED_OTHERWISE
 
 _OPTIONS = range(254)
 
@@ -56,7 +52,7 @@ def describe(talk: Conversation, wanted: Target, option_texts: int) -> Exchange[
 def _describe(talk: Conversation, wanted: Target, option_texts: int) -> Exchange[ParameterInfo]:
     basic = yield from _raw_element(talk, wanted, BASIC)
     number, flags = basic & 0xFF, basic >> 8 << 8
-    kind = _TYPES.get(number, "")
+    kind = TYPES_BY_NUMBER.get(number, "")
     title = yield from _title(talk, wanted)
     extra: dict[str, object] = {}
     if number not in DATA_TYPES.values():

@@ -65,6 +65,7 @@ class DanfossFcOperations:
         self._talk = Conversation(address, options, memory or DanfossFcMemory())
         # Model and options of a drive do not change, so that an address always means the same.
         self._known = lru_cache(_KEPT)(lambda name, kind: target(name, model, options, type=kind))
+        self._types: dict[int, str] = {}
         self._motion = Motion(
             self._talk,
             state_timeout_s=options.state_timeout_s,
@@ -108,8 +109,8 @@ class DanfossFcOperations:
             volatile_writes=True,
             broadcast=True,
             link_loss=(
-                "what 8-04 (514, VLT 6000: 556) says, after the time in 8-03 (513) without a valid control word; "
-                "8-04 = 0 is off: the motor runs on"
+                "what 8-04 (514, VLT 6000: 556) says (0 it goes on, 2 it stops down its ramp, 5 it trips), after the "
+                "time in 8-03 (513) without a valid control word"
             ),
         )
 
@@ -124,10 +125,11 @@ class DanfossFcOperations:
     ) -> Exchange[Reading]:
         """Read a parameter.
 
-        type: int16, int32, uint8, uint16, uint32 or text. index: of an array's element. option_text: read what this
-        value of an option parameter is called instead. element: read this element of the parameter's description
-        instead (1 basic characteristics, 2 number of array elements, 4 conversion index and unit, 6 name, 7 and 8
-        limits, 20 default value, 21 additional characteristics).
+        type: int16, int32, uint8, uint16, uint32 or text; without it, a read that the drive refuses for its data type
+        is repeated as what the drive says that it is. index: of an array's element. option_text: read what this value
+        of an option parameter is called instead. element: read this element of the parameter's description instead (1
+        basic characteristics, 2 number of array elements, 4 conversion index and unit, 6 name, 7 and 8 limits, 20
+        default value, 21 additional characteristics).
         """
         self._must_be_one_drive("read")
         if index is None:
@@ -140,6 +142,7 @@ class DanfossFcOperations:
             option_text=option_text,
             element=element,
             index_given=index is not None or "[" in parameter,
+            types=None if type else self._types,
         )
 
     def write(
@@ -167,6 +170,11 @@ class DanfossFcOperations:
         if wanted.type == "text":
             return access.write_text(self._talk, wanted, value, allowed=self._options.text_writes)
         return access.write_number(self._talk, wanted, value, store=store)
+
+    def address_of(self, parameter: str, *, index: int | None = None, **_: Any) -> str:
+        """Return PNU and index of a parameter, as they stand in the telegram; no index is index 0."""
+        wanted = target(parameter, self._model, self._options, index=index)
+        return f"{wanted.pnu}[{wanted.ind}]" if wanted.ind else str(wanted.pnu)
 
     def status(self) -> Exchange[DriveStatus]:
         """Read status word and actual value with a process block, and the fault code if the drive has tripped."""

@@ -23,6 +23,9 @@ TYPES = ("int16", "int32", "uint8", "uint16", "uint32", "text")
 DATA_TYPES = {"int16": 3, "int32": 4, "uint8": 5, "uint16": 6, "uint32": 7, "text": 9}
 """Numbers of the data types (VLT 5000 Design Guide p. 87; FC 102 guide); others are named in the models."""
 
+# N2 (4000 hex is 100 %) and V2 (a sequence of bits) are 16 bits on the line, whatever they are called.
+TYPES_BY_NUMBER = {number: name for name, number in DATA_TYPES.items()} | {33: "int16", 35: "uint16"}
+
 RANGES = {
     "int16": range(-(2**15), 2**15),
     "int32": range(-(2**31), 2**31),
@@ -135,7 +138,8 @@ def reading_of(wanted: Target, reply: ParameterReply) -> Reading:
     """Return the reading that the reply to a read or a write gives.
 
     AK decides the width: a word counts with PWE low only, whatever the model says of the type, because small drives
-    keep some parameters in 16 bits and the FC guides print a word for 3-41 (specification, sections 6.2 and 16).
+    keep some parameters in 16 bits and the FC guides print a word for 3-41 (specification, sections 6.2 and 16). A
+    signed word is one in a double word, too, with the sign in the high word or without.
     """
     bits = 16 if reply.ak == 1 else 32
     raw = reply.pwe & 0xFFFF if bits == 16 else reply.pwe
@@ -145,6 +149,9 @@ def reading_of(wanted: Target, reply: ParameterReply) -> Reading:
     notes = []
     if (bits == 32) is not wanted.double:
         notes.append(f"the drive answered {wanted.type} with {'a word' if bits == 16 else 'a double word'}")
+    if wanted.type == "int16" and raw <= 0xFFFF:
+        # Whether a drive fills the high word of a negative word with the sign is printed nowhere.
+        bits = 16
     value = signed(raw, bits) if wanted.type.startswith("int") else raw
     return _physical(wanted, raw, value, notes)
 

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 from construct import this
 
 from drivecomm.errors import TelegramError
-from drivecomm.schema import Check, Form, Leaf, Written, characters, constant, signed, unsigned, xor_byte
+from drivecomm.schema import Check, Form, Leaf, Written, characters, constant, message_of, signed, unsigned, xor_byte
 from drivecomm_danfoss_fc.messages import (
     ADDRESS_FORMATS,
     FORMAT_31,
@@ -78,6 +78,8 @@ def _adr(*, broadcast_allowed: bool) -> Leaf:
             raise ValueError("no drive answers with the broadcast address")
         if broadcast and address is not None:
             raise ValueError(f"a broadcast has no address, and {address!r} is given")
+        if not broadcast and address is None:
+            raise ValueError("it is missing, and so is broadcast=true")
         if not broadcast and (type(address) is not int or address not in _addresses(layout)):
             raise ValueError(f"{address!r} is no address of format {layout}")
         number = address or 0
@@ -320,16 +322,25 @@ def _begins_again(data: bytes) -> bool:
     return False
 
 
+_COMMANDS_NOTHING = {"control_word": 0, "reference": 0}
+_LEFT_OUT: dict[type[Any], dict[str, Any]] = {
+    ParameterRequest: {"ind": 0, "pwe": 0, **_COMMANDS_NOTHING},
+    TextRequest: {"ak": 15, "ind": 0x0500, **_COMMANDS_NOTHING},
+}
+
+
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
-    """Build a message from fields as test vectors name them."""
+    """Build a message from fields as test vectors name them.
+
+    Beside a parameter or a text those may be left out that then command nothing: control word 0, which a drive ignores,
+    reference 0, index 0, value 0, and of a text what says that it is written. A process block is made of nothing else.
+    """
     kinds: tuple[type[Any], ...] = REQUESTS if direction == "request" else REPLIES
     chosen = next((kind for kind in kinds if kind.kind == given.get("kind")), None)
     if chosen is None:
-        raise TelegramError("field", "a telegram is a process, parameter or text block", field="kind")
-    try:
-        message: Message = chosen(**{name: value for name, value in given.items() if name != "kind"})
-    except TypeError as error:
-        raise TelegramError("field", f"a {chosen.kind} block: {error}") from None
+        raise TelegramError("field", "the kind of a telegram is process, parameter or text", field="kind")
+    implied = {"address_format": FORMAT_126, **_LEFT_OUT.get(chosen, {})}
+    message: Message = message_of(chosen, {**implied, **given}, f"a {chosen.kind} block")
     return message
 
 

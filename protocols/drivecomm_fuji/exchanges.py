@@ -122,6 +122,10 @@ class FujiOperations:
             self._check_broadcast(function)
         return self._write(wanted, data)
 
+    def address_of(self, parameter: str, **_: Any) -> str:
+        """Return the function code of a parameter."""
+        return target(parameter, self._model, self._options).function
+
     def status(self) -> Exchange[DriveStatus]:
         """Read the operation status M14, and the latest alarm M16 if it says alarm."""
         self._must_be_one_drive("status")

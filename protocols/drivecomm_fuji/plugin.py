@@ -66,4 +66,5 @@ protocol = Protocol(
     parameter_examples=("S05", "M09", "F03", "o05"),
     only_asks=only_asks,
     parameter_keys=frozenset(),
+    plain_writing={"format": "[1]"},
 )

@@ -111,7 +111,7 @@ PROFILES: Mapping[str, Profile] = {
         echoes_writes=True,  # seed, E 9-19; E 9-18 says "0000"
         nak_filler=b"00",  # not specified
         baud_rates=(1200, 2400, 4800, 9600, 19200),  # E 9-13
-        link_loss="not described in the pages seen",
+        link_loss="no page that was read says what these drives do",
     ),
     "g11s": Profile(
         name="g11s",
@@ -128,7 +128,10 @@ PROFILES: Mapping[str, Profile] = {
         broadcast_functions=frozenset(f"S{number:02d}" for number in range(1, 7)),  # GT 2-47
         processing_s=0.010,
         baud_rates=(2400, 4800, 9600, 19200),  # GU 9-8
-        link_loss="trip after eight transmission errors in a row or a loss of communication, once the link commands",
+        link_loss=(  # GT 2-57
+            "it trips (Er8) after eight transmission errors in a row or a loss of communication, once the link "
+            "commands; which functions set that stands on no page that was read"
+        ),
     ),
     "vg": Profile(
         name="vg",
@@ -146,7 +149,10 @@ PROFILES: Mapping[str, Profile] = {
         broadcast_functions=None,  # V 5-19
         processing_s=0.030,  # V 5-11
         baud_rates=(2400, 4800, 9600, 19200, 38400),  # V 5-2
-        link_loss="H32: 0 trip, 1 run for H33 then trip, 2 trip if it lasts longer, 3 go on; silence time H38, 0 = off",
+        link_loss=(  # V 5-11
+            "what H32 says (0 it trips, 1 it runs on for H33 and trips then, 2 it trips if the silence lasts longer, "
+            "3 it goes on), after the time in H38, never with 0"
+        ),
     ),
     "frenic": Profile(
         name="frenic",
@@ -165,7 +171,10 @@ PROFILES: Mapping[str, Profile] = {
         ),
         processing_s=0.010,  # MM 5-274, A 3-13
         baud_rates=(2400, 4800, 9600, 19200, 38400, 57600, 76800, 115200),  # MI 5-2, MM 9-2, C 9-2, MG 9-2
-        link_loss="y02 / y12: 0 trip, 1 run for y03 / y13 then trip, 2 retry then trip, 3 go on; silence y08 / y18",
+        link_loss=(  # as on FRENIC-VG
+            "what y02 (second port: y12) says (0 it trips, 1 it runs on for y03 and trips then, 2 it trips if the "
+            "silence lasts longer, 3 it goes on), after the time in y08 (y18), never with 0"
+        ),
     ),
 }
 

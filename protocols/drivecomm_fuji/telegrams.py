@@ -25,7 +25,19 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import TelegramError
-from drivecomm.schema import Check, Form, Leaf, choice, constant, decimal_number, filler, hex_number, hex_sum, hex_value
+from drivecomm.schema import (
+    Check,
+    Form,
+    Leaf,
+    choice,
+    constant,
+    decimal_number,
+    filler,
+    hex_number,
+    hex_sum,
+    hex_value,
+    message_of,
+)
 from drivecomm_fuji.errorcodes import FUNCTION_ERROR, WITHOUT_ECHO
 from drivecomm_fuji.profiles import FUNCTION_TYPES
 
@@ -275,10 +287,7 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     if given.get("frame", frame) != frame:
         raise TelegramError("field", f"{command!r} belongs to a {frame} frame", field="frame")
     implied = {"data": 0} if command == "m" and direction == "request" else {}
-    try:
-        made: Message = message(**{**implied, **given})
-    except TypeError as error:
-        raise TelegramError("field", f"a {frame} frame: {error}") from None
+    made: Message = message_of(message, {**implied, **given}, f"a {frame} frame")
     return made
 
 

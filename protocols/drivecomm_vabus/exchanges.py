@@ -95,7 +95,7 @@ class VabusOperations:
             stored_writes=True,
             volatile_writes=self._options.ram_datasets,
             broadcast=True,
-            link_loss="fault F2010 after the watchdog time in parameter 413; 0 presumably means that it runs on",
+            link_loss="it trips (F2010) after the watchdog time in 413, presumably never with 0",
         )
 
     @property
@@ -130,6 +130,11 @@ class VabusOperations:
         attempts = 1 if wanted.number == states.CONTROL_WORD else None
         dataset_sent = self._write_dataset(wanted, store=store)
         return self._select(wanted.number, dataset_sent, characters_for(wanted, value), attempts=attempts)
+
+    def address_of(self, parameter: str, *, dataset: int | None = None, **_: Any) -> str:
+        """Return number and data set of a parameter; data set 0 is the one that is meant without any."""
+        wanted = target(parameter, self._model, "", dataset)
+        return wanted.address if wanted.dataset else str(wanted.number)
 
     def status(self) -> Exchange[DriveStatus]:
         """Read the state word, and the fault code if it says fault."""

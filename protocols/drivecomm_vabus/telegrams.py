@@ -34,6 +34,7 @@ from drivecomm.schema import (
     constant,
     decimal_number,
     hex_value,
+    message_of,
     shifted_character,
     xor_byte,
 )
@@ -268,11 +269,7 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     if chosen is None:
         allowed = ", ".join(kind.kind for kind in kinds)
         raise TelegramError("field", f"the kind of a {direction} is one of {allowed}", field="kind")
-    rest = {name: value for name, value in given.items() if name != "kind"}
-    try:
-        message: Message = chosen(**rest)
-    except TypeError as error:
-        raise TelegramError("field", f"a {chosen.kind} telegram: {error}") from None
+    message: Message = message_of(chosen, given, f"the {chosen.kind} telegram")
     return message
 
 

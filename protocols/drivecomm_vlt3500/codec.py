@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
-from drivecomm.schema import Written
+from drivecomm.schema import Written, message_of
 from drivecomm_vlt3500 import telegrams, words
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, START, UNCHECKED
@@ -104,10 +104,12 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
             rest["value"] = number(rest["value"])
         if isinstance(rest.get("index"), list):
             rest["index"] = tuple(rest["index"])
-        into = chosen if direction == "request" else (ControlReply if chosen is Control else Reply)
-        message: Message = into(**rest)
     except (TypeError, ValueError) as error:
         raise TelegramError("field", f"{kind} telegram: {error}") from None
+    into = chosen if direction == "request" else (ControlReply if chosen is Control else Reply)
+    message: Message = message_of(into, rest, f"the {kind} telegram")
+    if isinstance(message, Reply) and message.value is None and message.fault_code is None:
+        raise TelegramError("field", f"the {kind} telegram also needs value or fault_code", field="value")
     return message
 
 

@@ -72,7 +72,9 @@ class VltOperations:
             stored_writes=False,
             volatile_writes=False,
             broadcast=True,
-            link_loss="in no page that was read; presumably the drive keeps obeying the last control word",
+            link_loss=(
+                "no page that was read says what these drives do; presumably they go on obeying the last control word"
+            ),
         )
 
     @property
@@ -122,6 +124,10 @@ class VltOperations:
             raise UsageError(f"attempts={attempts!r} would never send anything, use 1 or more")
         sent, places = data_for(wanted, value, decimals)
         return self._write(wanted, sent, places, attempts)
+
+    def address_of(self, parameter: str, **_: Any) -> str:
+        """Return number and index of a parameter."""
+        return target(parameter, self._model).address
 
     def status(self) -> Exchange[DriveStatus]:
         """Ask for the status word with a C telegram that commands nothing."""

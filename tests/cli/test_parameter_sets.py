@@ -130,6 +130,28 @@ class TestCompare:
         assert shell("compare", "vabus:1,model=vabus.toml", "fuji:3,model=fuji.toml") == 1
         assert re.search(r"maximum_frequency 419 maximum_frequency +50\.00 Hz +60 Hz", shell.out)
 
+    def test_the_columns_stand_under_each_other_and_what_one_lacks_stands_apart(self, shell):
+        shell.line(virtual_drive("danfoss-fc", 3), virtual_drive("fuji", 5, model="frenic"))
+        assert shell("compare", "danfoss-fc:3,model=fc300", "fuji:5,model=frenic") == 1
+        lines = shell.out.splitlines()
+        rows = lines[: next(place for place, line in enumerate(lines) if line.startswith("  only in"))]
+        assert len(rows) == 4
+        assert len({len(row) for row in rows}) == 1, "both values end under each other"
+        assert "  only in danfoss-fc:3,model=fc300: current_limit 4-18 current_limit, jog_frequency 3-11" in shell.out
+        assert "motor_rated_power" not in "".join(rows)
+        assert lines[-1] == "3 differences, 1 equal, 9 in one only, by common name"
+
+    @pytest.mark.usefixtures("saved")
+    def test_what_a_set_merely_lacks_is_no_difference(self, shell):
+        text = Path("pump.toml").read_text(encoding="utf-8")
+        kept = [line for line in text.splitlines() if not line.startswith('"48')]
+        Path("part.toml").write_text("\n".join(kept), encoding="utf-8")
+        assert shell("compare", "pump.toml", "part.toml", port=None) == 0
+        assert "only in pump.toml: 480[1] fixed_frequency_1, " in shell.out
+        assert re.search(r"^0 differences, \d+ equal, \d+ in one only, by address$", shell.out, re.MULTILINE)
+        assert shell("compare", "part.toml", "pump.toml", "--json", port=None) == 0
+        assert (shell.objects[0]["kind"], shell.objects[-1]["same"]) == ("missing", True)
+
     def test_with_the_factory(self, shell):
         line = shell.line(virtual_drive("danfoss-fc", 3))
         assert shell("compare", "danfoss-fc:3", "factory", "-m", "fc300", "--json") == 1
@@ -245,6 +267,62 @@ class TestRestore:
         saved.drives[0].store._infos.pop(480)
         assert shell("restore", "vabus:1", "pump.toml") == 5
         assert "480[1] does not hold what it should: the drive refused parameter 480" in shell.out
+
+    @pytest.mark.usefixtures("saved")
+    def test_what_it_wrote_is_listed_with_what_was_there_before(self, shell, saved):
+        saved.drives[0].poke("480[1]", 1500)
+        saved.drives[0].poke("418[2]", 100)
+        assert shell("restore", "vabus:1", "pump.toml") == 0
+        told = [line.split() for line in shell.out.splitlines()]
+        assert ["vabus:1", "480[1]", "fixed_frequency_1", "15.00", "->", "30.00", "Hz"] in told
+        assert len([row for row in told if "->" in row]) == 2
+        assert (
+            len({line.index(row[3], 30) for line, row in zip(shell.out.splitlines(), told, strict=True) if "->" in row})
+            == 1
+        )
+
+    def test_a_drive_that_is_not_armed_is_refused(self, shell, saved):
+        saved.drives[0].poke("480", 1500)
+        plant = 'format = 1\n[[line]]\nname = "hall"\nport = "line"\n[[drive]]\nname = "pump"\ndrive = "vabus:1"\n'
+        Path("plant.toml").write_text(plant, encoding="utf-8")
+        for more in ([], ["--dry-run"]):
+            assert shell("restore", "pump", "pump.toml", *more, port=None) == 2
+            assert "pump is read-only in plant.toml" in shell.err
+            assert "nothing was written" in shell.err
+            assert shell.out == ""
+        assert saved.drives[0].peek("480", 0.0) == "000005DC"
+
+    def test_what_the_drive_refuses_is_in_the_last_line_and_the_exit_code(self, shell, saved):
+        saved.drives[0].poke("480[1]", 1500)
+        saved.drives[0].store._infos.pop(480)
+        assert shell("restore", "vabus:1", "pump.toml") == 5
+        assert re.search(
+            r"0 written and stored, \d+ equal before, 4 refused by the drive, \d+ left alone\n\Z", shell.out
+        )
+
+    def test_what_is_not_restored_is_in_the_last_line_and_the_exit_code(self, shell, saved):
+        path = Path("pump.toml")
+        path.write_text(path.read_text(encoding="utf-8").replace("fixed_frequency_2", "renamed"), encoding="utf-8")
+        for more, code in ((["--dry-run"], 1), ([], 1), (["--only", "480"], 0)):
+            assert shell("restore", "vabus:1", "pump.toml", *more) == code
+        saved.drives[0].poke("480", 1500)
+        assert shell("restore", "vabus:1", "pump.toml") == 1
+        assert "not restored, it is renamed in the set and fixed_frequency_2 on this drive: 481[1] " in shell.out
+        assert re.search(r"4 written and stored, \d+ equal before, 4 not restored, \d+ left alone\n\Z", shell.out)
+        assert shell("restore", "vabus:1", "pump.toml", "--json") == 1
+        assert shell.objects[0]["missed"] == ["481[1]", "481[2]", "481[3]", "481[4]"]
+        assert not shell.objects[0]["complete"]
+
+    def test_a_time_whose_function_is_off_switches_no_watchdog_on(self, shell):
+        line = shell.line(virtual_drive("danfoss-fc", 3), virtual_drive("fuji", 5, model="frenic"))
+        assert shell("backup", "danfoss-fc:3", "fan.toml", "-m", "fc300") == 0
+        assert shell("restore", "fuji:5", "fan.toml", "-m", "frenic", "--another-drive", "--only", "link_timeout") == 0
+        assert "0 written and stored, 2 equal before" in shell.out
+        assert line.drives[1].peek("y08", 0.0) == 0
+        line.drives[0].poke("8-04", 2)
+        assert shell("backup", "danfoss-fc:3", "fan.toml", "-m", "fc300") == 0
+        assert shell("restore", "fuji:5", "fan.toml", "-m", "frenic", "--another-drive", "--only", "8-03") == 1
+        assert "not restored, the watchdog of fuji:5 (parameter y08 and y02) cannot ramp" in shell.out
 
 
 class TestCutOff:

@@ -19,7 +19,8 @@ def a_set(*entries, **facts):
 
 
 def the_one(left, right):
-    (difference,) = compare(left, right).differences
+    found = compare(left, right)
+    (difference,) = (*found.differences, *found.missing)
     return difference.kind, difference.address, difference.reason
 
 
@@ -53,6 +54,8 @@ def test_what_one_side_does_not_have():
     assert the_one(nothing, ours) == ("missing", "480", "")
     unread = a_set(not_read={"480": "the drive refused it", "481": "it can only be written"})
     assert the_one(ours, unread) == ("not comparable", "480", "the drive refused it")
+    assert (compare(ours, nothing).same, compare(nothing, ours).same) == (True, True), "it is lacking, not different"
+    assert not compare(ours, unread).same
 
 
 def test_what_is_told_besides():

@@ -1,14 +1,18 @@
 """Restoring: the order, what a drive refuses at first, what it changes by itself, and what is never written."""
 
 from decimal import Decimal
+from random import Random
 from types import SimpleNamespace
 
 import pytest
+from set_drives import cases
 
-from drivecomm.errors import NoReplyError, RefusedError, StateError, UsageError, ValueRefusedError
+import drivecomm
+from drivecomm.errors import NoReplyError, ReadOnlyError, RefusedError, StateError, UsageError, ValueRefusedError
 from drivecomm.models import Model, ParameterInfo
 from drivecomm.parameter_sets import Entry, ParameterSet, Wishes, back_up, carry_out_plan, plan_restore
 from drivecomm.reading import Reading
+from drivecomm.virtual import VirtualLine, virtual_drive
 
 INFOS = [
     ("101", "profile", "", {}),
@@ -322,3 +326,99 @@ def test_a_drive_without_a_model():
     drive.model = None
     with pytest.raises(UsageError, match="which parameters it has is said by its model"):
         back_up(drive)
+
+
+@pytest.mark.parametrize("case", cases(), ids=repr)
+def test_a_backup_restores_its_own_drive_wholly(case):
+    """Also of an inverter whose rating nobody has named, so that the scale of its currents is not known."""
+    virtual = case.type.new() if case.plugin.name != "fuji" else virtual_drive("fuji", 1, model=case.model)
+    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+        drive = bus.drive(case.plugin.name, 1, model=case.model)
+        saved = back_up(drive)
+        before = case.held(virtual)
+        assert case.change(virtual, Random(3))
+        plan = plan_restore(drive, saved)
+        assert plan.missed == []
+        assert carry_out_plan(drive, plan).complete
+    writable = {address for address, info in case.settings if "w" in info.access}
+    assert {address: raw for address, raw in case.held(virtual).items() if address in writable} == {
+        address: raw for address, raw in before.items() if address in writable
+    }
+
+
+def inverter(bus, address=1, **options):
+    return bus.drive("fuji", address, model="frenic", **options)
+
+
+class TestAValueWhoseScaleNobodyKnows:
+    @pytest.fixture
+    def virtual(self):
+        return virtual_drive("fuji", 1, model="frenic")
+
+    @pytest.fixture
+    def bus(self, virtual):
+        with drivecomm.open_bus(VirtualLine([virtual, virtual_drive("fuji", 2, model="frenic")]).port) as bus:
+            yield bus
+
+    def test_goes_back_to_its_own_drive_as_the_number_that_it_told(self, bus, virtual):
+        virtual.poke("F11", 912)
+        saved = back_up(inverter(bus))
+        assert (saved.entries["F11"].value, saved.entries["F11"].unit) == (912, "")
+        virtual.poke("F11", 1)
+        done = carry_out_plan(inverter(bus), plan_restore(inverter(bus), saved))
+        assert (done.written, done.complete, virtual.peek("F11", 0.0)) == (("F11",), True, 912)
+
+    def test_also_when_its_scale_has_become_known_since(self, bus, virtual):
+        virtual.poke("F11", 912)
+        saved = back_up(inverter(bus))
+        virtual.poke("F11", 1)
+        known = inverter(bus, rating_hp=50)
+        assert carry_out_plan(known, plan_restore(known, saved)).written == ("F11",)
+        assert virtual.peek("F11", 0.0) == 912
+
+    def test_is_not_given_to_another_drive_and_that_is_no_whole_restore(self, bus):
+        saved = back_up(inverter(bus))
+        other = inverter(bus, 2)
+        plan = plan_restore(other, saved, Wishes(another_drive=True))
+        assert [item.address for item in plan.missed] == ["F11"]
+        assert not carry_out_plan(other, plan).complete
+
+
+def test_what_cannot_be_written_and_holds_already_is_not_missed():
+    virtual = virtual_drive("danfoss-fc", 1, model="fc101")
+    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+        drive = bus.drive("danfoss-fc", 1, model="fc101")
+        saved = back_up(drive)
+        assert plan_restore(drive, saved).missed == []
+        virtual.poke("0-37", "OTHER")
+        (missed,) = plan_restore(drive, saved).missed
+        assert (missed.address, missed.current) == ("0-37", "OTHER")
+        assert "reading texts only" in missed.reason
+
+
+def test_communication_that_was_not_asked_for_is_left_alone_as_it_should_be():
+    drive = Drive()
+    plan = plan_restore(drive, a_set(_106=1))
+    assert [item.address for item in plan.to("skip")] == ["106"]
+    assert plan.missed == []
+    assert [item.address for item in plan_restore(drive, a_set(_106=1), Wishes(only=frozenset({"106"}))).missed] == [
+        "106"
+    ], "it was asked for by its name"
+
+
+def test_a_drive_that_is_read_only_is_refused_as_a_whole():
+    with drivecomm.open_bus(VirtualLine([virtual_drive("vabus", 1)]).port) as bus:
+        saved = back_up(bus.drive("vabus", 1, model="agile"))
+        shut = bus.drive("vabus", 1, model="agile", read_only="it is not armed")
+        with pytest.raises(ReadOnlyError, match="it is not armed; nothing was written"):
+            plan_restore(shut, saved)
+
+
+def test_a_watchdog_is_set_when_all_else_is():
+    virtual = virtual_drive("danfoss-fc", 1, model="fc300")
+    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+        drive = bus.drive("danfoss-fc", 1, model="fc300")
+        saved = back_up(drive)
+        for address, raw in {"8-03": 40, "8-04": 5, "3-41": 900, "14-21": 3, "4-14": 300}.items():
+            virtual.poke(address, raw)
+        assert carry_out_plan(drive, plan_restore(drive, saved)).written[-2:] == ("8-03", "8-04")

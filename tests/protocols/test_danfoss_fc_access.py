@@ -4,6 +4,7 @@ from decimal import Decimal
 
 import pytest
 
+import drivecomm
 from drivecomm.errors import (
     AddressError,
     NoReplyError,
@@ -16,8 +17,10 @@ from drivecomm.errors import (
 )
 from drivecomm.exchange import Ask, Tell
 from drivecomm.models.files import load_model
+from drivecomm.registry import installed
 from drivecomm.runners.script import play
 from drivecomm.status import Stop
+from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
 from drivecomm_danfoss_fc.messages import (
     ParameterReply,
@@ -92,6 +95,19 @@ class TestRead:
         assert double.value == -2
         assert "with a double word" in double.note
 
+    @pytest.mark.parametrize(("ak", "pwe"), [(1, 0xFDA8), (1, 0xFFFFFDA8), (2, 0xFDA8), (2, 0xFFFFFDA8)])
+    def test_a_negative_word_with_its_sign_in_the_high_word_or_without(self, ak, pwe):
+        reading = play(operations("vlt5000").read("521"), [(ask(1, 521), answer(ak, 521, pwe=pwe))])
+        assert (reading.value, reading.unit) == (Decimal("-60.0"), "%")
+        assert "unconfirmed" in reading.note
+        assert "high word" in MODELS["vlt5000"].find("521").source
+
+    def test_a_double_word_that_is_no_word_keeps_all_its_bits(self):
+        read = operations().read("1", type="int16")
+        assert play(read, [(ask(1, 1), answer(2, 1, pwe=0x00012345))]).value == 0x12345
+        read = operations().read("1", type="int32")
+        assert play(read, [(ask(1, 1), answer(2, 1, pwe=0xFDA8))]).value == 0xFDA8
+
     def test_an_element_of_an_array(self):
         reading = play(operations("fc300").read("3-10[3]"), [(ask(1, 310, 3), answer(1, 310, 3, 2500))])
         assert (reading.parameter, reading.value, reading.unit) == ("3-10[3]", 25, "%")
@@ -118,6 +134,50 @@ class TestRead:
         with pytest.raises(RefusedError, match=words) as caught:
             play(operations().read("19-99"), [(ask(1, 1999), answer(7, 1999, pwe=code))])
         assert (caught.value.code, caught.value.parameter) == (code, "19-99")
+
+    def test_a_text_that_was_read_as_a_number_is_read_as_the_drive_says(self):
+        drive = operations()
+        refused, told = (ask(1, 1543), answer(7, 1543, pwe=5)), (ask(4, 1543, 1), answer(3, 1543, 1, pwe=0x0209))
+        text = (ask(15, 1543, 0x0400), text_answer(1543, 0x0400, "5.11 "))
+        reading = play(drive.read("15-43"), [refused, told, text])
+        assert (reading.value, reading.type, reading.parameter) == ("5.11", "text", "15-43")
+        assert "refuses to read it as a number" in reading.note
+        assert play(drive.read("1543"), [text]).value == "5.11", "it is remembered"
+
+    @pytest.mark.parametrize("untold", [answer(7, 1543, 1, pwe=9), answer(0, 1543, 1), answer(3, 1543, 1, pwe=10)])
+    def test_where_the_drive_does_not_tell_its_type_the_text_is_tried(self, untold):
+        steps = [(ask(1, 1543), answer(7, 1543, pwe=5)), (ask(4, 1543, 1), untold)]
+        steps.append((ask(15, 1543, 0x0400), text_answer(1543, 0x0400, "5.11")))
+        assert play(operations().read("15-43"), steps).value == "5.11"
+
+    def test_a_number_that_the_model_takes_for_a_text(self):
+        steps = [
+            (ask(15, 1543, 0x0400), answer(7, 1543, 0x0400, pwe=5)),
+            (ask(4, 1543, 1), answer(3, 1543, 1, pwe=0x0203)),
+            (ask(1, 1543), answer(1, 1543, pwe=0xFFFE)),
+        ]
+        reading = play(operations("fc300").read("15-43"), steps)
+        assert (reading.value, reading.type) == (-2, "int16")
+        assert "refuses to read it as a text" in reading.note
+
+    def test_the_refusal_stays_where_nothing_else_is_found_out(self):
+        first, untold = (ask(1, 1543), answer(7, 1543, pwe=5)), (ask(4, 1543, 1), answer(7, 1543, 1, pwe=9))
+        with pytest.raises(RefusedError, match="1543 with code 5"):
+            play(operations().read("1543"), [first, untold, (ask(15, 1543, 0x0400), answer(7, 1543, 0x0400, pwe=15))])
+        with pytest.raises(RefusedError, match="1543 with code 5"):
+            play(operations().read("1543"), [first, (ask(4, 1543, 1), answer(3, 1543, 1, pwe=0x0206))])
+        with pytest.raises(RefusedError, match="1543 with code 5"):
+            play(operations().read("1543", type="uint16"), [first])
+
+    def test_finding_out_a_type_commands_nothing(self):
+        heard = []
+        line = VirtualLine([virtual_drive("danfoss-fc", 3, model="fc300")])
+        with drivecomm.open_bus(line.port, trace=heard.append) as bus:
+            drive = bus.drive("danfoss-fc", 3)
+            assert drive.read("15-43").value == "5.11"
+        sent = [event.message for event in heard if event.what == "sent"]
+        assert len(sent) == 3
+        assert all(installed["danfoss-fc"].only_asks(message) for message in sent)
 
     def test_no_response_is_no_value(self):
         with pytest.raises(UnexpectedReplyError, match="no response"):

@@ -84,6 +84,10 @@ class AcmeOperations:
 
         return conversation()
 
+    def address_of(self, parameter: str, **_: Any) -> str:
+        """Return the number of a parameter."""
+        return f"{number_of(parameter, self._model)[0]:03d}"
+
     def status(self) -> Exchange[DriveStatus]:
         """Read status word and fault code; a poll commands nothing."""
         self._must_be_one_drive("status")

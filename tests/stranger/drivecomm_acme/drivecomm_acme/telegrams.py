@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from drivecomm.errors import TelegramError
-from drivecomm.schema import Check, Form, choice, constant, decimal_number, hex_number
+from drivecomm.schema import Check, Form, choice, constant, decimal_number, hex_number, message_of
 
 if TYPE_CHECKING:
     from collections.abc import Container, Mapping
@@ -228,11 +228,7 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     if chosen is None:
         known = ", ".join(_KINDS[direction])
         raise TelegramError("field", f"the kind of a {direction} is one of {known}", field="kind")
-    named = chosen in (Preset, Value)
-    try:
-        message: Message = chosen(**{name: value for name, value in given.items() if named or name != "kind"})
-    except TypeError as error:
-        raise TelegramError("field", f"a {kind} {direction}: {error}") from None
+    message: Message = message_of(chosen, given, f"a {kind} {direction}")
     return message
 
 
