@@ -17,7 +17,7 @@ from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.models import ParameterInfo
 from drivecomm.models.files import load_model
 from drivecomm.plan import LONGEST_DELAY_S
-from drivecomm.poll_loops import poll
+from drivecomm.poll_loops import poll_bus
 from drivecomm.polling import FIRST_ROUND_S
 from drivecomm.registry import installed
 from drivecomm.virtual.drives import virtual_drive
@@ -196,7 +196,7 @@ def _carried_out(plan: Plan, conditions: Conditions, duration_s: float) -> Itera
     with _line(plan, conditions, None) as bus:
         items = plan.items(dict.fromkeys(plan.ports, bus))
         places = {item: place for place, item in enumerate(items)}
-        for result in poll(items, duration_s=duration_s):
+        for result in poll_bus(items, duration_s):
             yield places[result.item], result
 
 

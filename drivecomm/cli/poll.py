@@ -99,5 +99,5 @@ def _say(result: PollResult) -> None:
     reading = result.reading
     parameter = result.parameter if reading is None else f"{reading.parameter} {reading.name}".rstrip()
     value = "-" if reading is None else str(reading)
-    cause = f": {result.cause}" if result.cause else ""
-    say(f"{clock}  {result.drive}  {parameter:<34} {value:>14}  {result.quality}{cause}")
+    why = result.cause or ("" if reading is None else reading.note)
+    say(f"{clock}  {result.drive}  {parameter:<34} {value:>14}  {result.quality}{': ' if why else ''}{why}")

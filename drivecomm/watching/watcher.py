@@ -75,6 +75,10 @@ class _Asked:
     def bus(self) -> Any:
         return self._drive.bus
 
+    def check_read(self, parameter: str, **options: Any) -> None:
+        if parameter != STATUS:
+            self._drive.check_read(parameter, **options)
+
     async def polled(self, parameter: str, **options: Any) -> Reading:
         if parameter != STATUS:
             return await self._drive.polled(parameter, **options)
@@ -332,7 +336,7 @@ class Watcher:
 
 
 def _number(result: PollResult) -> float | None:
-    if result.quality != "good" or result.reading is None:
+    if result.error is not None or result.reading is None:
         return None
     value = result.reading.value
     return float(value) if isinstance(value, int | Decimal) else None

@@ -85,7 +85,7 @@ def test_lines_for_people(shell):
     assert "vabus:1  481 fixed_frequency_2" in lines[0]
     assert lines[0].endswith("10.00 Hz  good")
     assert "bad: the drive refused parameter 999 with code 11" in shell.out
-    assert any(line.endswith("566 V  good") for line in lines)
+    assert any(line.endswith("566 V  uncertain: type and unit are as seen on a drive") for line in lines)
     assert all(line[2] == line[5] == ":" and line[8] == "." for line in lines)
 
 

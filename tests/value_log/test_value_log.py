@@ -24,16 +24,15 @@ from drivecomm.value_log.rows import COLUMNS, row_of
 TIME = 1_790_000_000.125
 
 
-def result(value=Decimal("10.00"), *, quality="good", time_s=TIME, error=None, name="output_frequency", **reading):
+def result(value=Decimal("10.00"), *, time_s=TIME, error=None, name="output_frequency", **reading):
     read = None
-    if quality != "bad":
+    if value is not None:
         read = Reading(parameter="210", value=value, raw="000003E8", unit="Hz", name=name, time_s=time_s, **reading)
     return PollResult(
         item=PollItem(drive=None, parameter=name),
         drive="pump",
         parameter=name,
         reading=read,
-        quality=quality,
         cause="" if error is None else str(error),
         error=error,
         time_s=time_s,
@@ -63,9 +62,9 @@ def test_the_columns_of_a_row():
 
 
 def test_rows_without_a_fresh_value():
-    stale = row_of(result(quality="stale", error=FAILED))
+    stale = row_of(result(error=FAILED))
     assert (stale.quality, stale.value, stale.note) == ("stale", "10.00", "vabus:1 did not answer within 100 ms")
-    bad = row_of(result(quality="bad", error=FAILED))
+    bad = row_of(result(None, error=FAILED))
     assert (bad.quality, bad.value, bad.unit, bad.number) == ("bad", "", "", None)
     assert not stale.is_fresh
     assert not bad.is_fresh
@@ -126,7 +125,7 @@ def test_parquet_holds_the_same_and_numbers(tmp_path):
     with open_log(path) as log:
         for value in (Decimal("10.00"), 7, "running"):
             log.write(result(value))
-        log.write(result(quality="bad", error=FAILED))
+        log.write(result(None, error=FAILED))
         assert not path.exists()
         assert len(list(read_csv(journal_of(path)))) == 4
     assert [each.name for each in tmp_path.iterdir()] == ["log.parquet"]
