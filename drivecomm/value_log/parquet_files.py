@@ -50,6 +50,10 @@ class ParquetLog:
             unfinished.unlink(missing_ok=True)
         journal.unlink()
 
+    def abandon(self) -> None:
+        """Leave the journal as it is, or remove it if it was made for this log and got no row."""
+        self._journal.abandon()
+
 
 def journal_of(path: Path) -> Path:
     """Return where the rows of a Parquet file are until it is closed."""

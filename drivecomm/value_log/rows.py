@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 QUALITIES: tuple[Quality, ...] = get_args(Quality)
 
 COLUMNS = ("time", "drive", "name", "address", "value", "unit", "text", "raw", "quality", "note")
-"""time: when the value was taken, or when it was found out that there is none now, UTC. drive: as the plant calls it. name: what was asked for, a common name or an
-address. address: of the parameter. value: exact, as text. text: what it stands for, such as a fault. raw: as it came.
-note: what is not certain, or why there is no value."""
+"""time: when the value was taken, or when it was found out that there is none now, UTC. drive: as the plant calls it.
+name: what was asked for, a common name or an address. address: of the parameter. value: exact, as text. text: what it
+stands for, such as a fault. raw: as it came. note: what is not certain, or why there is no value."""
 
 BEGINNING = datetime(1970, 1, 1, tzinfo=UTC)
 """Where times in seconds begin."""

@@ -371,7 +371,7 @@ def test_a_log_that_cannot_be_is_said(tmp_path):
     run(scene())
 
 
-def test_a_full_disk_switches_the_log_off(tmp_path):
+def test_a_full_disk_is_said_and_the_log_goes_on_when_there_is_room(tmp_path):
     async def scene():
         async with watched(plant_of(PUMP), log=tmp_path / "log.csv") as watch:
             await watch.press("l")
@@ -379,14 +379,23 @@ def test_a_full_disk_switches_the_log_off(tmp_path):
             def full(_):
                 raise OSError(28, "No space left on device")
 
-            watch.screen._value_log._log._rows.write = full
+            rows = watch.screen._value_log._log._rows
+            write, rows.write = rows.write, full
             await watch.screen.watcher.run(duration_s=2)
             watch.screen.show()
             await watch.pilot.pause()
-            assert watch.message == "log.csv: cannot be written: No space left on device; logging is off"
+            assert re.search(
+                r"log.csv: no room left on the device; values are not logged from \d\d:\d\d:\d\d on; polling goes on",
+                watch.message,
+            )
+            assert watch.text[0].endswith("log log.csv, 8 missing  00:00:04")
             assert watch.screen.watcher.board().view("pump").condition == "answers"
+            rows.write = write
+            await watch.screen.watcher.run(duration_s=6)
+            assert re.search(r"values are logged again from \d\d:\d\d:\d\d on; \d\d are missing$", watch.message)
 
     run(scene())
+    assert list(read_rows(tmp_path / "log.csv"))
 
 
 def test_a_line_that_cannot_be_opened_ends_it():

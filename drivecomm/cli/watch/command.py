@@ -11,7 +11,7 @@ import typer
 from drivecomm.cli.drive_names import parse_drive, plant_file
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.logging_option import Log
-from drivecomm.errors import UsageError
+from drivecomm.errors import DriveCommError, UsageError
 
 if TYPE_CHECKING:
     from drivecomm.watching import WatchedLine
@@ -41,7 +41,8 @@ def watch(
     """Watch drives in a terminal: states, values, trends, faults, counters.
 
     It commands nothing by itself; its keys stop a motor always, and start or reset one with --arm. Exit code 3 when
-    none of the lines can be opened. It is not a safety function.
+    none of the lines can be opened, 1 when values are missing in the log because there was no room for them. It is not
+    a safety function.
     """
     if line.json or line.trace or line.record is not None:
         raise UsageError("watch is for people at a terminal; use drivecomm poll for --json, --trace and --record")
@@ -68,7 +69,7 @@ def watch(
     if ended_by is not None:
         raise ended_by
     if complaint:
-        raise UsageError(complaint)
+        raise DriveCommError(complaint)
     return 0
 
 

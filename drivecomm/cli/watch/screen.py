@@ -79,6 +79,7 @@ class WatchScreen(App[Exception | None]):
         """Set when the time to ask is over."""
         self._what = title
         self._value_log = log
+        log.said = self.say
         self._armed = armed
         self._duration_s = duration_s
         self._watching: asyncio.Task[None] | None = None
@@ -137,8 +138,6 @@ class WatchScreen(App[Exception | None]):
         height = panel.content_size.height if self.screen.has_class("-wide") else 0
         panel.update(drive_panel(self._view, self.watcher, shown=self._trend, width=width, height=height))
         self.query_one("#happenings", Static).update(happenings_panel(board))
-        if self._value_log.broken:
-            self.say(self._value_log.broken)
 
     def _show_title(self, summary: Text, time: str) -> None:
         right = Text(f"{self._value_log.words}  {time}")
