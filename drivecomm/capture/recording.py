@@ -128,8 +128,6 @@ class Recording:
         self._over = True
         if self._writer is not None:
             self._writer.close()
-        if self._gaps.missing:
-            _LOGGER.warning("%s", self._gaps.summary)
 
     def _let_go_of_echo(self) -> None:
         """Record what looked like the beginning of an echo and never became one."""

@@ -170,6 +170,12 @@ class Watcher:
         if not self._lines:
             raise UsageError("there is nothing to watch; name drives, or a plant with some")
 
+    @property
+    def nobody_has(self) -> list[str]:
+        """The names that are read of no drive, because no model of these drives says which parameter they are."""
+        known = {name for seen in self._seen.values() if seen.drive.model for name in seen.drive.model.quantities}
+        return [name for name in self.names if name not in known]
+
     def _made(self, watched: WatchedLine) -> _Line:
         line = _Line(watched, open_bus_async(watched.port, trace=partial(self._traced, watched), **watched.options))
         for one in watched.drives:

@@ -188,6 +188,10 @@ class TestOtherCommands:
         assert shell("poll", "door", "480", "--plant", plant.path, port=None) == 2
         assert "'door' names no drive" in shell.err
 
+    def test_poll_by_address_is_the_drive_of_the_plant(self, shell, plant):
+        assert shell("poll", "vabus:1", "480", "--cycles", "1", "--plant", plant.path, "--json", port=None) == 0
+        assert [(one["drive"], one["quality"]) for one in shell.objects] == [("pump", "good")]
+
     def test_options_behind_a_name_go_before_those_of_the_plant(self, shell, plant):
         words = ("poll", "pump,model=act", "480", "--cycles", "1", "--plant", plant.path, "--json")
         # A name means the plant whatever port is given.

@@ -88,6 +88,26 @@ def test_a_row_is_on_disk_when_it_is_written(tmp_path):
     assert [row.text for row in rows] == ["", '14, "earth" fault']
 
 
+def test_time_drive_and_name_are_a_key(tmp_path):
+    path = tmp_path / "log.csv"
+    times = [TIME, TIME, TIME + 0.0004, TIME + 0.001, TIME + 0.01, TIME - 3600]
+    with open_log(path) as log:
+        for time_s in times:
+            log.write(result(None, error=FAILED, time_s=time_s))
+            log.write(result(time_s=time_s, name="output_current"))
+    rows = list(read_rows(path))
+    assert len({(row.time, row.drive, row.name) for row in rows}) == len(rows) == 12
+    mine = [row.time for row in rows if row.name == "output_current"]
+    assert [round((time - mine[0]).total_seconds(), 3) for time in mine] == [0, 0.001, 0.002, 0.003, 0.01, -3600]
+
+
+def test_a_log_that_nothing_came_to_is_not_left_behind_by_an_error(tmp_path):
+    for name in ("log.csv", "log.parquet"):
+        with pytest.raises(NoReplyError), open_log(tmp_path / name):
+            raise FAILED
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_log_is_gone_on_with_and_a_cut_row_is_lost_alone(tmp_path):
     path = tmp_path / "log.csv"
     for _ in range(2):
@@ -168,6 +188,7 @@ def test_what_a_kill_leaves_is_read_and_gone_on_with(tmp_path):
         writer.kill()
     assert not path.exists()
     assert len(list(read_rows(journal_of(path)))) == 100
+    assert list(read_rows(path)) == list(read_rows(journal_of(path)))
     with open_log(path) as log:
         log.write(result(100))
     assert [row.number for row in read_rows(path)] == list(range(101))

@@ -58,6 +58,9 @@ def watch(
     switch = LogSwitch(log)
     chosen: dict[str, Any] = {"names": name} if name else {}
     watcher = Watcher(lines, period_s=period, **chosen)
+    if name and watcher.nobody_has:
+        missing = ", ".join(watcher.nobody_has)
+        raise UsageError(f"no drive here can be asked for {missing}: no model of theirs says which parameter it is")
     watcher.told = switch.tell
     screen = _screen()(watcher, title=_title(what or [], line), log=switch, armed=arm, duration_s=duration)
     if log is not None:
