@@ -50,17 +50,28 @@ class Conditions:
     """What holds on a line beside its drives' own facts.
 
     facts: line facts for all drives, as `open_bus` takes them. guard_s: quiet time after a change of line settings.
-    reply_delay_s: of drives for which the plan names none; the virtual drives' own if absent.
+    reply_delay_s: of drives for which the plan names none; the virtual drives' own if absent. room: the share of the
+    line's time that a plan shall leave free, for commands and repetitions.
     """
 
     facts: Mapping[str, Any]
     guard_s: float = 0.005
     reply_delay_s: float | None = None
+    room: float = 0.05
 
     def __post_init__(self) -> None:
+        if not 0 <= self.room < 1:
+            raise UsageError(
+                f"a room of {self.room:.0%} is no share of the line's time; give one from 0% to below 100%"
+            )
         for name, seconds in (("guard time", self.guard_s), ("reply delay", self.reply_delay_s)):
             if seconds is not None and not 0 <= seconds < LONGEST_DELAY_S:
                 raise UsageError(f"a {name} of {seconds} s is not between 0 and {LONGEST_DELAY_S:g}")
+
+    @property
+    def most(self) -> float:
+        """The share of the line's time that a plan may need."""
+        return 1 - self.room
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
