@@ -164,6 +164,7 @@ class Watcher:
         self.period_s = period_s
         self.told = told
         """Hears every result; may be set while watching."""
+        self._began_s: float | None = None
         self._happenings: deque[Happening] = deque(maxlen=_KEPT_HAPPENINGS)
         self._seen: dict[str, _Seen] = {}
         self._lines = [self._made(line) for line in lines]
@@ -214,6 +215,7 @@ class Watcher:
             drives=tuple(self._view(seen) for seen in self._seen.values()),
             happenings=tuple(sorted(self._happenings, key=lambda one: one.time_s, reverse=True)),
             elapsed_s=max(line.elapsed_s for line in self._lines),
+            began_s=self._began_s,
         )
 
     @property
@@ -263,6 +265,8 @@ class Watcher:
         line.is_open = True
         line.now_s = line.bus.now()
         line.began_s = line.now_s - late_s
+        if line.bus.real_time and self._began_s is None:
+            self._began_s = line.bus.wall_time() - late_s
         return None
 
     async def _close(self) -> None:

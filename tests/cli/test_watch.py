@@ -91,8 +91,29 @@ def test_calls_that_cannot_be(shell, plant_file, tmp_path, monkeypatch):
         assert shell.err.count("\n") == 1
 
 
+def in_a_terminal(monkeypatch, *but):
+    for name in {"stdin", "stdout", "stderr"} - set(but):
+        monkeypatch.setattr(getattr(sys, name), "isatty", lambda: True, raising=False)
+
+
+def test_a_stream_that_is_no_terminal_is_named(shell, plant_file, monkeypatch):
+    in_a_terminal(monkeypatch, "stderr")
+    assert shell("watch", plant_file, port=None) == 2
+    assert shell.err == (
+        "drivecomm: watch needs the terminal for standard error, too; do not send it elsewhere, or use drivecomm poll\n"
+    )
+
+
+def test_a_name_that_no_drive_has_is_refused(shell, plant_file, monkeypatch):
+    in_a_terminal(monkeypatch)
+    names = ("--name", "output_frequency", "--name", "torque", "--name", "inside_temperature")
+    assert shell("watch", plant_file, *names, port=None) == 2
+    assert "no drive here can be asked for " in shell.err
+    assert "output_frequency" not in shell.err
+
+
 def test_what_only_a_terminal_gets_to_see(shell, plant_file, monkeypatch):
-    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    in_a_terminal(monkeypatch)
     assert shell("watch", plant_file, "--name", "colour", port=None) == 2
     assert "'colour' is no common name" in shell.err
     assert shell("watch", plant_file, "--log", "log.txt", port=None) == 2
@@ -100,7 +121,7 @@ def test_what_only_a_terminal_gets_to_see(shell, plant_file, monkeypatch):
 
 
 def test_watch_without_textual(shell, plant_file, monkeypatch):
-    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    in_a_terminal(monkeypatch)
     for name in [name for name in sys.modules if name.startswith("drivecomm.cli.watch.screen")]:
         monkeypatch.delitem(sys.modules, name)
     for name in ("textual", "textual.app"):

@@ -49,8 +49,7 @@ def watch(
     if duration is not None and not duration > 0:
         raise UsageError(f"--for {duration:g} s watches nothing; give seconds above 0")
     lines = watched_lines(what or [], line)
-    if not sys.stdout.isatty():
-        raise UsageError("watch needs a terminal; use drivecomm poll where there is none")
+    _must_be_a_terminal()
     # What draws on a terminal is for this command alone.
     from drivecomm.cli.watch.log_switch import LogSwitch  # noqa: PLC0415
     from drivecomm.watching import Watcher  # noqa: PLC0415
@@ -74,6 +73,17 @@ def watch(
     if complaint:
         raise DriveCommError(complaint)
     return 0
+
+
+def _must_be_a_terminal() -> None:
+    # Keys come by the first, and the screen goes out by the last.
+    streams = {"input": sys.stdin, "output": sys.stdout, "error": sys.stderr}
+    elsewhere = [name for name, stream in streams.items() if stream is None or not stream.isatty()]
+    if "output" in elsewhere:
+        raise UsageError("watch needs a terminal; use drivecomm poll where there is none")
+    if elsewhere:
+        names = " and ".join(f"standard {name}" for name in elsewhere)
+        raise UsageError(f"watch needs the terminal for {names}, too; do not send it elsewhere, or use drivecomm poll")
 
 
 def watched_lines(what: list[str], line: LineOptions) -> list[WatchedLine]:

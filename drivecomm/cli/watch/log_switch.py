@@ -43,6 +43,11 @@ class LogSwitch:
             self._log.write(result)
 
     @property
+    def is_on(self) -> bool:
+        """Whether it is on."""
+        return self._is_on
+
+    @property
     def words(self) -> str:
         """How it is, for the head of the screen."""
         if self._is_on:

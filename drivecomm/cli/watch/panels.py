@@ -71,4 +71,4 @@ def happenings_panel(board: Board) -> Group:
     """Return what happened, the latest first."""
     if not board.happenings:
         return Group(Text("nothing has changed yet", style=ASIDE))
-    return Group(*(happening_of(each) for each in board.happenings))
+    return Group(*(happening_of(each, board.began_s) for each in board.happenings))
