@@ -148,6 +148,18 @@ def test_the_name_stays_where_there_is_little_room_and_the_note_gives_way(width,
     run(scene())
 
 
+@pytest.mark.parametrize(("width", "there"), [(40, []), (56, ["trend"]), (100, ["trend", "range"])])
+def test_the_values_of_a_drive_are_whole_where_there_is_little_room(width, there):
+    async def scene():
+        async with watched(started(plant_of(PUMP), "pump"), size=(width, 24), seconds=8) as watch:
+            (row,) = [line for line in watch.text if line.startswith(" output frequency")]
+            assert re.match(r" output frequency +25\.00 Hz", row)
+            assert ("█" in row) == ("trend" in there)
+            assert row.endswith(" to 25 Hz") == ("range" in there)
+
+    run(scene())
+
+
 def test_a_message_goes_away(monkeypatch):
     monkeypatch.setattr("drivecomm.cli.watch.screen.SAID_S", 0.05)
 
