@@ -285,6 +285,14 @@ class TestOtherCommands:
         assert shell("poll", "--plant", str(path), port=None) == 2
         assert "nothing is polled there" in shell.err
 
+    def test_what_a_plant_polls_and_can_never_be_read_is_refused(self, shell, plant):
+        file = Path(plant.path)
+        file.write_text(file.read_text().replace('["480"], period_s = 0', '["480", "output_colour", "1999"]'))
+        assert shell("poll", "--plant", plant.path, port=None) == 2
+        assert shell.err.startswith("drivecomm: what can never be read is not polled, take it out of the plan: pump ")
+        assert "pump output_colour (" in shell.err
+        assert "pump 1999 (" in shell.err
+
     def test_forecast(self, shell, plant):
         assert shell("forecast", "--plant", plant.path, "--json", port=None) == 0
         assert shell.objects[0]["port"] == "HALL"
