@@ -1,6 +1,7 @@
 """Make pictures/demo.svg: what `drivecomm demo` prints in a terminal, from its beginning.
 
-Run it again when the demo changes: `python docs/make_picture.py`.
+Run it again when the demo changes: `python docs/make_picture.py`. It runs in virtual time, so that the same program
+gives the same picture.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ END = "Refusals"
 FORMAT = re.sub(r"@font-face \{\{.*?\}\}\s*", "", CONSOLE_SVG_FORMAT, flags=re.DOTALL)
 
 
-def main() -> None:
-    """Run the demo, keep its first lines with their colours, and draw them."""
+def picture() -> str:
+    """Run the demo, keep its first lines with their colours, and return them drawn, as SVG."""
     environment = {**os.environ, "FORCE_COLOR": "1", "COLORTERM": "truecolor", "TERM": "xterm-256color"}
     command = [sys.executable, "-m", "drivecomm", "demo"]
     shown = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)  # noqa: S603
@@ -37,8 +38,12 @@ def main() -> None:
     for line in lines[: min(end, LONGEST)]:
         console.print(line)
     console.print("...")
-    PICTURE.parent.mkdir(exist_ok=True)
-    PICTURE.write_text(console.export_svg(title="drivecomm demo", code_format=FORMAT), encoding="utf-8")
+    return console.export_svg(title="drivecomm demo", code_format=FORMAT)
+
+
+def main() -> None:
+    """Draw the picture."""
+    PICTURE.write_text(picture(), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -53,7 +53,7 @@ async def picture(width: int, height: int) -> str:
         await screen.asked_all.wait()
         await pilot.pause()
         await pilot.press("down")
-        screen.say("")
+        screen.query_one("#message").update("")
         screen.show()
         await pilot.pause()
         svg = screen.export_screenshot(title=f"drivecomm watch {PLANT.name}")

@@ -64,7 +64,6 @@ class AsyncBus:
         self._port: Port | None = None
         self._clock: Port | None = None
         self._runner: Runner | None = None
-        self._wall_time = 0.0
         roster.link.stop_waits = self._turns.stop_waits
 
     def drive(
@@ -202,8 +201,8 @@ class AsyncBus:
             self._give_back()
 
     def wall_time(self) -> float:
-        """Return when the last exchange ended, in seconds since 1970 (on a virtual line: since its start)."""
-        return self._wall_time
+        """Return the time in seconds since 1970 (on a virtual line: since its start), 0 before it was opened."""
+        return 0.0 if self._clock is None else self._clock.wall_time()
 
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
@@ -249,10 +248,7 @@ class AsyncBus:
             except LinkDownError:
                 self._let_go()
                 raise
-            finally:
-                if self._clock is not None:
-                    self._wall_time = self._clock.wall_time()
-            return result, self._wall_time
+            return result, self.wall_time()
         finally:
             self._give_back()
 

@@ -126,6 +126,10 @@ class AsyncDrive:
         """Read a parameter when nobody else wants the line: everything else overtakes it."""
         return await self._bus.reading(self._party, self._verbs.read(parameter, options), Rank.POLL)
 
+    def check_read(self, parameter: str, **options: Any) -> None:
+        """Raise UsageError for what `read` could never read on this drive; sends nothing."""
+        self._verbs.check_read(parameter, options)
+
     async def write(
         self, parameter: str, value: Value | float, *, store: bool = False, **options: Any
     ) -> Reading | None:

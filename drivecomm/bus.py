@@ -64,7 +64,6 @@ class Bus:
         self._clock: Port = self._port
         roster.link.paced = self._port.paced
         roster.link.stop_waits = self._turns.stop_waits
-        self._wall_time = self._port.wall_time()
 
     def drive(
         self,
@@ -208,8 +207,8 @@ class Bus:
             self._turns.hand_on()
 
     def wall_time(self) -> float:
-        """Return when the last exchange ended, in seconds since 1970 (on a virtual line: since its start)."""
-        return self._wall_time
+        """Return the time in seconds since 1970 (on a virtual line: since its start), also while the line is down."""
+        return self._clock.wall_time()
 
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
@@ -261,9 +260,7 @@ class Bus:
                     self._port = None
                     port.close()
                     raise
-                finally:
-                    self._wall_time = time_s = port.wall_time()
-                return result, time_s
+                return result, port.wall_time()
         finally:
             self._turns.hand_on()
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import open_bus
 from drivecomm.errors import DriveError, ReplyError
-from drivecomm.examination import EchoTrial, Examination, Listening, Replies
+from drivecomm.examination import EchoTrial, Examination, Expected, Listening, Replies, Sought
 from drivecomm.framing import Framed, Framer
 from drivecomm.registry import installed
 from drivecomm.scanning import Found, scan_plan
@@ -33,6 +33,8 @@ OTHER_RATES = (4800, 9600, 19200, 38400, 57600, 115200)
 
 _ECHO_WAIT_S = 0.25
 _ECHO_TRIALS = 3
+# One lost telegram does not make a drive a silent one.
+_TRIES = 3
 _MOST_AT_ONCE = 4096
 # Uneven, so that replies which come on a grid of time show it.
 _PAUSES_S = (0.0, 0.005, 0.011, 0.003, 0.007, 0.013, 0.002, 0.009)
@@ -46,6 +48,7 @@ def examine(
     *,
     only: Iterable[str] | None = None,
     addresses: Iterable[int] | None = None,
+    expected: Iterable[Expected] = (),
     echo: Echo = "off",
     listen_s: float = 1.0,
     probes: int = 24,
@@ -56,7 +59,8 @@ def examine(
 ) -> Examination:
     """Measure what an open port and its line do; takes some seconds, and longer the fewer drives answer.
 
-    only, addresses, facts: as for `Bus.scan` and `open_bus`. echo: what the user says of the adapter; what is seen
+    only, addresses, facts: as for `Bus.scan` and `open_bus`. expected: the drives that are said to be there, which are
+    asked at their own settings, before others are looked for. echo: what the user says of the adapter; what is seen
     counts. listen_s: how long to listen unasked, for each line setting. probes: how often to ask each drive that was
     found. search: ask at other baud rates when nobody answers. Raises LinkError when the port fails.
     """
@@ -78,15 +82,25 @@ def examine(
         lambda: port, echo="expect" if echoes else "auto", trace=tell_all(recorder, trace), **{"attempts": 1, **facts}
     )
     names = [plugin.name for plugin in plugins]
-    found = list(bus.scan(names, wanted, progress=progress))
+    sought = [_sought(bus, one, step, search=search) for one in expected]
+    places = {(one.drive.protocol, one.drive.address) for one in sought}
+    found = [
+        one for plugin in plugins for one in bus.scan([plugin.name], _others(plugin, wanted, places), progress=progress)
+    ]
     # Those that answered are asked again below; what came from an address where nobody is needs an explanation.
-    unclear = sum(number for name, number in recorder.unclear.items() if name not in {one.name for one in found})
+    known = {one.name for one in found} | {f"{protocol}:{address}" for protocol, address in places}
+    unclear = sum(number for name, number in recorder.unclear.items() if name not in known)
     replies = []
-    for one in found:
-        if one.sound:
-            step(f"asking {one.name} {probes} times", 0, 1)
-            replies.append(_ask_often(bus, bus.drive(one.protocol, one.address), recorder, probes))
-    looking = search and not found and "baudrate" not in facts
+    for one in sought:
+        if not one.error:
+            step(f"asking {one.drive.name} {probes} times", 0, 1)
+            replies.append(_ask_often(bus, _drive(bus, one.drive), recorder, probes, one.drive.name))
+    for other in found:
+        if other.sound:
+            step(f"asking {other.name} {probes} times", 0, 1)
+            drive = bus.drive(other.protocol, other.address)
+            replies.append(_ask_often(bus, drive, recorder, probes, other.name))
+    looking = search and not found and not sought and "baudrate" not in facts
     elsewhere = list(_search(bus, plugins, wanted, step)) if looking else []
     return Examination(
         paced=port.paced,
@@ -99,7 +113,48 @@ def examine(
         replies=replies,
         unclear_bytes=unclear,
         elsewhere=elsewhere,
+        sought=sought,
     )
+
+
+def _others(plugin: Protocol, wanted: Sequence[int] | None, places: set[tuple[str, int]]) -> list[int]:
+    """Return the addresses at which somebody may be who is not expected."""
+    addresses = plugin.scan_addresses if wanted is None else wanted
+    return [one for one in addresses if (plugin.name, one) not in places]
+
+
+def _drive(bus: Bus, one: Expected, **facts: Any) -> Drive:
+    return bus.drive(one.protocol, one.address, **{**one.options, **facts})
+
+
+def _sought(bus: Bus, one: Expected, step: Callable[[str, int, int], None], *, search: bool) -> Sought:
+    """Ask for a drive at its own settings, and where it does not answer, at the other usual baud rates."""
+    step(f"asking {one.name}", 0, 1)
+    drive = _drive(bus, one)
+    settings, error = drive.facts.settings, _no_answer(drive, _TRIES)
+    rates = [rate for rate in OTHER_RATES if rate != settings.baudrate] if error and search else []
+    for number, rate in enumerate(rates):
+        step(f"asking {one.name} at {rate} baud", number, len(rates))
+        drive = _drive(bus, one, baudrate=rate)
+        if not _no_answer(drive, 1):
+            return Sought(drive=one, settings=settings, error=error, elsewhere=drive.facts.settings)
+    return Sought(drive=one, settings=settings, error=error)
+
+
+def _no_answer(drive: Drive, tries: int) -> str:
+    """Return why a drive is taken not to answer, empty when it does."""
+    error = ""
+    for _ in range(tries):
+        try:
+            drive.probe()
+        except ReplyError as failure:
+            error = " ".join(str(failure).split())
+        except DriveError:
+            # Who refuses is there.
+            return ""
+        else:
+            return ""
+    return error
 
 
 def harmless_bytes() -> bytes:
@@ -168,7 +223,7 @@ def _finds(framer: Framer, data: bytes) -> list[Any]:
     return [*framer.feed(data), *framer.flush()]
 
 
-def _ask_often(bus: Bus, drive: Drive, recorder: _Recorder, probes: int) -> Replies:
+def _ask_often(bus: Bus, drive: Drive, recorder: _Recorder, probes: int, name: str) -> Replies:
     recorder.pairs.clear()
     for number in range(probes):
         try:
@@ -179,7 +234,7 @@ def _ask_often(bus: Bus, drive: Drive, recorder: _Recorder, probes: int) -> Repl
         bus.sleep_until(bus.now() + _PAUSES_S[number % len(_PAUSES_S)])
     settings = drive.facts.settings
     return Replies(
-        drive=drive.name,
+        drive=name,
         settings=settings,
         reply_timeout_s=drive.facts.timing.reply_timeout_s,
         asked=probes,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -42,6 +42,33 @@ class EchoTrial:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Expected:
+    """A drive that is said to be on the line. name: what people call it. options: what `Bus.drive` takes."""
+
+    name: str
+    protocol: str
+    address: int
+    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    def __str__(self) -> str:
+        place = f"{self.protocol}:{self.address}"
+        return self.name if self.name == place else f"{self.name} ({place})"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sought:
+    """What came of asking for an expected drive at its own settings.
+
+    error: why it is taken not to answer, empty when it does. elsewhere: the settings at which it answers instead.
+    """
+
+    drive: Expected
+    settings: LineSettings
+    error: str = ""
+    elsewhere: LineSettings | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Replies:
     """How one drive answers a number of probes.
 
@@ -68,7 +95,8 @@ class Examination:
     """All that was measured.
 
     asked: the protocols and the settings they were asked at. unclear_bytes: what came while asking and was part of no
-    answer. elsewhere: drives that answer only at another baud rate, with the settings.
+    answer. elsewhere: drives that answer only at another baud rate, with the settings. sought: the drives that are said
+    to be there; found are then others.
     """
 
     paced: bool
@@ -81,3 +109,4 @@ class Examination:
     replies: Sequence[Replies]
     unclear_bytes: int
     elsewhere: Sequence[tuple[Found, LineSettings]]
+    sought: Sequence[Sought] = ()

@@ -10,7 +10,7 @@ from drivecomm.arrival_grid import arrival_grid_s
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from drivecomm.examination import Examination, Listening, Replies
+    from drivecomm.examination import Examination, Listening, Replies, Sought
     from drivecomm.transport.port_report import PortReport
 
 Weight: TypeAlias = Literal["fine", "note", "problem"]
@@ -137,11 +137,15 @@ def _echo(examination: Examination) -> Iterator[Finding]:
 
 
 def _drives(examination: Examination) -> Iterator[Finding]:
+    for each in examination.sought:
+        yield _expected(each)
     for one in examination.found:
         if one.sound:
             told = ", ".join(f"{name} {value}" for name, value in one.identity.items())
             text = f"{one.name} answers at {examination.asked[one.protocol]}" + (f": {told}" if told else "")
-            yield Finding(weight="fine", about="drives", text=text)
+            if examination.sought:
+                text += "; it is not in the plant file"
+            yield Finding(weight="note" if examination.sought else "fine", about="drives", text=text)
         else:
             text = f"{one.name} answers, but damaged: {one.detail}"
             remedy = "check baud rate and parity, termination, and whether two drives have the same address"
@@ -154,7 +158,7 @@ def _drives(examination: Examination) -> Iterator[Finding]:
         text = f"{_bytes(examination.unclear_bytes)} came while drives were asked, and were part of no answer"
         remedy = "check baud rate and parity of the drives, and look at the bytes with --trace"
         yield Finding(weight="problem", about="drives", text=text, remedy=remedy)
-    if examination.found or examination.elsewhere:
+    if examination.found or examination.elsewhere or examination.sought:
         return
     at = ", ".join(f"{name} at {settings}" for name, settings in examination.asked.items())
     yield Finding(
@@ -163,6 +167,26 @@ def _drives(examination: Examination) -> Iterator[Finding]:
         text=f"nobody answers at {examination.addresses} addresses ({at})",
         remedy="check that the drives have power, their address, protocol and baud rate (--baudrate, --parity), "
         "and whether the two signal wires are swapped",
+    )
+
+
+def _expected(sought: Sought) -> Finding:
+    if not sought.error:
+        return Finding(weight="fine", about="drives", text=f"{sought.drive} answers at {sought.settings}")
+    if sought.elsewhere is not None:
+        rates = sought.elsewhere.baudrate, sought.settings.baudrate
+        return Finding(
+            weight="problem",
+            about="drives",
+            text=f"{sought.drive} answers at {sought.elsewhere}, not at {sought.settings}",
+            remedy=f"write baudrate = {rates[0]} in its options in the plant file, or set the drive to {rates[1]}",
+        )
+    return Finding(
+        weight="problem",
+        about="drives",
+        text=f"{sought.drive} does not answer at {sought.settings}: {sought.error}",
+        remedy="check that it has power and its wires, and whether its address, protocol and line settings are those "
+        "of the plant file; drivecomm scan --wide finds it at others",
     )
 
 

@@ -67,7 +67,8 @@ class Forecast:
 
     cycle_s: one round in which each item is read once, in the order of the plan. utilisation: how much of the line's
     time the plan needs, from 0 to 1 and above when it needs more than there is; reads without a period need none.
-    fits: whether all periods are kept. advice: what to change when it does not fit, and what cannot be read.
+    fits: whether all periods are kept. room_to_spare: whether the plan leaves as much of the line's time free as it
+    shall, besides. advice: what to change when it does not, and what cannot be read.
     """
 
     port: str
@@ -76,20 +77,24 @@ class Forecast:
     cycle_s: float
     utilisation: float
     fits: bool
+    room_to_spare: bool
     advice: tuple[str, ...]
 
 
-def forecast(plan: Plan, *, guard_s: float = 0.005, reply_delay_s: float | None = None, **facts: Any) -> Forecast:
+def forecast(
+    plan: Plan, *, guard_s: float = 0.005, reply_delay_s: float | None = None, room: float = 0.05, **facts: Any
+) -> Forecast:
     """Return what a plan for one line takes, without opening a port.
 
     guard_s: quiet time after a change of line settings, as `open_bus` has it. reply_delay_s: how long drives take to
-    answer for which the plan does not say it; the virtual drives' own delay if absent. facts: line facts for all
+    answer for which the plan does not say it; the virtual drives' own delay if absent. room: the share of the line's
+    time, from 0 to below 1, that the plan shall leave free for commands and repetitions. facts: line facts for all
     drives, as `open_bus` takes them. Raises UsageError for drives that cannot be, and for plans with several lines:
     ask for each, `plan.on_line(port)`.
     """
     if len(plan.ports) > 1:
         raise UsageError(f"the plan has {len(plan.ports)} lines; forecast each of them, plan.on_line(port)")
-    conditions = Conditions(facts=facts, guard_s=guard_s, reply_delay_s=reply_delay_s)
+    conditions = Conditions(facts=facts, guard_s=guard_s, reply_delay_s=reply_delay_s, room=room)
     plan = prepared(plan)
     round_ = rehearse_round(plan, conditions)
     course = rehearse_periods(plan, conditions)
@@ -102,6 +107,7 @@ def forecast(plan: Plan, *, guard_s: float = 0.005, reply_delay_s: float | None 
         fits = fits and need <= FULL
     # With mixed periods, fewer neighbours differ in their line settings than in a round: a full line may still fit.
     utilisation = min(need, 1.0) if fits else need
+    room_to_spare = fits and utilisation <= conditions.most
     return Forecast(
         port=plan.ports[0],
         items=items,
@@ -109,7 +115,8 @@ def forecast(plan: Plan, *, guard_s: float = 0.005, reply_delay_s: float | None 
         cycle_s=sum(item.seconds for item in items),
         utilisation=utilisation,
         fits=fits,
-        advice=tuple(advise(plan, conditions, round_, course, fits=fits)),
+        room_to_spare=room_to_spare,
+        advice=tuple(advise(plan, conditions, round_, course, well=room_to_spare)),
     )
 
 

@@ -16,25 +16,22 @@ if TYPE_CHECKING:
     from drivecomm.rehearsal import Conditions, Course, Round
 
 _BAUD_RATES = (9600, 19200, 38400, 57600, 115200)
-_COMFORTABLE = 0.97
-"""How full a line may be for advice to call it fitting; the rest is for commands, and for repetitions."""
-
 _WORTH_SAYING = 0.02
 _MUCH = 0.25
 
 
-def advise(plan: Plan, conditions: Conditions, round_: Round, course: Course, *, fits: bool) -> Iterator[str]:
-    """Yield what to change, the most effective first; for a plan that fits only what cannot be read."""
+def advise(plan: Plan, conditions: Conditions, round_: Round, course: Course, *, well: bool) -> Iterator[str]:
+    """Yield what to change, the most effective first; only what cannot be read where all is well otherwise."""
     for read, cause in zip(plan.reads, round_.causes, strict=True):
         if cause:
             yield f"{read.drive.name} {read.parameter} cannot be read: {cause}"
-    if fits:
+    if well:
         return
     need = _need(plan, round_)
-    if need > _COMFORTABLE:
-        yield _longer_periods(plan, need)
+    if need > conditions.most:
+        yield _longer_periods(plan, need / conditions.most)
         yield _faster_line(plan, conditions, round_)
-        yield from _own_line(plan, round_)
+        yield from _own_line(plan, round_, conditions.most)
     else:
         yield from _late_reads(plan, round_, course)
     yield from _fewer_changes(plan, conditions, round_)
@@ -48,11 +45,11 @@ def _need(plan: Plan, round_: Round) -> float:
     )
 
 
-def _longer_periods(plan: Plan, need: float) -> str:
+def _longer_periods(plan: Plan, times: float) -> str:
     periods = {read.period_s for read in plan.reads if read.period_s}
     if len(periods) == 1:
-        return f"a period of {_up(need / _COMFORTABLE * periods.pop())} s would fit"
-    return f"periods {_up(need / _COMFORTABLE)} times as long would fit"
+        return f"a period of {_up(times * periods.pop())} s would fit"
+    return f"periods {_up(times)} times as long would fit"
 
 
 def _faster_line(plan: Plan, conditions: Conditions, round_: Round) -> str:
@@ -63,7 +60,7 @@ def _faster_line(plan: Plan, conditions: Conditions, round_: Round) -> str:
             continue
         faster = _with_baudrate(plan, slower, baudrate)
         need = _need(faster, rehearse_round(faster, conditions))
-        if need <= _COMFORTABLE:
+        if need <= conditions.most:
             return (
                 f"{baudrate} baud for {_names(slower)} would fit, if they can: the plan then needs {need:.0%} of the "
                 "line's time"
@@ -78,19 +75,19 @@ def _with_baudrate(plan: Plan, drives: list[PlannedDrive], baudrate: int) -> Pla
     return replace(plan, reads=tuple(replace(read, drive=faster.get(read.drive, read.drive)) for read in plan.reads))
 
 
-def _own_line(plan: Plan, round_: Round) -> Iterator[str]:
+def _own_line(plan: Plan, round_: Round, most: float) -> Iterator[str]:
     """Say which drives to take away: as few as possible, those first that need most."""
     needs = dict.fromkeys(plan.drives, 0.0)
     for read, shares in zip(plan.reads, round_.shares, strict=True):
         needs[read.drive] += shares.seconds / read.period_s if read.period_s else 0.0
     left, moved = sum(needs.values()), []
     for drive in sorted(needs, key=needs.__getitem__, reverse=True):
-        if left <= _COMFORTABLE:
+        if left <= most:
             break
         left -= needs[drive]
         moved.append(drive)
     taken = sum(needs[drive] for drive in moved)
-    if moved and len(moved) < len(needs) and taken <= _COMFORTABLE:
+    if moved and len(moved) < len(needs) and taken <= most:
         yield (
             f"a line of their own for {_names(moved)} would fit: they need {taken:.0%} of one, the others {left:.0%}"
             if len(moved) > 1

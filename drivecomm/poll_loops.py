@@ -63,6 +63,10 @@ class PolledDrive(Protocol):
         """The bus that it is on."""
         ...
 
+    def check_read(self, parameter: str, **options: Any) -> None:
+        """Raise UsageError for a parameter that can never be read."""
+        ...
+
     def polled(self, parameter: str, **options: Any) -> Reading:
         """Read a parameter, letting everything else on the bus go first."""
         ...
@@ -89,6 +93,10 @@ class AsyncPolledDrive(Protocol):
         """The bus that it is on."""
         ...
 
+    def check_read(self, parameter: str, **options: Any) -> None:
+        """Raise UsageError for a parameter that can never be read."""
+        ...
+
     async def polled(self, parameter: str, **options: Any) -> Reading:
         """Read a parameter, letting everything else on the bus go first."""
         ...
@@ -100,6 +108,8 @@ class _OnABus(Protocol):
 
     @property
     def bus(self) -> Clock: ...
+
+    def check_read(self, parameter: str, **options: Any) -> None: ...
 
 
 D = TypeVar("D", bound=_OnABus)
@@ -132,12 +142,12 @@ def poll(
     Ends when each item has had `cycles` results, or after `duration_s` on each bus's clock; with neither it goes on
     until it is closed. Whatever fails is a result of its item and never ends the plan; a line that is down is tried
     again every half second. Each bus has a thread of its own when there are several. Raises UsageError for a plan that
-    cannot be carried out, and when a bus has been closed.
+    cannot be carried out or that has what can never be read, and when a bus has been closed.
     """
-    lines = _by_bus(checked(items, cycles=cycles))
+    lines = _by_bus(readable(checked(items, cycles=cycles)))
     end_s = _seconds(duration_s)
     if len(lines) == 1:
-        return _poll_bus(lines[0], end_s, cycles, _never)
+        return poll_bus(lines[0], end_s, cycles)
     return _poll_buses(lines, end_s, cycles)
 
 
@@ -145,16 +155,34 @@ def poll_async(
     items: Iterable[PollItem[A]], *, duration_s: float | None = None, cycles: int | None = None
 ) -> AsyncGenerator[PollResult, None]:
     """Do the same as `poll` with asynchronous drives, on one event loop."""
-    lines = _by_bus(checked(items, cycles=cycles))
+    lines = _by_bus(readable(checked(items, cycles=cycles)))
     end_s = _seconds(duration_s)
     if len(lines) == 1:
         return _poll_bus_async(lines[0], end_s, cycles)
     return _poll_buses_async(lines, end_s, cycles)
 
 
-def _poll_bus(
-    items: Sequence[PollItem[S]], duration_s: float, cycles: int | None, stopped: Callable[[], bool]
+def readable(items: Sequence[PollItem[D]]) -> Sequence[PollItem[D]]:
+    """Return these items. Raises UsageError that names all of them that can never be read, each with its reason."""
+    refused = []
+    for item in items:
+        try:
+            item.drive.check_read(item.parameter, **item.options)
+        except UsageError as error:
+            refused.append(f"{item.name or item.drive.name} {item.parameter} ({' '.join(str(error).split())})")
+    if refused:
+        raise UsageError(f"what can never be read is not polled, take it out of the plan: {', '.join(refused)}")
+    return items
+
+
+def _never() -> bool:
+    return False
+
+
+def poll_bus(
+    items: Sequence[PollItem[S]], duration_s: float, cycles: int | None = None, stopped: Callable[[], bool] = _never
 ) -> Generator[PollResult, None, None]:
+    """Yield the results of items that are all on one bus; what can never be read is a failure each time."""
     bus = items[0].drive.bus
     start = bus.now()
     schedule = Schedule(items, start_s=start, cycles=cycles)
@@ -214,7 +242,7 @@ def _poll_buses(
 
     def work(items: Sequence[PollItem[S]]) -> None:
         try:
-            for result in _poll_bus(items, duration_s, cycles, stop.is_set):
+            for result in poll_bus(items, duration_s, cycles, stop.is_set):
                 _hand_over(results, result, stop)
             _hand_over(results, None, stop)
         except BaseException as error:  # noqa: BLE001 - it is raised again where the results are read
@@ -301,7 +329,3 @@ def _seconds(duration_s: float | None) -> float:
     if not duration_s > 0:
         raise UsageError(f"a duration of {duration_s} s polls nothing; give seconds above 0")
     return duration_s
-
-
-def _never() -> bool:
-    return False

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
     from drivecomm.reading import Reading
 
-Quality: TypeAlias = Literal["good", "stale", "bad"]
+Quality: TypeAlias = Literal["good", "uncertain", "stale", "bad"]
+"""good, uncertain: as of a `Reading`. stale: the drive gave none now, and this is its last one. bad: there is none."""
 
 
 class Named(Protocol):
@@ -86,17 +87,17 @@ class PollResult:
     """What came of asking once.
 
     item: what was asked. drive, parameter: as it names them. reading: the value; with quality "stale" the last good
-    one, with "bad" None. cause, error: why it is not good, as a sentence and as the error itself. time_s: when the
-    value was taken (for a bad result: when it failed), in seconds since 1970, on a virtual line since its start. due_s:
-    when the item was due, on the bus's clock. late_s: how much later it was asked. took_s: from asking to the result.
-    missed: periods that passed since the last result without being asked, because the line had no time.
+    one, with "bad" None. cause, error: why there is none now, as a sentence and as the error itself. time_s: when the
+    value was taken, or when it was found out that there is none now; in seconds since 1970, on a virtual line since its
+    start. A stale value's own time is that of its reading. due_s: when the item was due, on the bus's clock. late_s:
+    how much later it was asked. took_s: from asking to the result. missed: periods that passed since the last result
+    without being asked, because the line had no time.
     """
 
     item: PollItem[Any]
     drive: str
     parameter: str
     reading: Reading | None
-    quality: Quality
     cause: str
     error: DriveCommError | None
     time_s: float
@@ -104,6 +105,13 @@ class PollResult:
     late_s: float
     took_s: float
     missed: int
+
+    @property
+    def quality(self) -> Quality:
+        """What the value is worth; decided here alone, for what is shown and for what is kept."""
+        if self.reading is None:
+            return "bad"
+        return self.reading.quality if self.error is None else "stale"
 
 
 @dataclass(slots=True, eq=False)
@@ -217,24 +225,21 @@ def _move_on(entry: _Entry[D], now: float, *, rest_s: float) -> None:
 
 def _result(entry: _Entry[D], now: float, outcome: Reading | DriveCommError, time_s: float) -> PollResult:
     item = entry.item
-    quality: Quality = "good"
     reading: Reading | None
     error = None
     if isinstance(outcome, DriveCommError):
         error = outcome
         reading = entry.good if entry.good is not None and now - entry.good_s <= item.keeps_s else None
-        quality = "bad" if reading is None else "stale"
     else:
-        reading = outcome
+        reading, time_s = outcome, outcome.time_s
     return PollResult(
         item=item,
         drive=item.name or item.drive.name,
         parameter=item.parameter,
         reading=reading,
-        quality=quality,
         cause="" if error is None else " ".join(str(error).split()),
         error=error,
-        time_s=time_s if reading is None else reading.time_s,
+        time_s=time_s,
         due_s=entry.due_s,
         late_s=max(0.0, entry.asked_s - entry.due_s),
         took_s=now - entry.asked_s,

@@ -17,7 +17,7 @@ from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.models import ParameterInfo
 from drivecomm.models.files import load_model
 from drivecomm.plan import LONGEST_DELAY_S
-from drivecomm.poll_loops import poll
+from drivecomm.poll_loops import poll_bus
 from drivecomm.polling import FIRST_ROUND_S
 from drivecomm.registry import installed
 from drivecomm.virtual.drives import virtual_drive
@@ -50,17 +50,28 @@ class Conditions:
     """What holds on a line beside its drives' own facts.
 
     facts: line facts for all drives, as `open_bus` takes them. guard_s: quiet time after a change of line settings.
-    reply_delay_s: of drives for which the plan names none; the virtual drives' own if absent.
+    reply_delay_s: of drives for which the plan names none; the virtual drives' own if absent. room: the share of the
+    line's time that a plan shall leave free, for commands and repetitions.
     """
 
     facts: Mapping[str, Any]
     guard_s: float = 0.005
     reply_delay_s: float | None = None
+    room: float = 0.05
 
     def __post_init__(self) -> None:
+        if not 0 <= self.room < 1:
+            raise UsageError(
+                f"a room of {self.room:.0%} is no share of the line's time; give one from 0% to below 100%"
+            )
         for name, seconds in (("guard time", self.guard_s), ("reply delay", self.reply_delay_s)):
             if seconds is not None and not 0 <= seconds < LONGEST_DELAY_S:
                 raise UsageError(f"a {name} of {seconds} s is not between 0 and {LONGEST_DELAY_S:g}")
+
+    @property
+    def most(self) -> float:
+        """The share of the line's time that a plan may need."""
+        return 1 - self.room
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -196,7 +207,7 @@ def _carried_out(plan: Plan, conditions: Conditions, duration_s: float) -> Itera
     with _line(plan, conditions, None) as bus:
         items = plan.items(dict.fromkeys(plan.ports, bus))
         places = {item: place for place, item in enumerate(items)}
-        for result in poll(items, duration_s=duration_s):
+        for result in poll_bus(items, duration_s):
             yield places[result.item], result
 
 

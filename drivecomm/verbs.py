@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm.errors import NotSupported, ParameterAddressError, StateError, UsageError
 from drivecomm.models.link_loss import link_loss_of
-from drivecomm.models.quantities import CommonName, not_said, quantities
+from drivecomm.models.quantities import CommonName, not_said, parameter_at, quantities
 from drivecomm.numbers import exact
 from drivecomm.stored_writes import is_stored
 
@@ -47,6 +47,14 @@ class Verbs:
             if parameter not in quantities():
                 raise
             raise not_said(parameter, self._model) from error
+
+    def check_read(self, parameter: str, options: Mapping[str, Any]) -> None:
+        """Raise what `read` would raise before it sends anything, and UsageError for what can only be written."""
+        self.read(parameter, options).close()
+        common = self._common_name(parameter)
+        info = parameter_at(common.address if common else parameter, self._model) if self._model else None
+        if self._model is not None and info is not None and "r" not in info.access:
+            raise NotSupported(f"{info.address} can only be written, says model {self._model.name}")
 
     def write(self, parameter: str, value: Value | float, options: Mapping[str, Any]) -> Exchange[Reading | None]:
         """Write a parameter, named as for `read`; by a common name, the value is in the unit of the quantity."""

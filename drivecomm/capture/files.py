@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, BinaryIO, Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 from drivecomm.capture.json_lines import JsonLines, read_json_lines
 from drivecomm.capture.pcapng_fields import MAGIC
@@ -17,6 +17,7 @@ from drivecomm.capture.pcapng_reading import read_pcapng
 from drivecomm.capture.pcapng_writing import Pcapng
 from drivecomm.capture.pieces import LONGEST_S
 from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.growing_file import GrowingFile
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -36,6 +37,10 @@ class Form(Protocol):
 
     def piece(self, piece: Piece) -> bytes:
         """Return what a piece adds to it."""
+        ...
+
+    def take_back(self) -> None:
+        """Take it that the latest piece did not get into the file."""
         ...
 
 
@@ -86,21 +91,19 @@ class CaptureWriter:
         self._form: Form = _form_of(self._path)(provenance)
         self._lock = Lock()
         opening = self._form.opening()
+        self._file: GrowingFile | None = None
         try:
-            # Not buffered: what is written is in the hands of the operating system.
-            self._file: BinaryIO | None = self._path.open("wb", buffering=0)
+            self._file = GrowingFile(self._path)
+            self._file.add(opening)
         except OSError as error:
-            raise _cannot_write(self._path, error) from error
-        try:
-            self._write(opening)
-        except BaseException:
             self.close()
-            raise
+            raise _cannot_write(self._path, error) from error
 
     def add(self, piece: Piece) -> None:
-        """Append a piece; one without bytes is left out.
+        """Append a piece, or nothing of it; one without bytes is left out.
 
-        Raises UsageError for a time before the beginning, and when the file cannot be written.
+        Raises UsageError for a time before the beginning, and FileFormatError when the file cannot be written, which
+        may be tried again.
         """
         if not 0 <= piece.time_s <= LONGEST_S:
             raise UsageError(f"a time of {piece.time_s} s is not between the beginning of a capture and 3e9 s after it")
@@ -109,7 +112,11 @@ class CaptureWriter:
         with self._lock:
             if self._file is None:
                 raise UsageError(f"{self._path}: the capture is closed")
-            self._write(self._form.piece(piece))
+            try:
+                self._file.add(self._form.piece(piece))
+            except OSError as error:
+                self._form.take_back()
+                raise _cannot_write(self._path, error) from error
 
     def close(self) -> None:
         """Close the file; may be called again."""
@@ -126,21 +133,13 @@ class CaptureWriter:
     ) -> None:
         self.close()
 
-    def _write(self, data: bytes) -> None:
-        left = memoryview(data)
-        try:
-            while left and self._file is not None:
-                left = left[self._file.write(left) :]
-        except OSError as error:
-            raise _cannot_write(self._path, error) from error
-
 
 def _form_of(path: Path) -> type[JsonLines | Pcapng]:
     form = _FORMS.get(path.suffix.lower())
     if form is None:
-        raise UsageError(f"{path} is no capture file; name it .jsonl, or .pcapng for Wireshark")
+        raise FileFormatError(f"{path} is no capture file; name it .jsonl, or .pcapng for Wireshark")
     return form
 
 
-def _cannot_write(path: Path, error: OSError) -> UsageError:
-    return UsageError(f"{path}: the capture cannot be written ({error.strerror or error}); choose another file")
+def _cannot_write(path: Path, error: OSError) -> FileFormatError:
+    return FileFormatError(f"{path}: the capture cannot be written ({error.strerror or error}); choose another file")

@@ -57,6 +57,9 @@ class JsonLines:
             content["settings"] = settings_object(piece.settings)
         return _line(content)
 
+    def take_back(self) -> None:
+        """Take it that the latest piece did not get into the file; no other depends on it."""
+
 
 def read_json_lines(path: Path, content: bytes) -> Capture:
     """Return the capture that these lines hold. Raises FileFormatError with the file and the line that is wrong."""

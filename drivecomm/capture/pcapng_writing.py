@@ -50,6 +50,7 @@ class Pcapng:
             raise UsageError(f"a pcapng file has no room for a capture of {provenance.began:%Y}; write a .jsonl file")
         self._began_ns = 0 if provenance.began is None else nanoseconds(provenance.began)
         self._interfaces: dict[tuple[str, LineSettings | None], int] = {}
+        self._written = 0
 
     def opening(self) -> bytes:
         """Return what the file begins with."""
@@ -63,6 +64,7 @@ class Pcapng:
     def piece(self, piece: Piece) -> bytes:
         """Return what a piece adds to it: an interface where it is the first on one, and a packet."""
         before, place = b"", (piece.line, piece.settings)
+        self._written = len(self._interfaces)
         if place not in self._interfaces:
             before = self._interface(piece.line, piece.settings)
             self._interfaces[place] = len(self._interfaces)
@@ -73,6 +75,11 @@ class Pcapng:
         head = struct.pack("<IIIII", self._interfaces[place], time_ns >> 32, time_ns & 0xFFFFFFFF, len(data), len(data))
         flags = _option(FLAGS, struct.pack("<I", DIRECTIONS[piece.source]))
         return before + _block(PACKET, head + _padded(data) + flags + _option(END))
+
+    def take_back(self) -> None:
+        """Take it that the latest piece, and its interface if it was the first on it, did not get into the file."""
+        while len(self._interfaces) > self._written:
+            self._interfaces.popitem()
 
     def _interface(self, line: str, settings: LineSettings | None) -> bytes:
         known = settings or self._provenance.settings

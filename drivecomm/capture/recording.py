@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 from drivecomm.capture.files import CaptureWriter, check_place
 from drivecomm.capture.pieces import Piece, Provenance
 from drivecomm.echo import EchoFilter
+from drivecomm.errors import FileFormatError
+from drivecomm.growing_file import Gaps
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
@@ -73,6 +75,8 @@ class Recording:
         self._began_s = 0.0
         self._heard_s = 0.0
         self._busy_until_s = 0.0
+        tell = _LOGGER.warning
+        self._gaps = Gaps(str(record), kept="pieces", done="recorded", goes_on="the line", tell=tell)
         self._first: LineSettings | None = None
         self._settings: LineSettings | None = None
         self._over = False
@@ -138,7 +142,22 @@ class Recording:
         usual = self._path is not None and self._settings == self._first
         settings = None if usual else self._settings
         piece = Piece(time_s=max(0.0, time_s - self._began_s), data=data, source=source, settings=settings)
-        self._try(lambda: self._recorder_now().add(piece))
+        self._try(lambda: self._take(piece))
+
+    def _take(self, piece: Piece) -> None:
+        if self._path is None or self._clock is None:
+            self._recorder_now().add(piece)
+        else:
+            self._gaps.write(lambda: self._write(piece), self._clock.wall_time())
+
+    def _write(self, piece: Piece) -> None:
+        try:
+            self._recorder_now().add(piece)
+        except FileFormatError as error:
+            # What the operating system says may change; anything else will not.
+            if isinstance(error.__cause__, OSError):
+                raise error.__cause__ from None
+            raise
 
     def _try(self, action: Callable[[], object]) -> None:
         try:

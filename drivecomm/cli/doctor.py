@@ -12,9 +12,11 @@ import typer
 
 from drivecomm.cli.address_lists import addresses_of
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.output import emit, say
+from drivecomm.cli.output import emit, say, sentence
+from drivecomm.errors import LinkError
 
 if TYPE_CHECKING:
+    from drivecomm.cli.examined_lines import ExaminedLine
     from drivecomm.examination import Examination
     from drivecomm.findings import Finding
     from drivecomm.runners.port import Port
@@ -28,7 +30,13 @@ _MARKS = {"fine": "ok", "note": "note", "problem": "PROBLEM"}
 
 def doctor(
     line: LineOptions,
-    name: Annotated[str | None, typer.Argument(metavar="[PORT]", help="The port; --port does as well.")] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[PORT]",
+            help="The port (--port does as well), or a line of the plant by its name. If absent: each of them.",
+        ),
+    ] = None,
     protocol: Annotated[list[str] | None, typer.Option("--protocol", help="Only these; repeat it for more.")] = None,
     addresses: Annotated[str | None, typer.Option("--addresses", "-a", help="Such as 1-31 or 1,5,7-9.")] = None,
     quick: Annotated[
@@ -37,32 +45,55 @@ def doctor(
 ) -> int:
     """Examine a port and its line: adapter, noise, echo, who answers, how fast; with a remedy for what is wrong.
 
-    Sends only what cannot move a motor. Exit code 1 when there is a problem.
+    The drives that the plant has on the line are asked at their own settings; others at the usual ones. Sends only what
+    cannot move a motor. Exit code 1 when there is a problem.
     """
-    from drivecomm.diagnosis import examine  # noqa: PLC0415 - only this command needs them
-    from drivecomm.findings import judge  # noqa: PLC0415
+    from drivecomm.cli.examined_lines import lines_to_examine  # noqa: PLC0415 - only this command needs them
+    from drivecomm.findings import Finding, judge  # noqa: PLC0415
 
-    line = replace(line, port=name or line.port)
     wanted = addresses_of(addresses) if addresses else list(_QUICK_ADDRESSES) if quick else None
-    with line.opened() as opened, _progress(shown=not line.json) as progress:
+    lines = lines_to_examine(replace(line, port=name or line.port))
+    sound = True
+    for each in lines:
+        if len(lines) > 1 and not line.json:
+            say(f"{each.name}, {each.options.named_port}")
+        measured = None
+        try:
+            measured = _examined(each, only=protocol or None, addresses=wanted, quick=quick)
+            findings = judge(measured[1], measured[0])
+        except LinkError as error:
+            if len(lines) == 1:
+                raise
+            # The other lines are examined all the same.
+            findings = [Finding(weight="problem", about="port", text=sentence(error))]
+        sound = sound and all(one.weight != "problem" for one in findings)
+        if line.json:
+            _emit(each, measured, findings)
+        else:
+            _say(findings)
+    return 0 if sound else 1
+
+
+def _examined(
+    line: ExaminedLine, *, only: list[str] | None, addresses: list[int] | None, quick: bool
+) -> tuple[PortReport | None, Examination]:
+    from drivecomm.diagnosis import examine  # noqa: PLC0415 - only this command needs it
+
+    options = line.options
+    with options.opened() as opened, _progress(shown=not options.json) as progress:
         report = _report(opened)
-        examination = examine(
+        return report, examine(
             opened,
-            only=protocol or None,
-            addresses=wanted,
-            echo=line.echo,
+            only=only,
+            addresses=addresses,
+            expected=[one for one in line.drives if not only or one.protocol in only],
+            echo=options.echo,
             probes=_QUICK_PROBES if quick else _PROBES,
             search=not quick,
-            trace=line.shown_trace,
+            trace=options.shown_trace,
             progress=progress,
-            **line.facts,
+            **options.facts,
         )
-    findings = judge(examination, report)
-    if line.json:
-        _emit(line.named_port, report, examination, findings)
-    else:
-        _say(findings)
-    return 1 if any(one.weight == "problem" for one in findings) else 0
 
 
 def _report(port: Port) -> PortReport | None:
@@ -97,12 +128,27 @@ def _say(findings: list[Finding]) -> None:
     say(f"{problems or 'no'} problem{'' if problems == 1 else 's'} found")
 
 
-def _emit(port: str, report: PortReport | None, examination: Examination, findings: list[Finding]) -> None:
+def _emit(line: ExaminedLine, measured: tuple[PortReport | None, Examination] | None, findings: list[Finding]) -> None:
     for one in findings:
-        emit(finding=one.about, weight=one.weight, text=one.text, remedy=one.remedy)
+        emit(finding=one.about, weight=one.weight, text=one.text, remedy=one.remedy, line=line.name)
+    if measured is None:
+        return
+    report, examination = measured
     emit(
-        port=port,
+        port=line.options.named_port,
+        line=line.name,
         report=report,
+        expected=[
+            {
+                "name": one.drive.name,
+                "drive": f"{one.drive.protocol}:{one.drive.address}",
+                "settings": str(one.settings),
+                "answers": not one.error,
+                "elsewhere": str(one.elsewhere or ""),
+                "error": one.error,
+            }
+            for one in examination.sought
+        ],
         noise=[
             {"settings": str(one.settings), "seconds": one.seconds, "data": one.data, "telegrams": one.telegrams}
             for one in examination.noise

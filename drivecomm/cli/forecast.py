@@ -10,6 +10,7 @@ import typer
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, plain, say
 from drivecomm.cli.plan_words import Period, PlanFile, Words, given_plan
+from drivecomm.errors import UsageError
 from drivecomm.forecast import forecast as foresee
 
 if TYPE_CHECKING:
@@ -31,10 +32,14 @@ def forecast(
     guard: Annotated[
         float, typer.Option("--guard", metavar="MS", help="Quiet time after a change of line settings.")
     ] = 5.0,
+    room: Annotated[
+        str, typer.Option("--room", metavar="PERCENT", help="Of the line's time, for commands and repetitions.")
+    ] = "5%",
 ) -> int:
-    """Tell how long a round of a poll plan takes, before anything runs. Exit code 1 when it does not fit.
+    """Tell how long a round of a poll plan takes, before anything runs.
 
-    Takes the same plan as poll and opens no port.
+    Takes the same plan as poll and opens no port. Exit code 1 when the plan does not fit, or does so without room to
+    spare.
     """
     chosen = given_plan(words or [], plan, period_s=period, port=line.port or "", plant=line.plant)
     facts: dict[str, Any] = {
@@ -46,18 +51,25 @@ def forecast(
         "attempts": line.attempts,
     }
     delay_s = None if delay is None else delay / 1000
-    fits = True
+    share, well = _share(room), True
     for port in chosen.ports:
-        found = foresee(chosen.on_line(port), guard_s=guard / 1000, reply_delay_s=delay_s, **facts)
-        fits = fits and found.fits
+        found = foresee(chosen.on_line(port), guard_s=guard / 1000, reply_delay_s=delay_s, room=share, **facts)
+        well = well and found.room_to_spare
         if line.json:
             emit(**plain(found))
         else:
-            _draw(found)
-    return 0 if fits else 1
+            _draw(found, share)
+    return 0 if well else 1
 
 
-def _draw(found: Forecast) -> None:
+def _share(percent: str) -> float:
+    try:
+        return float(percent.strip().removesuffix("%")) / 100
+    except ValueError:
+        raise UsageError(f"{percent!r} is no share of the line's time; give --room in percent, such as 5%") from None
+
+
+def _draw(found: Forecast, room: float) -> None:
     from rich.box import SIMPLE_HEAD  # noqa: PLC0415 - as below
     from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
     from rich.table import Table  # noqa: PLC0415
@@ -84,6 +96,9 @@ def _draw(found: Forecast) -> None:
         part = f"{drive.utilisation:.1%} of the line's time"
         say(f"{drive.drive}  {drive.settings}  {1000 * drive.seconds:.1f} ms a round  {part}")
     need = f"the plan needs {found.utilisation:.1%} of the line's time"
-    say(f"a round takes {1000 * found.cycle_s:.1f} ms; {need}; {'it fits' if found.fits else 'it does not fit'}")
+    verdict = "it fits" if found.fits else "it does not fit"
+    if found.fits and not found.room_to_spare:
+        verdict += f" without room to spare, which is {100 * room:g}% for commands and repetitions"
+    say(f"a round takes {1000 * found.cycle_s:.1f} ms; {need}; {verdict}")
     for sentence in found.advice:
         say(f"  {sentence}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
@@ -17,7 +17,7 @@ from drivecomm import bus as buses
 from drivecomm.cli.drive_names import known_plant, parse_drive, placed
 from drivecomm.cli.output import sentence, trace_as_json, trace_to_standard_error
 from drivecomm.echo import Echo
-from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.errors import DriveCommError, FileFormatError, UsageError
 from drivecomm.tracing import tell_all
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ class LineOptions:
     @contextmanager
     def bus(self, listener: Callable[[TraceEvent], None] | None = None) -> Iterator[Bus]:
         """Open the bus for the time of the block; errors then name the port. listener: also told the trace."""
-        with self._named_in_errors(), self._open_bus(self.named_port, listener) as bus:
+        with self._recorded(), self._named_in_errors(), self._open_bus(self.named_port, listener) as bus:
             yield bus
 
     @contextmanager
@@ -171,11 +171,22 @@ class LineOptions:
             return None
         return trace_as_json if self.json else trace_to_standard_error
 
+    def _recorded(self) -> AbstractContextManager[None]:
+        if self.record is None:
+            return nullcontext()
+        # What records is for those who do.
+        from drivecomm.cli.recording_option import recorded  # noqa: PLC0415
+
+        return recorded(self.record, as_json=self.json)
+
     @contextmanager
     def _named_in_errors(self) -> Iterator[None]:
         where = self.named_port
         try:
             yield
+        except FileFormatError:
+            # It names its file, and no port is at fault.
+            raise
         except DriveCommError as error:
             error.args = (sentence(str(error), where=where), *error.args[1:])
             raise

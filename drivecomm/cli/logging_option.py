@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from drivecomm.cli.output import complain
+from drivecomm.errors import DriveCommError
 
 if TYPE_CHECKING:
     from drivecomm.polling import PollResult
@@ -17,11 +21,30 @@ Log = Annotated[
 ]
 
 
-def opened_log(stack: ExitStack, path: Path | None) -> Callable[[PollResult], Any]:
-    """Open the log, if one is wanted, until the stack ends; return what is to be told every result."""
+@contextmanager
+def opened_log(path: Path | None, *, as_json: bool) -> Iterator[Callable[[PollResult], Any]]:
+    """Open the log, if one is wanted, for the time of the block; yield what is to be told every result.
+
+    Raises DriveCommError at the end when rows are missing because there was no room for them.
+    """
     if path is None:
-        return lambda _: None
+        yield lambda _: None
+        return
     # Files and their forms are for those who keep a log.
     from drivecomm.value_log import open_log  # noqa: PLC0415
 
-    return stack.enter_context(open_log(path)).write
+    tell = partial(complain, as_json=as_json)
+    log = open_log(path, tell=tell)
+    try:
+        with log:
+            yield log.write
+    except DriveCommError:
+        if log.missing:
+            tell(log.summary)
+        raise
+    except KeyboardInterrupt:
+        # The usual end of polling; that something is missing is more than that.
+        if not log.missing:
+            raise
+    if log.missing:
+        raise DriveCommError(log.summary)

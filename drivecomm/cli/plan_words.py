@@ -78,7 +78,7 @@ def plan_of_plant(plant: Plant, file: str, *, port: str) -> Plan:
 def parse_plan(words: list[str], *, period_s: float, known: KnownPlant | None = None) -> Plan:
     """Read `vabus:1 481 482@0.2 fuji:7,model=g11s M09!2`. Raises UsageError.
 
-    known: the plant, whose names stand for its drives.
+    known: the plant, whose names stand for its drives; PROTOCOL:ADDRESS is a drive of the plant that has one there.
     """
     drive: PlannedDrive | None = None
     drives: dict[str, PlannedDrive] = {}
@@ -114,7 +114,8 @@ def _names_a_drive(word: str, there: KnownPlant | None) -> bool:
 
 def _drive(word: str, known: KnownPlant | None) -> PlannedDrive:
     called, *settings = word.split(",")
-    if known is not None and called in {drive.name for drive in known.plant.drives}:
+    drives = known.plant.drives if known is not None else ()
+    if known is not None and any(called in (one.name, f"{one.protocol}:{one.address}") for one in drives):
         planned = _planned(known.plant, known.plant.drive(called), "")
         return replace(planned, options={**planned.options, **parse_settings(settings)})
     name = parse_drive(word)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, closing
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +17,7 @@ from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.poll_loops import poll as carry_out
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Sequence
 
     from drivecomm.bus import Bus
     from drivecomm.polling import PollItem, PollResult
@@ -33,14 +34,14 @@ def poll(
 ) -> int:
     """Read parameters again and again, until Ctrl-C unless told otherwise; what fails is shown and ends nothing.
 
-    Exit code 0 when each was read at least once, otherwise that of the first one that never was.
+    Exit code 0 when each was read at least once, otherwise that of the first one that never was; 1 when values are
+    missing in the log because there was no room for them.
     """
     chosen = given_plan(words or [], plan, period_s=period, port=line.port or "", plant=line.plant)
     show = _emit if line.json else _say
     unread: dict[PollItem[Any], DriveCommError | None] = {}
-    with ExitStack() as stack:
-        items = chosen.items(_open(stack, line, chosen.ports))
-        keep = opened_log(stack, log)
+    with opened_log(log, as_json=line.json) as keep, _opened(line, chosen.ports) as buses:
+        items = chosen.items(buses)
         unread.update(dict.fromkeys(items))
         with closing(carry_out(items, duration_s=duration, cycles=cycles)) as results:
             for result in results:
@@ -53,21 +54,20 @@ def poll(
     return next((error.exit_code for error in unread.values() if error is not None), 0)
 
 
-def _open(stack: ExitStack, line: LineOptions, ports: Iterable[str]) -> dict[str, Bus]:
-    """Open all lines of a plan. Raises LinkError for the first that cannot be opened."""
-    buses: dict[str, Bus] = {}
-    for port in ports:
-        if buses and line.record is not None:
-            raise UsageError(f"--record is for one line, and this plan has several; poll {port} by itself")
-        if not port:
-            raise UsageError("some drives have no port: give --port, or name ports in the plan")
+@contextmanager
+def _opened(line: LineOptions, ports: Sequence[str]) -> Iterator[dict[str, Bus]]:
+    """Open all lines of a plan for the time of the block. Raises LinkError for the first that cannot be opened."""
+    if "" in ports:
+        raise UsageError("some drives have no port: give --port, or name ports in the plan")
+    if line.record is not None and len(ports) > 1:
+        raise UsageError(f"--record is for one line, and this plan has several; poll {ports[0]} by itself")
+    with ExitStack() as stack:
         try:
-            buses[port] = stack.enter_context(line.at(port).bus())
+            yield {port: stack.enter_context(line.at(port).bus()) for port in ports}
         except DriveCommError:
-            # The lines that are open already are not at fault; leaving them by this error would add their names.
+            # Leaving the lines by this error would put the names of all of them in front of it.
             stack.close()
             raise
-    return buses
 
 
 def _emit(result: PollResult) -> None:
@@ -99,5 +99,5 @@ def _say(result: PollResult) -> None:
     reading = result.reading
     parameter = result.parameter if reading is None else f"{reading.parameter} {reading.name}".rstrip()
     value = "-" if reading is None else str(reading)
-    cause = f": {result.cause}" if result.cause else ""
-    say(f"{clock}  {result.drive}  {parameter:<34} {value:>14}  {result.quality}{cause}")
+    why = result.cause or ("" if reading is None else reading.note)
+    say(f"{clock}  {result.drive}  {parameter:<34} {value:>14}  {result.quality}{': ' if why else ''}{why}")

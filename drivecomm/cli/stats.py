@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drivecomm.cli.drive_names import DriveName
+from drivecomm.cli.drive_names import DriveName, known_plant
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
 from drivecomm.errors import DriveError, NotAnsweringError, ReplyError, UsageError
@@ -32,37 +32,63 @@ def stats(
     line: LineOptions,
     drives: Annotated[
         list[str] | None,
-        typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS or a name of the plant. If absent: those a scan finds."),
+        typer.Argument(
+            metavar="DRIVE",
+            help="PROTOCOL:ADDRESS or a name of the plant. If absent: those of the plant, or that a scan finds.",
+        ),
     ] = None,
     seconds: Annotated[float, typer.Option("--for", metavar="SECONDS", help="How long to ask.")] = 5.0,
 ) -> int:
     """Ask drives for a while, one after the other, with probes that cannot move a motor, and count what happens.
 
-    Exit code 1 when a drive never answered, or none was found.
+    Drives on several lines are asked line after line. Exit code 1 when a drive never answered, or none was found.
     """
     if not 0 < seconds < float("inf"):
         raise UsageError(f"{seconds:g} s is no time to ask for; give --for a number above 0")
-    reached = [line.reaching(text) for text in drives or []]
-    names = [name for _, name in reached] if drives else _scanned(line)
-    if not names:
-        return 1
-    line = _only_line([at for at, _ in reached]) if reached else line
+    lines = _by_line(line, drives or _of_the_plant(line))
+    if not lines:
+        lines = [(line, {str(name): name for name in _scanned(line)})]
+    if line.record is not None and len(lines) > 1:
+        raise UsageError("--record is for one line, and these drives are on several; leave it out")
+    answered = [_measure(at, names, seconds, headed=len(lines) > 1) for at, names in lines if names]
+    return 0 if answered and all(answered) else 1
+
+
+def _of_the_plant(line: LineOptions) -> list[str]:
+    """Return the names of the plant's drives; none where a port is given, or there is no plant."""
+    known = known_plant(line.plant, port_given=line.port is not None)
+    return [drive.name for drive in known.plant.drives] if known else []
+
+
+def _by_line(line: LineOptions, drives: Sequence[str]) -> list[tuple[LineOptions, dict[str, DriveName]]]:
+    """Return the lines of these drives, each with its drives by what they are called."""
+    lines: list[tuple[LineOptions, dict[str, DriveName]]] = []
+    for text in drives:
+        reached, name = line.reaching(text)
+        called = text.partition(",")[0]
+        for at, names in lines:
+            if at == reached:
+                names[called] = name
+                break
+        else:
+            lines.append((reached, {called: name}))
+    return lines
+
+
+def _measure(line: LineOptions, names: Mapping[str, DriveName], seconds: float, *, headed: bool) -> bool:
+    """Ask the drives of one line, and show what was counted; return whether all of them have answered."""
+    if headed and not line.json:
+        say(f"{line.named_port}")
     with line.bus() as bus:
-        asked = [bus.drive(name.protocol, name.address, **name.options) for name in names]
+        asked = {called: bus.drive(one.protocol, one.address, **one.options) for called, one in names.items()}
         began = bus.now()
         try:
-            _ask_all(bus, asked, began + seconds)
+            _ask_all(bus, list(asked.values()), began + seconds)
         finally:
             # Also when it ends early, by Ctrl-C or because the port was lost: what was counted is worth having.
-            counted = {one.name: bus.statistics.get(one.name, Statistics()) for one in asked}
-            _show(counted, bus.now() - began, line)
-    return 0 if all(each.counters["replies"] for each in counted.values()) else 1
-
-
-def _only_line(reached: list[LineOptions]) -> LineOptions:
-    if len({(line.port, str(line.facts)) for line in reached}) > 1:
-        raise UsageError("these drives are on several lines; ask those of one line at a time")
-    return reached[0]
+            counted = {called: bus.statistics.get(one.name, Statistics()) for called, one in asked.items()}
+            _show(counted, names, bus.now() - began, line)
+    return all(each.counters["replies"] for each in counted.values())
 
 
 def _scanned(line: LineOptions) -> list[DriveName]:
@@ -94,11 +120,11 @@ def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
             bus.sleep_until(min(until, bus.now() + _IDLE_S))
 
 
-def _show(counted: Mapping[str, Statistics], seconds: float, line: LineOptions) -> None:
+def _show(counted: Mapping[str, Statistics], names: Mapping[str, DriveName], seconds: float, line: LineOptions) -> None:
     everything = total(counted.values())
     if line.json:
         for name, each in counted.items():
-            emit(drive=name, **_plain(each, seconds))
+            emit(drive=str(names[name]), name=name, line=line.port, **_plain(each, seconds))
         emit(bus=line.port, **_plain(everything, seconds))
         return
     rows = [*counted.items(), *([("all", everything)] if len(counted) > 1 else [])]

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import csv
+import io
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import FileFormatError
+from drivecomm.growing_file import GrowingFile
 from drivecomm.value_log.rows import COLUMNS, LogRow, row_from
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-_HEAD = ",".join(COLUMNS) + "\n"
+_HEAD = (",".join(COLUMNS) + "\n").encode()
 _LONGEST_ROW = 1 << 16
 """No row is longer; where none ends within so much of a file's end, it is no log."""
 
@@ -21,26 +23,35 @@ class CsvLog:
     """A CSV file that rows are added to; goes on with what a file of this form holds. Raises FileFormatError."""
 
     def __init__(self, path: Path) -> None:
+        self._path = path
         try:
             keep = _whole_rows(path)
-            self._file = path.open("r+" if keep else "w", encoding="utf-8", newline="")
-            self._file.truncate(keep)
-            self._file.seek(keep)
+            self._made = not path.exists()
+            self._file = GrowingFile(path, keep)
         except OSError as error:
             raise FileFormatError(f"{path}: cannot be written as a log: {error.strerror or error}") from error
-        self._writer = csv.DictWriter(self._file, COLUMNS, lineterminator="\n")
-        if not keep:
-            self._file.write(_HEAD)
-            self._file.flush()
+        try:
+            if not keep:
+                self._file.add(_HEAD)
+        except OSError as error:
+            self.abandon()
+            raise FileFormatError(f"{path}: cannot be written as a log: {error.strerror or error}") from error
 
     def write(self, row: LogRow) -> None:
-        """Add a row; it is handed to the operating system before this returns."""
-        self._writer.writerow(row.texts())
-        self._file.flush()
+        """Add a row; the operating system has all of it before this returns. Raises OSError, with nothing of it."""
+        line = io.StringIO()
+        csv.DictWriter(line, COLUMNS, lineterminator="\n").writerow(row.texts())
+        self._file.add(line.getvalue().encode())
 
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+    def abandon(self) -> None:
+        """Close the file, and remove it if it was made for this log and got no row."""
+        self._file.close()
+        if self._made and self._file.size <= len(_HEAD):
+            self._path.unlink(missing_ok=True)
 
 
 def _whole_rows(path: Path) -> int:
@@ -49,8 +60,8 @@ def _whole_rows(path: Path) -> int:
         return 0
     with path.open("rb") as file:
         head = file.read(len(_HEAD))
-        if head != _HEAD.encode():
-            if _HEAD.encode().startswith(head):
+        if head != _HEAD:
+            if _HEAD.startswith(head):
                 return 0
             raise FileFormatError(f"{path}: is there already and is no log of values; give another name")
         size = file.seek(0, 2)
@@ -63,7 +74,7 @@ def read_csv(path: Path) -> Iterator[LogRow]:
     with path.open(encoding="utf-8", newline="") as file:
         lines = csv.DictReader(_whole_lines(file))
         if lines.fieldnames is None or set(COLUMNS) - set(lines.fieldnames):
-            raise FileFormatError(f"{path}: is no log of values; its first line must be {_HEAD.strip()}")
+            raise FileFormatError(f"{path}: is no log of values; its first line must be {','.join(COLUMNS)}")
         try:
             for line in lines:
                 yield _row(line, path, lines.line_num)

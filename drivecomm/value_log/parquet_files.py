@@ -6,6 +6,7 @@ journal, which is read like any CSV log; the next log of the same name goes on w
 
 from __future__ import annotations
 
+import os
 from datetime import timedelta
 from itertools import islice
 from typing import TYPE_CHECKING, Any
@@ -43,12 +44,15 @@ class ParquetLog:
             _convert(journal, unfinished)
             unfinished.replace(self._path)
         except OSError as error:
-            raise FileFormatError(
-                f"{self._path}: cannot be written: {error.strerror or error}; the rows are in {journal}"
-            ) from error
+            reason = os.strerror(error.errno) if error.errno else error
+            raise FileFormatError(f"{self._path}: cannot be written: {reason}; the rows are in {journal}") from error
         finally:
             unfinished.unlink(missing_ok=True)
         journal.unlink()
+
+    def abandon(self) -> None:
+        """Leave the journal as it is, or remove it if it was made for this log and got no row."""
+        self._journal.abandon()
 
 
 def journal_of(path: Path) -> Path:
@@ -62,7 +66,8 @@ def read_parquet(path: Path) -> Iterator[LogRow]:
     try:
         file = parquet.ParquetFile(path)
     except (arrow.ArrowInvalid, OSError) as error:
-        raise FileFormatError(f"{path}: cannot be read as Parquet: {' '.join(str(error).split())}") from error
+        reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else error
+        raise FileFormatError(f"{path}: cannot be read as Parquet: {' '.join(str(reason).split())}") from error
     with file:
         if set(COLUMNS) - set(file.schema_arrow.names):
             raise FileFormatError(f"{path}: is no log of values; it must have the columns {', '.join(COLUMNS)}")

@@ -15,11 +15,16 @@ if TYPE_CHECKING:
 
 
 def read_rows(path: Path) -> Iterator[LogRow]:
-    """Yield the rows of a log in the order in which they were written. Raises FileFormatError, UsageError."""
-    if path.suffix == ".parquet":
-        from drivecomm.value_log.parquet_files import read_parquet  # noqa: PLC0415 - most logs are CSV
+    """Yield the rows of a log in the order in which they were written.
 
-        rows = read_parquet(path)
+    Of a Parquet log that was never finished, those of its journal. Raises FileFormatError, UsageError.
+    """
+    if path.suffix == ".parquet":
+        from drivecomm.value_log.parquet_files import journal_of, read_parquet  # noqa: PLC0415 - most logs are CSV
+
+        # What a kill leaves is the journal alone.
+        killed = not path.exists() and journal_of(path).exists()
+        rows = read_csv(journal_of(path)) if killed else read_parquet(path)
     elif path.suffix == ".csv":
         rows = read_csv(path)
     else:
@@ -27,4 +32,5 @@ def read_rows(path: Path) -> Iterator[LogRow]:
     try:
         yield from rows
     except (OSError, UnicodeDecodeError) as error:
-        raise FileFormatError(f"{path}: cannot be read as a log: {error}") from error
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise FileFormatError(f"{path}: cannot be read as a log: {reason}") from error

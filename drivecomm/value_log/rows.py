@@ -5,22 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from decimal import Decimal, InvalidOperation
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, get_args
+
+from drivecomm.polling import Quality
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drivecomm.polling import PollResult
 
-Quality: TypeAlias = Literal["good", "uncertain", "stale", "bad"]
-"""good, uncertain: as of a `Reading`. stale: the drive gave none now, and this is its last one. bad: there is none."""
-
-QUALITIES: tuple[Quality, ...] = ("good", "uncertain", "stale", "bad")
+QUALITIES: tuple[Quality, ...] = get_args(Quality)
 
 COLUMNS = ("time", "drive", "name", "address", "value", "unit", "text", "raw", "quality", "note")
-"""time: when the value was taken, UTC. drive: as the plant calls it. name: what was asked for, a common name or an
-address. address: of the parameter. value: exact, as text. text: what it stands for, such as a fault. raw: as it came.
-note: what is not certain, or why there is no value."""
+"""time: when the value was taken, or when it was found out that there is none now, UTC. drive: as the plant calls it.
+name: what was asked for, a common name or an address. address: of the parameter. value: exact, as text. text: what it
+stands for, such as a fault. raw: as it came. note: what is not certain, or why there is no value."""
 
 BEGINNING = datetime(1970, 1, 1, tzinfo=UTC)
 """Where times in seconds begin."""
@@ -69,8 +68,7 @@ def row_of(result: PollResult) -> LogRow:
     # The times of a virtual line begin at 0; datetime.fromtimestamp takes no small negative ones everywhere.
     time = BEGINNING + timedelta(seconds=result.time_s)
     if reading is None:
-        return LogRow(time=time, drive=result.drive, name=result.parameter, quality="bad", note=result.cause)
-    quality: Quality = reading.quality if result.quality == "good" else "stale"
+        return LogRow(time=time, drive=result.drive, name=result.parameter, quality=result.quality, note=result.cause)
     return LogRow(
         time=time,
         drive=result.drive,
@@ -80,7 +78,7 @@ def row_of(result: PollResult) -> LogRow:
         unit=reading.unit,
         text=reading.text,
         raw=str(reading.raw),
-        quality=quality,
+        quality=result.quality,
         note=result.cause or reading.note,
     )
 

@@ -57,11 +57,16 @@ class DriveView:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Board:
-    """All drives at one moment. elapsed_s: since watching began. happenings: what changed, the latest first."""
+    """All drives at one moment.
+
+    elapsed_s: since watching began. happenings: what changed, the latest first. began_s: when watching began, in
+    seconds since 1970; None on virtual lines, which have no time of day.
+    """
 
     drives: tuple[DriveView, ...]
     happenings: tuple[Happening, ...] = ()
     elapsed_s: float = 0.0
+    began_s: float | None = None
 
     @property
     def faults(self) -> int:

@@ -75,6 +75,10 @@ class _Asked:
     def bus(self) -> Any:
         return self._drive.bus
 
+    def check_read(self, parameter: str, **options: Any) -> None:
+        if parameter != STATUS:
+            self._drive.check_read(parameter, **options)
+
     async def polled(self, parameter: str, **options: Any) -> Reading:
         if parameter != STATUS:
             return await self._drive.polled(parameter, **options)
@@ -160,11 +164,18 @@ class Watcher:
         self.period_s = period_s
         self.told = told
         """Hears every result; may be set while watching."""
+        self._began_s: float | None = None
         self._happenings: deque[Happening] = deque(maxlen=_KEPT_HAPPENINGS)
         self._seen: dict[str, _Seen] = {}
         self._lines = [self._made(line) for line in lines]
         if not self._lines:
             raise UsageError("there is nothing to watch; name drives, or a plant with some")
+
+    @property
+    def nobody_has(self) -> list[str]:
+        """The names that are read of no drive, because no model of these drives says which parameter they are."""
+        known = {name for seen in self._seen.values() if seen.drive.model for name in seen.drive.model.quantities}
+        return [name for name in self.names if name not in known]
 
     def _made(self, watched: WatchedLine) -> _Line:
         line = _Line(watched, open_bus_async(watched.port, trace=partial(self._traced, watched), **watched.options))
@@ -204,6 +215,7 @@ class Watcher:
             drives=tuple(self._view(seen) for seen in self._seen.values()),
             happenings=tuple(sorted(self._happenings, key=lambda one: one.time_s, reverse=True)),
             elapsed_s=max(line.elapsed_s for line in self._lines),
+            began_s=self._began_s,
         )
 
     @property
@@ -253,6 +265,8 @@ class Watcher:
         line.is_open = True
         line.now_s = line.bus.now()
         line.began_s = line.now_s - late_s
+        if line.bus.real_time and self._began_s is None:
+            self._began_s = line.bus.wall_time() - late_s
         return None
 
     async def _close(self) -> None:
@@ -332,7 +346,7 @@ class Watcher:
 
 
 def _number(result: PollResult) -> float | None:
-    if result.quality != "good" or result.reading is None:
+    if result.error is not None or result.reading is None:
         return None
     value = result.reading.value
     return float(value) if isinstance(value, int | Decimal) else None

@@ -7,7 +7,7 @@ import pytest
 import drivecomm.bus
 from drivecomm.line import LineSettings
 from drivecomm.plant.files import read_plant
-from drivecomm.virtual import virtual_drive
+from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm.virtual.virtual_plant import VirtualPlant
 
 PLANT = """
@@ -41,6 +41,13 @@ options = { model = "fc300" }
 name = "mixer"
 drive = "fuji:2"
 line = "yard"
+"""
+
+EXTRA = """
+[[drive]]
+name = "attic"
+drive = "vabus:7"
+line = "hall"
 """
 
 
@@ -172,21 +179,97 @@ def test_a_plant_file_that_is_none(shell, tmp_path):
 class TestOtherCommands:
     def test_stats(self, shell, plant):
         assert shell("stats", "pump", "fan", "--for", "0.5", "--plant", plant.path, port=None) == 0
-        assert "danfoss-fc:3" in shell.out
-        assert shell("stats", "pump", "mixer", "--plant", plant.path, port=None) == 2
-        assert "several lines" in shell.err
+        assert {"pump", "fan", "all"} <= {row.split("|")[1].strip() for row in shell.out.splitlines() if "|" in row}
+
+    def test_stats_of_several_lines(self, shell, plant, tmp_path):
+        assert shell("stats", "pump", "mixer", "--for", "0.5", "--plant", plant.path, port=None) == 0
+        assert "HALL\n" in shell.out
+        assert "YARD\n" in shell.out
+        assert shell("stats", "--for", "0.5", "--plant", plant.path, "--json", port=None) == 0
+        pump, fan, hall, mixer, yard = shell.objects
+        assert [(one["name"], one["drive"], one["line"]) for one in (pump, fan, mixer)] == [
+            ("pump", "vabus:1", "HALL"),
+            ("fan", "danfoss-fc:3", "HALL"),
+            ("mixer", "fuji:2", "YARD"),
+        ]
+        assert (hall["bus"], yard["bus"]) == ("HALL", "YARD")
+        assert shell.err == "", "the plant says who is there, so that nobody is looked for"
+        record = ("--record", str(tmp_path / "a.jsonl"))
+        assert shell("stats", "pump", "mixer", *record, "--plant", plant.path, port=None) == 2
+        assert "--record is for one line" in shell.err
+
+    def test_doctor_of_each_line(self, shell, plant):
+        assert shell("doctor", "--quick", "--plant", plant.path, port=None) == 0
+        assert shell.out.count("hall, HALL\n") == shell.out.count("yard, YARD\n") == 1
+        for text in (
+            "pump (vabus:1) answers at 19200 7E1\n",
+            "fan (danfoss-fc:3) answers at 9600 8E1\n",
+            "mixer (fuji:2) answers at 9600 8N1\n",
+            "as --echo expect says",
+        ):
+            assert text in shell.out
+        assert shell.out.count("no problems found\n") == 2
+
+    @pytest.mark.parametrize("named", ["hall", "HALL"])
+    def test_doctor_asks_the_drives_of_the_plant_at_their_own_settings(self, shell, plant, named):
+        file = Path(plant.path)
+        file.write_text(PLANT.replace('model = "agile"', 'model = "agile", baudrate = 9600') + EXTRA)
+        virtual = [virtual_drive("vabus", 1, baudrate=9600), virtual_drive("danfoss-fc", 3, baudrate=38400)]
+        shell.lines["HALL"] = VirtualLine([*virtual, virtual_drive("vabus", 4)])
+        options = ("--protocol", "vabus", "--protocol", "danfoss-fc", "--plant", plant.path)
+        assert shell("doctor", named, *options, port=None) == 1
+        assert "ok       drives  pump (vabus:1) answers at 9600 7E1\n" in shell.out
+        assert "PROBLEM  drives  fan (danfoss-fc:3) answers at 38400 8E1, not at 9600 8E1\n" in shell.out
+        assert "> write baudrate = 38400 in its options in the plant file, or set the drive to 9600\n" in shell.out
+        assert "PROBLEM  drives  attic (vabus:7) does not answer at 19200 7E1: " in shell.out
+        (stranger,) = [text for text in shell.out.splitlines() if "vabus:4 answers" in text]
+        assert stranger.startswith("note     drives")
+        assert stranger.endswith("it is not in the plant file")
+        assert shell.out.endswith("2 problems found\n")
+        assert shell("doctor", named, *options, "--quick", "--json", port=None) == 1
+        measured = shell.objects[-1]
+        assert (measured["line"], measured["port"]) == ("hall", "HALL")
+        assert [(one["name"], one["answers"]) for one in measured["expected"]] == [
+            ("pump", True),
+            ("fan", False),
+            ("attic", False),
+        ]
+        assert [one["drive"] for one in measured["replies"]] == ["pump", "vabus:4"]
+        assert all(one["line"] == "hall" for one in shell.objects)
+
+    def test_what_is_given_goes_before_what_the_plant_says(self, shell, plant):
+        Path(plant.path).write_text(PLANT.replace('model = "agile"', 'model = "agile", baudrate = 9600'))
+        options = ("--protocol", "vabus", "--quick", "--plant", plant.path)
+        assert shell("doctor", "hall", *options, port=None) == 1
+        assert shell("doctor", "hall", *options, "--baudrate", "19200", port=None) == 0
+
+    def test_a_line_that_cannot_be_opened_does_not_keep_the_others_from_being_examined(self, shell, plant):
+        del shell.lines["HALL"]
+        assert shell("doctor", "--quick", "--plant", plant.path, port=None) == 1
+        assert "PROBLEM  port    port HALL does not exist; plug the adapter in" in shell.out
+        assert "mixer (fuji:2) answers" in shell.out
+        assert shell("doctor", "hall", "--quick", "--plant", plant.path, port=None) == 3
+
+    def test_a_port_that_the_plant_does_not_have_is_examined_as_it_is(self, shell, plant):
+        shell.line(virtual_drive("fuji", 3))
+        assert shell("doctor", "line", "--quick", "--protocol", "fuji", "--plant", plant.path, port=None) == 0
+        assert "ok       drives  fuji:3 answers" in shell.out
 
     def test_poll_by_name(self, shell, plant):
         words = ("poll", "pump", "480", "481", "mixer", "M14", "--cycles", "1", "--plant", plant.path, "--json")
         assert shell(*words, port=None) == 0
         # Both lines are asked at the same time, so that their order is open.
         assert sorted((one["drive"], one["parameter"], one["quality"]) for one in shell.objects) == [
-            ("mixer", "M14", "good"),
+            ("mixer", "M14", "uncertain"),
             ("pump", "480", "good"),
             ("pump", "481", "good"),
         ]
         assert shell("poll", "door", "480", "--plant", plant.path, port=None) == 2
         assert "'door' names no drive" in shell.err
+
+    def test_poll_by_address_is_the_drive_of_the_plant(self, shell, plant):
+        assert shell("poll", "vabus:1", "480", "--cycles", "1", "--plant", plant.path, "--json", port=None) == 0
+        assert [(one["drive"], one["quality"]) for one in shell.objects] == [("pump", "good")]
 
     def test_options_behind_a_name_go_before_those_of_the_plant(self, shell, plant):
         words = ("poll", "pump,model=act", "480", "--cycles", "1", "--plant", plant.path, "--json")
@@ -201,6 +284,14 @@ class TestOtherCommands:
         path.write_text(PLANT.replace("poll =", "# poll ="))
         assert shell("poll", "--plant", str(path), port=None) == 2
         assert "nothing is polled there" in shell.err
+
+    def test_what_a_plant_polls_and_can_never_be_read_is_refused(self, shell, plant):
+        file = Path(plant.path)
+        file.write_text(file.read_text().replace('["480"], period_s = 0', '["480", "output_colour", "1999"]'))
+        assert shell("poll", "--plant", plant.path, port=None) == 2
+        assert shell.err.startswith("drivecomm: what can never be read is not polled, take it out of the plan: pump ")
+        assert "pump output_colour (" in shell.err
+        assert "pump 1999 (" in shell.err
 
     def test_forecast(self, shell, plant):
         assert shell("forecast", "--plant", plant.path, "--json", port=None) == 0

@@ -85,7 +85,7 @@ def test_lines_for_people(shell):
     assert "vabus:1  481 fixed_frequency_2" in lines[0]
     assert lines[0].endswith("10.00 Hz  good")
     assert "bad: the drive refused parameter 999 with code 11" in shell.out
-    assert any(line.endswith("566 V  good") for line in lines)
+    assert any(line.endswith("566 V  uncertain: type and unit are as seen on a drive") for line in lines)
     assert all(line[2] == line[5] == ":" and line[8] == "." for line in lines)
 
 
@@ -250,6 +250,29 @@ def test_a_plan_that_does_not_fit_has_exit_code_1_and_advice(shell):
     assert shell("forecast", "vabus:1", "481@0.02", "480@0.03", port=None) == 1
     assert "it does not fit\n  periods " in shell.out
     assert shell("forecast", "vabus:1", "481@0.02", "--baudrate", "115200", "--delay", "1", port=None) == 0
+
+
+def test_a_plan_that_leaves_no_room_fits_without_room_to_spare(shell):
+    words = ("forecast", "vabus:1,model=agile", "481@0.1", "480@0.1")
+    verdicts = []
+    for delay, room in ((20, "5%"), (32, "5%"), (32, "1"), (20, "30%"), (45, "5%")):
+        code = shell(*words, "--delay", str(delay), "--room", room, port=None)
+        round_line = next(line for line in shell.out.splitlines() if line.startswith("a round takes"))
+        need = float(round_line.split("needs ")[1].split("%")[0])
+        verdicts.append((code, need, round_line.split("; ")[2], "would fit" in shell.out))
+    assert verdicts == [
+        (0, verdicts[0][1], "it fits", False),
+        (1, verdicts[1][1], "it fits without room to spare, which is 5% for commands and repetitions", True),
+        (0, verdicts[1][1], "it fits", False),
+        (1, verdicts[0][1], "it fits without room to spare, which is 30% for commands and repetitions", True),
+        (1, verdicts[4][1], "it does not fit", True),
+    ]
+    assert verdicts[0][1] < 95 < verdicts[1][1] < 99 < verdicts[4][1]
+    assert shell(*words, "--delay", "32", "--json", port=None) == 1
+    assert (shell.objects[0]["fits"], shell.objects[0]["room_to_spare"]) == (True, False)
+    for wrong in ("much", "100%", "-1%", "nan"):
+        assert shell(*words, "--room", wrong, port=None) == 2
+        assert "no share of the line's time" in shell.err
 
 
 def test_a_forecast_of_several_lines(shell, plan_file):

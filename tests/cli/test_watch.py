@@ -91,8 +91,29 @@ def test_calls_that_cannot_be(shell, plant_file, tmp_path, monkeypatch):
         assert shell.err.count("\n") == 1
 
 
+def in_a_terminal(monkeypatch, *but):
+    for name in {"stdin", "stdout", "stderr"} - set(but):
+        monkeypatch.setattr(getattr(sys, name), "isatty", lambda: True, raising=False)
+
+
+def test_a_stream_that_is_no_terminal_is_named(shell, plant_file, monkeypatch):
+    in_a_terminal(monkeypatch, "stderr")
+    assert shell("watch", plant_file, port=None) == 2
+    assert shell.err == (
+        "drivecomm: watch needs the terminal for standard error, too; do not send it elsewhere, or use drivecomm poll\n"
+    )
+
+
+def test_a_name_that_no_drive_has_is_refused(shell, plant_file, monkeypatch):
+    in_a_terminal(monkeypatch)
+    names = ("--name", "output_frequency", "--name", "torque", "--name", "inside_temperature")
+    assert shell("watch", plant_file, *names, port=None) == 2
+    assert "no drive here can be asked for " in shell.err
+    assert "output_frequency" not in shell.err
+
+
 def test_what_only_a_terminal_gets_to_see(shell, plant_file, monkeypatch):
-    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    in_a_terminal(monkeypatch)
     assert shell("watch", plant_file, "--name", "colour", port=None) == 2
     assert "'colour' is no common name" in shell.err
     assert shell("watch", plant_file, "--log", "log.txt", port=None) == 2
@@ -100,7 +121,7 @@ def test_what_only_a_terminal_gets_to_see(shell, plant_file, monkeypatch):
 
 
 def test_watch_without_textual(shell, plant_file, monkeypatch):
-    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    in_a_terminal(monkeypatch)
     for name in [name for name in sys.modules if name.startswith("drivecomm.cli.watch.screen")]:
         monkeypatch.delitem(sys.modules, name)
     for name in ("textual", "textual.app"):
@@ -254,3 +275,45 @@ def test_a_log_that_cannot_be_is_said_before_anything_is_read(shell, tmp_path):
     assert shell("poll", "vabus:1", "481", "--cycles", "1", "--log", str(tmp_path / "log.txt")) == 2
     assert "a log is .csv or .parquet" in shell.err
     assert line.time == 0
+
+
+def test_a_wrong_log_names_no_port(shell, tmp_path):
+    shell.line()
+    log = tmp_path / "log.xlsx"
+    for option, message in (
+        ("--log", f"drivecomm: {log}: a log is .csv or .parquet; give it one of these endings\n"),
+        ("--record", f"drivecomm: {log} is no capture file; name it .jsonl, or .pcapng for Wireshark\n"),
+    ):
+        assert shell("poll", "vabus:1", "481", option, str(log), port="nowhere") == 2
+        assert shell.err == message
+
+
+def test_a_log_of_a_line_that_cannot_be_opened_is_not_begun(shell, tmp_path):
+    for name in ("log.csv", "log.parquet"):
+        assert shell("poll", "vabus:1", "481", "--log", str(tmp_path / name), port="nowhere") == 3
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_can_never_be_read_is_refused_without_a_port_in_front_of_it(shell, tmp_path):
+    line = shell.line()
+    log = tmp_path / "log.csv"
+    words = ["vabus:1,model=agile", "481", "output_colour", "fuji:7,model=g11s", "output_current"]
+    assert shell("poll", *words, "--log", str(log)) == 2
+    assert shell.err.startswith("drivecomm: what can never be read is not polled, take it out of the plan: vabus:1 ")
+    assert "vabus:1 output_colour (" in shell.err
+    assert "fuji:7 output_current (model g11s does not say which parameter is the output_current" in shell.err
+    assert shell.err.count("\n") == 1
+    assert line.time == 0
+    assert not log.exists()
+
+
+def test_a_log_says_what_the_screen_says(shell, tmp_path):
+    shell.line(virtual_drive("vabus", 1))
+    log = tmp_path / "log.csv"
+    words = ["vabus:1,model=agile", "output_frequency", "481", "999"]
+    shell("poll", *words, "--cycles", "1", "--log", str(log), "--json")
+    (frequency, fixed, nothing) = shell.objects
+    assert [one["quality"] for one in (frequency, fixed, nothing)] == ["uncertain", "good", "bad"]
+    assert [(row.name, row.quality) for row in read_rows(log)] == [
+        (one["parameter"], one["quality"]) for one in shell.objects
+    ]

@@ -38,6 +38,7 @@ AT_ONCE = {
     "party",
     "bus",
     "capabilities",
+    "check_read",
     "check_write",
     "watched",
 }

@@ -219,7 +219,7 @@ def test_a_failure_is_stale_while_the_last_good_value_is_young_then_bad():
     first, good, stale, last = qualities[0], qualities[1], qualities[3], qualities[6]
     assert (first.reading, first.time_s, first.error) == (None, 1000.0, error)
     assert (good.cause, good.error, good.time_s) == ("", None, 1001.0)
-    assert (stale.reading, stale.time_s) == (good.reading, 1001.0)
+    assert (stale.reading, stale.reading.time_s, stale.time_s) == (good.reading, 1001.0, 1003.0)
     assert stale.cause == "the drive refused parameter 1 with code 3: no"
     assert (last.reading, last.time_s) == (None, 1006.0)
 
@@ -274,19 +274,57 @@ def test_a_plan_on_a_bus(bus):
     results = list(bus.poll(plan, duration_s=3.0))
     assert [result.drive for result in results].count("vabus:1") == 6
     assert [result.drive for result in results].count("danfoss-fc:3") == 3
-    assert all(result.quality == "good" and result.late_s < 0.05 for result in results)
+    assert all(result.error is None and result.late_s < 0.05 for result in results)
+    # What a value's type and unit are worth is the same word as of the reading, here and in a log.
+    assert {(result.drive, result.quality) for result in results} == {
+        ("vabus:1", "good"),
+        ("danfoss-fc:3", "uncertain"),
+    }
     assert {str(result.reading) for result in results} == {"10.00 Hz", "566 V"}
     assert all(abs(result.time_s - (result.due_s + result.late_s + result.took_s)) < 0.01 for result in results)
 
 
 def test_one_bad_parameter_does_not_fail_the_rest(bus):
     pump = bus.drive("vabus", 1, model="agile")
-    plan = [PollItem(drive=pump, parameter=parameter) for parameter in ("481", "999", "48x", "480")]
+    plan = [PollItem(drive=pump, parameter=parameter) for parameter in ("481", "999", "480")]
     results = list(bus.poll(plan, cycles=2))
-    assert [result.quality for result in results] == ["good", "bad", "bad", "good"] * 2
+    assert [result.quality for result in results] == ["good", "bad", "good"] * 2
     assert isinstance(results[1].error, RefusedError)
-    assert isinstance(results[2].error, UsageError)
-    assert "48x" in results[2].cause
+
+
+def test_what_can_never_be_read_is_refused_before_anything_is_asked(bus, line):
+    pump = bus.drive("vabus", 1, model="agile")
+    fuji = bus.drive("fuji", 7, model="g11s")
+    plan = [
+        PollItem(drive=pump, parameter="481"),
+        PollItem(drive=pump, parameter="48x"),
+        PollItem(drive=pump, parameter="480", options={"dataset": 12}),
+        PollItem(drive=pump, parameter="481", options={"colour": "red"}),
+        PollItem(drive=fuji, parameter="output_current", name="exhaust"),
+    ]
+    for refuse in (bus.poll, drivecomm.poll, poll_async):
+        with pytest.raises(UsageError) as raised:
+            refuse(plan)
+        told = str(raised.value)
+        assert told.startswith("what can never be read is not polled, take it out of the plan: vabus:1 48x ('48x' is")
+        assert "vabus:1 480 (data set 12 does not exist" in told
+        assert "vabus:1 481 (read has no option 'colour' here" in told
+        assert "exhaust output_current (model g11s does not say which parameter is the output_current" in told
+        assert told.count("vabus:1 481") == 1, "what can be read is not named"
+    assert line.time == 0
+
+
+def test_what_can_only_be_written_is_not_polled(bus, tmp_path):
+    model = tmp_path / "odd.toml"
+    model.write_text(
+        'format = 1\nname = "odd"\nprotocol = "vabus"\ntitle = "odd"\nsource = "a test"\n'
+        '[[parameter]]\naddress = "481"\nname = "secret"\ntype = "long"\naccess = "w"\n'
+    )
+    pump = bus.drive("vabus", 1, model=model)
+    pump.check_read("480")
+    for name in ("481", "secret"):
+        with pytest.raises(UsageError, match="481 can only be written, says model odd"):
+            bus.poll([PollItem(drive=pump, parameter=name)])
 
 
 def test_options_reach_the_read(bus):
@@ -323,7 +361,7 @@ def test_noise_makes_values_stale_and_good_again():
 
 def test_a_plan_ends_when_its_reader_has_enough(bus):
     results = bus.poll([PollItem(drive=bus.drive("vabus", 1), parameter="481", period_s=0)])
-    assert next(results).quality == "good"
+    assert next(results).error is None
     results.close()
     assert bus.drive("vabus", 1).read("480").raw
 
@@ -404,6 +442,23 @@ def test_a_line_that_is_down_makes_bad_results_and_is_tried_again_and_again(line
     assert all(later - earlier >= 0.5 for earlier, later in zip(plug.tries, plug.tries[1:], strict=False))
 
 
+def test_a_failure_has_the_time_at_which_it_was_found_out(line):
+    plug = Plug(line)
+    with drivecomm.open_bus(plug.open) as bus:
+        drive = bus.drive("vabus", 1, model="agile")
+        plan = [PollItem(drive=drive, parameter=name, period_s=0.5) for name in ("480", "481")]
+        results = []
+        for result in bus.poll(plan, duration_s=10.0):
+            results.append(result)
+            plug.pulled = bus.now() > 2.0
+    failed = [result for result in results if result.error]
+    assert {result.quality for result in failed} == {"stale", "bad"}
+    for result in results:
+        assert result.time_s == pytest.approx(result.due_s + result.late_s + result.took_s, abs=0.01)
+    assert failed[0].reading.time_s < 2.1, "a stale value's own time is that of its reading"
+    assert len({(result.time_s, result.parameter) for result in results}) == len(results) == 40
+
+
 # On several buses
 
 
@@ -434,7 +489,7 @@ def test_several_buses_at_once():
 def test_many_buses_end_when_their_reader_has_enough():
     _, buses, drives = many(3)
     results = drivecomm.poll([PollItem(drive=drive, parameter="481", period_s=0) for drive in drives])
-    assert {next(results).quality for _ in range(1500)} == {"good"}
+    assert {next(results).error for _ in range(1500)} == {None}
     results.close()
     assert not [thread for thread in threading.enumerate() if thread.name == "drivecomm poll"]
     for bus in buses:
@@ -486,6 +541,9 @@ class AsyncDriveFace:
     def name(self):
         return self.drive.name
 
+    def check_read(self, parameter, **options):
+        self.drive.check_read(parameter, **options)
+
     async def polled(self, parameter, **options):
         await asyncio.sleep(0)
         return self.drive.read(parameter, **options)
@@ -524,7 +582,7 @@ def test_several_asynchronous_buses():
     _, buses, _ = many(3)
     results = asyncio.run(collect(buses))
     assert len(results) == 21
-    assert {result.quality for result in results} == {"good"}
+    assert {result.error for result in results} == {None}
 
 
 def test_asynchronous_plans_can_be_closed_and_pass_on_what_breaks():
@@ -557,6 +615,9 @@ def test_the_loops_swallow_nothing_but_errors_of_the_tree():
             return 0.0
 
         wall_time = now
+
+        def check_read(self, parameter):
+            pass
 
         def polled(self, parameter):
             raise RuntimeError(parameter)

@@ -24,16 +24,15 @@ from drivecomm.value_log.rows import COLUMNS, row_of
 TIME = 1_790_000_000.125
 
 
-def result(value=Decimal("10.00"), *, quality="good", time_s=TIME, error=None, name="output_frequency", **reading):
+def result(value=Decimal("10.00"), *, time_s=TIME, error=None, name="output_frequency", **reading):
     read = None
-    if quality != "bad":
+    if value is not None:
         read = Reading(parameter="210", value=value, raw="000003E8", unit="Hz", name=name, time_s=time_s, **reading)
     return PollResult(
         item=PollItem(drive=None, parameter=name),
         drive="pump",
         parameter=name,
         reading=read,
-        quality=quality,
         cause="" if error is None else str(error),
         error=error,
         time_s=time_s,
@@ -63,9 +62,9 @@ def test_the_columns_of_a_row():
 
 
 def test_rows_without_a_fresh_value():
-    stale = row_of(result(quality="stale", error=FAILED))
+    stale = row_of(result(error=FAILED))
     assert (stale.quality, stale.value, stale.note) == ("stale", "10.00", "vabus:1 did not answer within 100 ms")
-    bad = row_of(result(quality="bad", error=FAILED))
+    bad = row_of(result(None, error=FAILED))
     assert (bad.quality, bad.value, bad.unit, bad.number) == ("bad", "", "", None)
     assert not stale.is_fresh
     assert not bad.is_fresh
@@ -87,6 +86,26 @@ def test_a_row_is_on_disk_when_it_is_written(tmp_path):
         assert log.written == 2
     rows = list(read_rows(path))
     assert [row.text for row in rows] == ["", '14, "earth" fault']
+
+
+def test_time_drive_and_name_are_a_key(tmp_path):
+    path = tmp_path / "log.csv"
+    times = [TIME, TIME, TIME + 0.0004, TIME + 0.001, TIME + 0.01, TIME - 3600]
+    with open_log(path) as log:
+        for time_s in times:
+            log.write(result(None, error=FAILED, time_s=time_s))
+            log.write(result(time_s=time_s, name="output_current"))
+    rows = list(read_rows(path))
+    assert len({(row.time, row.drive, row.name) for row in rows}) == len(rows) == 12
+    mine = [row.time for row in rows if row.name == "output_current"]
+    assert [round((time - mine[0]).total_seconds(), 3) for time in mine] == [0, 0.001, 0.002, 0.003, 0.01, -3600]
+
+
+def test_a_log_that_nothing_came_to_is_not_left_behind_by_an_error(tmp_path):
+    for name in ("log.csv", "log.parquet"):
+        with pytest.raises(NoReplyError), open_log(tmp_path / name):
+            raise FAILED
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_log_is_gone_on_with_and_a_cut_row_is_lost_alone(tmp_path):
@@ -126,7 +145,7 @@ def test_parquet_holds_the_same_and_numbers(tmp_path):
     with open_log(path) as log:
         for value in (Decimal("10.00"), 7, "running"):
             log.write(result(value))
-        log.write(result(quality="bad", error=FAILED))
+        log.write(result(None, error=FAILED))
         assert not path.exists()
         assert len(list(read_csv(journal_of(path)))) == 4
     assert [each.name for each in tmp_path.iterdir()] == ["log.parquet"]
@@ -169,6 +188,7 @@ def test_what_a_kill_leaves_is_read_and_gone_on_with(tmp_path):
         writer.kill()
     assert not path.exists()
     assert len(list(read_rows(journal_of(path)))) == 100
+    assert list(read_rows(path)) == list(read_rows(journal_of(path)))
     with open_log(path) as log:
         log.write(result(100))
     assert [row.number for row in read_rows(path)] == list(range(101))

@@ -4,6 +4,7 @@ import asyncio
 import re
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from datetime import datetime
 
 import pytest
 from plants import FAN, PUMP, WELL, dark, plant_of, tripped, virtual_lines
@@ -13,10 +14,11 @@ import drivecomm
 from drivecomm.cli.watch.log_switch import LogSwitch
 from drivecomm.cli.watch.question import Question
 from drivecomm.cli.watch.screen import WatchScreen
+from drivecomm.cli.watch.words import happening_of
 from drivecomm.errors import PortError
 from drivecomm.value_log import read_rows
 from drivecomm.watchdog import set_watchdog
-from drivecomm.watching import Watcher
+from drivecomm.watching import Happening, Watcher
 
 NAMES = ["output_frequency", "output_current", "output_power"]
 
@@ -108,6 +110,7 @@ def test_the_table():
 @pytest.mark.parametrize(
     ("width", "there", "not_there"),
     [
+        (20, ["drive"], ["note"]),
         (40, ["drive", "state", "note"], ["trend", "curr A"]),
         (80, ["drive", "state", "freq Hz", "trend", "note"], ["address", "asked"]),
         (160, ["address", "curr A", "power kW", "asked", "lost", "age s"], []),
@@ -126,6 +129,59 @@ def test_columns_that_fit(width, there, not_there):
             assert "address" in watch.text[1]
 
     run(scene())
+
+
+@pytest.mark.parametrize(("width", "note"), [(30, 0), (36, 0), (40, 9), (48, 17), (60, 18)])
+def test_the_name_stays_where_there_is_little_room_and_the_note_gives_way(width, note):
+    long = replace(PUMP, name="a pump with a long name")
+
+    async def scene():
+        async with watched(plant_of(long, script=[dark("a pump with a long name", 1)]), size=(width, 24)) as watch:
+            assert watch.text[1].startswith(" drive ")
+            assert "state" in watch.text[1]
+            assert ("note" in watch.text[1]) == bool(note)
+            row = watch.text[2]
+            assert row.startswith(" a pump with a lo")
+            assert "no answer" in row
+            assert "silent for 3 s"[:note].strip() in row
+
+    run(scene())
+
+
+@pytest.mark.parametrize(("width", "there"), [(40, []), (56, ["trend"]), (100, ["trend", "range"])])
+def test_the_values_of_a_drive_are_whole_where_there_is_little_room(width, there):
+    async def scene():
+        async with watched(started(plant_of(PUMP), "pump"), size=(width, 24), seconds=8) as watch:
+            (row,) = [line for line in watch.text if line.startswith(" output frequency")]
+            assert re.match(r" output frequency +25\.00 Hz", row)
+            assert ("█" in row) == ("trend" in there)
+            assert row.endswith(" to 25 Hz") == ("range" in there)
+
+    run(scene())
+
+
+def test_a_message_goes_away(monkeypatch):
+    monkeypatch.setattr("drivecomm.cli.watch.screen.SAID_S", 0.05)
+
+    async def scene():
+        async with watched(plant_of(PUMP)) as watch:
+            watch.screen.say("said before")
+            watch.screen.say("nothing was sent")
+            assert watch.message == "nothing was sent"
+            for _ in range(100):
+                await asyncio.sleep(0.02)
+                if watch.message != "nothing was sent":
+                    break
+            assert watch.message == "asked for 3 s; q leaves", "what holds on is said again"
+
+    run(scene())
+
+
+def test_what_happens_has_the_time_of_day_where_there_is_one():
+    happening = Happening(time_s=3661.0, drive="pump", kind="change", text="running")
+    assert happening_of(happening, None).plain == "01:01:01  pump  running"
+    noon = datetime(2026, 5, 4, 12, 0, 0).astimezone().timestamp()
+    assert happening_of(happening, noon).plain == "13:01:01  pump  running"
 
 
 def test_the_panel_follows_the_cursor_and_the_trend_the_key():
@@ -371,7 +427,7 @@ def test_a_log_that_cannot_be_is_said(tmp_path):
     run(scene())
 
 
-def test_a_full_disk_switches_the_log_off(tmp_path):
+def test_a_full_disk_is_said_and_the_log_goes_on_when_there_is_room(tmp_path):
     async def scene():
         async with watched(plant_of(PUMP), log=tmp_path / "log.csv") as watch:
             await watch.press("l")
@@ -379,14 +435,23 @@ def test_a_full_disk_switches_the_log_off(tmp_path):
             def full(_):
                 raise OSError(28, "No space left on device")
 
-            watch.screen._value_log._log._rows.write = full
+            rows = watch.screen._value_log._log._rows
+            write, rows.write = rows.write, full
             await watch.screen.watcher.run(duration_s=2)
             watch.screen.show()
             await watch.pilot.pause()
-            assert watch.message == "log.csv: cannot be written: No space left on device; logging is off"
+            assert re.search(
+                r"log.csv: no room left on the device; values are not logged from \d\d:\d\d:\d\d on; polling goes on",
+                watch.message,
+            )
+            assert watch.text[0].endswith("log log.csv, 8 missing  00:00:04")
             assert watch.screen.watcher.board().view("pump").condition == "answers"
+            rows.write = write
+            await watch.screen.watcher.run(duration_s=6)
+            assert re.search(r"values are logged again from \d\d:\d\d:\d\d on; \d\d are missing$", watch.message)
 
     run(scene())
+    assert list(read_rows(tmp_path / "log.csv"))
 
 
 def test_a_line_that_cannot_be_opened_ends_it():

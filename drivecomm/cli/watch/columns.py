@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 PADDING = 2
 _USUAL_TREND, _LONGEST_TREND = 16, 40
-_NOTE, _USUAL_NOTE, _LONGEST_NOTE = 18, 34, 60
+_LEAST_NOTE, _NOTE, _USUAL_NOTE, _LONGEST_NOTE = 6, 18, 34, 60
 _LONGEST_NAME = 16
 
 
@@ -35,11 +35,16 @@ class Column:
 
 
 def columns_for(watcher: Watcher, board: Board, width: int, shown: str) -> list[Column]:
-    """Return the columns that fit into so many characters. shown: the quantity of which there is a trend."""
+    """Return the columns that fit into so many characters, at least that of the names.
+
+    shown: the quantity of which there is a trend.
+    """
     columns = _all_columns(watcher, board, shown)
-    while len(columns) > 1 and _width(columns) > width:
+    while len(columns) > 1 and (surplus := _width(columns) - width) > 0:
         last = max(columns, key=lambda column: column.rank)
         columns.remove(last)
+        if last.key == "note" and last.width - surplus >= _LEAST_NOTE:
+            columns.append(replace(last, width=last.width - surplus))
     spare = width - _width(columns)
     for key, longest in (
         ("trend", _USUAL_TREND),
@@ -63,7 +68,7 @@ def _all_columns(watcher: Watcher, board: Board, shown: str) -> list[Column]:
     columns = [_column("drive", "drive", min(_LONGEST_NAME, max(5, named)), 0, lambda view: Text(view.name))]
     if any(view.name != view.drive.place for view in views):
         columns.append(_column("place", "address", places, 40, lambda view: Text(view.drive.place, style=ASIDE)))
-    columns.append(_column("state", "state", 9, 0, state_of))
+    columns.append(_column("state", "state", 9, 1, state_of))
     columns += [_of_value(name, 10 + 5 * place) for place, name in enumerate(known)]
     head = f"{head_of(shown)} trend"
     columns.append(_column("trend", head, len(head), 12, _cell(watcher, "trend", shown, len(head))))
@@ -72,7 +77,7 @@ def _all_columns(watcher: Watcher, board: Board, shown: str) -> list[Column]:
     ]
     columns.append(_column("reply", "reply ms", 8, 48, _reply, right=True))
     columns.append(_column("age", "age s", 5, 45, _age, right=True))
-    columns.append(_column("note", "note", _NOTE, 0, note_of))
+    columns.append(_column("note", "note", _NOTE, 2, note_of))
     return columns
 
 

@@ -11,7 +11,7 @@ import typer
 from drivecomm.cli.drive_names import parse_drive, plant_file
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.logging_option import Log
-from drivecomm.errors import UsageError
+from drivecomm.errors import DriveCommError, UsageError
 
 if TYPE_CHECKING:
     from drivecomm.watching import WatchedLine
@@ -41,15 +41,15 @@ def watch(
     """Watch drives in a terminal: states, values, trends, faults, counters.
 
     It commands nothing by itself; its keys stop a motor always, and start or reset one with --arm. Exit code 3 when
-    none of the lines can be opened. It is not a safety function.
+    none of the lines can be opened, 1 when values are missing in the log because there was no room for them. It is not
+    a safety function.
     """
     if line.json or line.trace or line.record is not None:
         raise UsageError("watch is for people at a terminal; use drivecomm poll for --json, --trace and --record")
     if duration is not None and not duration > 0:
         raise UsageError(f"--for {duration:g} s watches nothing; give seconds above 0")
     lines = watched_lines(what or [], line)
-    if not sys.stdout.isatty():
-        raise UsageError("watch needs a terminal; use drivecomm poll where there is none")
+    _must_be_a_terminal()
     # What draws on a terminal is for this command alone.
     from drivecomm.cli.watch.log_switch import LogSwitch  # noqa: PLC0415
     from drivecomm.watching import Watcher  # noqa: PLC0415
@@ -57,6 +57,9 @@ def watch(
     switch = LogSwitch(log)
     chosen: dict[str, Any] = {"names": name} if name else {}
     watcher = Watcher(lines, period_s=period, **chosen)
+    if name and watcher.nobody_has:
+        missing = ", ".join(watcher.nobody_has)
+        raise UsageError(f"no drive here can be asked for {missing}: no model of theirs says which parameter it is")
     watcher.told = switch.tell
     screen = _screen()(watcher, title=_title(what or [], line), log=switch, armed=arm, duration_s=duration)
     if log is not None:
@@ -68,8 +71,19 @@ def watch(
     if ended_by is not None:
         raise ended_by
     if complaint:
-        raise UsageError(complaint)
+        raise DriveCommError(complaint)
     return 0
+
+
+def _must_be_a_terminal() -> None:
+    # Keys come by the first, and the screen goes out by the last.
+    streams = {"input": sys.stdin, "output": sys.stdout, "error": sys.stderr}
+    elsewhere = [name for name, stream in streams.items() if stream is None or not stream.isatty()]
+    if "output" in elsewhere:
+        raise UsageError("watch needs a terminal; use drivecomm poll where there is none")
+    if elsewhere:
+        names = " and ".join(f"standard {name}" for name in elsewhere)
+        raise UsageError(f"watch needs the terminal for {names}, too; do not send it elsewhere, or use drivecomm poll")
 
 
 def watched_lines(what: list[str], line: LineOptions) -> list[WatchedLine]:

@@ -10,6 +10,8 @@ from drivecomm.errors import DriveCommError
 from drivecomm.value_log import open_log
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from drivecomm.polling import PollResult
     from drivecomm.value_log import ValueLog
 
@@ -21,8 +23,8 @@ class LogSwitch:
         self._path = path
         self._log: ValueLog | None = None
         self._is_on = False
-        self.broken = ""
-        """Why it was switched off by itself, empty when it was not."""
+        self.said: Callable[[str], None] = lambda _: None
+        """Hears when values cannot be logged for want of room, and when they are again; set before it is switched."""
 
     def switch(self) -> str:
         """Switch it on or off; return what to say. Raises DriveCommError for a file that cannot be."""
@@ -31,29 +33,30 @@ class LogSwitch:
             return f"logging is paused; {self._name} is finished when watch ends"
         if self._log is None:
             path = self._path or Path(f"watch-{datetime.now(UTC):%Y%m%d-%H%M%S}.csv")
-            self._log = open_log(path)
-        self._is_on, self.broken = True, ""
+            self._log = open_log(path, tell=self.said)
+        self._is_on = True
         return f"logging to {self._name}"
 
     def tell(self, result: PollResult) -> None:
-        """Write a result if the log is on; a disk that is full switches it off."""
-        if not self._is_on or self._log is None:
-            return
-        try:
+        """Write a result if the log is on."""
+        if self._is_on and self._log is not None:
             self._log.write(result)
-        except OSError as error:
-            self._is_on = False
-            self.broken = f"{self._name}: cannot be written: {error.strerror or error}; logging is off"
+
+    @property
+    def is_on(self) -> bool:
+        """Whether it is on."""
+        return self._is_on
 
     @property
     def words(self) -> str:
         """How it is, for the head of the screen."""
         if self._is_on:
-            return f"log {self._name}"
+            missing = f", {self._log.missing} missing" if self._log is not None and self._log.missing else ""
+            return f"log {self._name}{missing}"
         return "log paused" if self._log is not None else "log off"
 
     def close(self) -> str:
-        """Finish the file; return why that failed, empty when it did not."""
+        """Finish the file; return what is missing in it, or why it cannot be finished, empty when all is well."""
         if self._log is None:
             return ""
         log, self._log, self._is_on = self._log, None, False
@@ -61,7 +64,7 @@ class LogSwitch:
             log.close()
         except (DriveCommError, OSError) as error:
             return str(error)
-        return ""
+        return log.summary
 
     @property
     def _name(self) -> str:

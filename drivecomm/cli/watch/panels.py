@@ -24,9 +24,8 @@ from drivecomm.cli.watch.words import (
 if TYPE_CHECKING:
     from drivecomm.watching import Board, DriveView, Watcher
 
-_NAMES, _VALUES, _RANGE = 22, 12, 18
-_LONGEST_TREND = 60
-
+_NAMES, _VALUES, _RANGE, _GAP = 22, 12, 18, 2
+_LEAST_TREND, _LONGEST_TREND = 8, 60
 
 _CHART, _LOWEST_CHART = 24, 5
 _SCALE = 8
@@ -34,16 +33,21 @@ _SCALE = 8
 
 def drive_panel(view: DriveView, watcher: Watcher, *, shown: str, width: int, height: int) -> Group:
     """Return everything that is known of a drive. shown: the quantity of which there is a chart where it has room."""
-    cells = max(8, min(_LONGEST_TREND, width - _NAMES - _VALUES - _RANGE - 6))
-    table = Table.grid(padding=(0, 2, 0, 0))
-    for wide in (_NAMES, _VALUES, cells, _RANGE):
+    left = width - _NAMES - _VALUES - 2 * _GAP
+    # Where there is little room, first the range gives way, and then the trend.
+    further = (_RANGE,) if left - _RANGE - _GAP >= _LEAST_TREND else ()
+    cells = max(_LEAST_TREND, min(_LONGEST_TREND, left - sum(further) - _GAP * len(further)))
+    columns = (_NAMES, _VALUES, cells, *further) if left >= _LEAST_TREND else (_NAMES, width - _NAMES - _GAP)
+    table = Table.grid(padding=(0, _GAP, 0, 0))
+    for wide in columns:
         table.add_column(width=wide, no_wrap=True)
     for name, value in view.values.items():
         course = watcher.cells(view.name, name, cells)
         there = [number for number in course if number is not None]
         unit = unit_of(value.reading.unit) if value.reading else ""
         span = f"{min(there):g} to {max(there):g} {unit}".rstrip() if there else ""
-        table.add_row(name.replace("_", " "), in_full(value), Text(sparkline(course), style="cyan"), Text(span, ASIDE))
+        cell = (name.replace("_", " "), in_full(value), Text(sparkline(course), style="cyan"), Text(span, ASIDE))
+        table.add_row(*cell[: len(columns)])
     error = [Text(view.error, style=WARNING)] if view.error else []
     room = height - len(view.values) - len(error) - 4
     return Group(_heading(view), *error, table, counters_of(view), *_chart(view, watcher, shown, width, room))
@@ -71,4 +75,4 @@ def happenings_panel(board: Board) -> Group:
     """Return what happened, the latest first."""
     if not board.happenings:
         return Group(Text("nothing has changed yet", style=ASIDE))
-    return Group(*(happening_of(each) for each in board.happenings))
+    return Group(*(happening_of(each, board.began_s) for each in board.happenings))

@@ -29,12 +29,15 @@ if TYPE_CHECKING:
     from textual.binding import BindingType
     from textual.events import Resize
     from textual.screen import Screen
+    from textual.timer import Timer
 
     from drivecomm.async_drive import AsyncDrive
     from drivecomm.cli.watch.log_switch import LogSwitch
     from drivecomm.watching import DriveView, Watcher
 
 REFRESH_S = 0.5
+SAID_S = 8.0
+"""So long a sentence stays above the keys."""
 
 
 class WatchScreen(App[Exception | None]):
@@ -79,11 +82,15 @@ class WatchScreen(App[Exception | None]):
         """Set when the time to ask is over."""
         self._what = title
         self._value_log = log
+        log.said = self.say
         self._armed = armed
         self._duration_s = duration_s
         self._watching: asyncio.Task[None] | None = None
         self._trend = watcher.names[0]
         self._columns: tuple[object, ...] = ()
+        self._saying: Timer | None = None
+        self._resting = ""
+        """What stands above the keys while nothing else is to be said."""
 
     def compose(self) -> ComposeResult:
         """Place the table, what stands below it, and the keys."""
@@ -114,7 +121,8 @@ class WatchScreen(App[Exception | None]):
             async with self.watcher:
                 await self.watcher.run(duration_s=self._duration_s)
                 self.asked_all.set()
-                self.say(f"asked for {self._duration_s:g} s; q leaves" if self._duration_s else "")
+                self._resting = f"asked for {self._duration_s:g} s; q leaves" if self._duration_s else ""
+                self.say("")
                 # The lines stay open for the keys.
                 await asyncio.Event().wait()
         except Exception as error:  # noqa: BLE001 - the command raises it when the screen is gone
@@ -137,11 +145,11 @@ class WatchScreen(App[Exception | None]):
         height = panel.content_size.height if self.screen.has_class("-wide") else 0
         panel.update(drive_panel(self._view, self.watcher, shown=self._trend, width=width, height=height))
         self.query_one("#happenings", Static).update(happenings_panel(board))
-        if self._value_log.broken:
-            self.say(self._value_log.broken)
 
     def _show_title(self, summary: Text, time: str) -> None:
         right = Text(f"{self._value_log.words}  {time}")
+        if len(right) > self.size.width // 2:
+            right = Text(f"{'logging' if self._value_log.is_on else 'log off'}  {time}")
         room = max(0, self.size.width - PADDING - len(right) - 1)
         left = Text.assemble((self._what, "bold"), "  ", summary)
         name = Text("drivecomm watch ", style=ASIDE)
@@ -181,11 +189,17 @@ class WatchScreen(App[Exception | None]):
         return self.screen_stack[0]
 
     def say(self, text: str) -> None:
-        """Put a sentence above the keys."""
-        self._main.query_one("#message", Static).update(text)
+        """Put a sentence above the keys, for some seconds."""
+        if self._saying is not None:
+            self._saying.stop()
+        self._saying = self.set_timer(SAID_S, self._rest) if text else None
+        self._main.query_one("#message", Static).update(text or self._resting)
         if self.screen is not self._main and text:
             # The screens on top have no place for it.
             self.notify(text, markup=False)
+
+    def _rest(self) -> None:
+        self.say("")
 
     def on_data_table_row_highlighted(self) -> None:
         """Show the drive that the cursor came to."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import TYPE_CHECKING
 
 from rich.text import Text
@@ -96,10 +97,11 @@ def in_full(value: WatchedValue) -> Text:
     return text
 
 
-def happening_of(happening: Happening) -> Text:
-    """Return what happened, on one line with its time."""
+def happening_of(happening: Happening, began_s: float | None) -> Text:
+    """Return what happened, on one line with its time of day; in virtual time with that since the beginning."""
     text = Text(no_wrap=True, overflow="ellipsis")
-    text.append(f"{clock(happening.time_s)}  ", style=ASIDE).append(happening.drive, style="bold")
+    at = clock(happening.time_s) if began_s is None else time_of_day(began_s + happening.time_s)
+    text.append(f"{at}  ", style=ASIDE).append(happening.drive, style="bold")
     return text.append(f"  {happening.text}", style=_HAPPENED[happening.kind])
 
 
@@ -120,6 +122,11 @@ def counters_of(view: DriveView) -> Text:
     counted += [f"{number} {name}" for name, number in view.counters.items() if name not in always and number]
     reply = f"; {1000 * view.reply_s:.1f} ms a reply" if view.reply_s else ""
     return Text(", ".join(counted) + reply, style=ASIDE)
+
+
+def time_of_day(seconds: float) -> str:
+    """Return a time in seconds since 1970 as the clock here shows it."""
+    return datetime.fromtimestamp(seconds).astimezone().strftime("%H:%M:%S")
 
 
 def clock(seconds: float) -> str:
