@@ -51,6 +51,18 @@ class Capabilities:
     verbs: frozenset[str] = frozenset()
 
 
+class Memory(Interface):
+    """What a master remembers of one drive on a bus; all objects for that drive share it."""
+
+    def forget(self) -> None:
+        """What was commanded holds no longer: somebody else commanded, the drive was away, a stop was called."""
+        ...
+
+    def doubt(self) -> None:
+        """Some time has passed since the drive last answered: its status must confirm a command before a repetition."""
+        ...
+
+
 class Operations(Interface):
     """The operations of one drive, or of all drives at the broadcast address, as exchanges.
 
@@ -192,6 +204,7 @@ class Protocol:
     does not tell, and then a misspelt key of a parameter goes unnoticed.
     element_addresses: under which addresses the values of a parameter are read one by one (data sets, array elements),
     for these options; unless a package says otherwise, every parameter has one value.
+    memory: makes what a master remembers of one drive; None where nothing is remembered.
     factory_reading: the options of `read` with which a drive tells a parameter's factory value instead of its value;
     empty where drives do not tell.
     """
@@ -218,4 +231,5 @@ class Protocol:
     purpose: Callable[[Message], Purpose] | None = None
     parameter_keys: frozenset[str] | None = None
     element_addresses: Callable[[ParameterInfo, Any], tuple[str, ...]] = _one_value
+    memory: Callable[[], Memory] | None = None
     factory_reading: Mapping[str, Any] = field(default_factory=dict, hash=False)
