@@ -246,6 +246,11 @@ class AsyncBroadcast:
         """All drives as the link sees them."""
         return self._party
 
+    @property
+    def capabilities(self) -> Capabilities:
+        """What all of them at once can be asked to do."""
+        return self._verbs.capabilities
+
     async def write(self, parameter: str, value: Value | float, **options: Any) -> None:
         """Write a parameter of all drives; returns when the telegram is sent."""
         exchange = self._verbs.write(parameter, value, options)

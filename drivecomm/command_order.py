@@ -19,7 +19,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from threading import Lock
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -32,19 +31,18 @@ EVERYBODY = "*"
 
 
 class Commands:
-    """The commands of one bus: what its drives were commanded last, and which calls a stop has cancelled."""
+    """The commands of one bus: what its drives were commanded last, and which calls a stop has cancelled.
+
+    Threads use it without a lock: of two stops that are counted at once one may be missed, and either cancels.
+    """
 
     def __init__(self) -> None:
-        self._guard = Lock()
         self._stops: Counter[str] = Counter()
         self._memories: dict[str, Memory] = {}
 
     def memory(self, name: str, new: Callable[[], Memory]) -> Memory:
         """Return what is remembered of a drive, the same for all its objects."""
-        with self._guard:
-            if name not in self._memories:
-                self._memories[name] = new()
-            return self._memories[name]
+        return self._memories.get(name) or self._memories.setdefault(name, new())
 
     def called(self, name: str) -> CommandCall:
         """Take note that a drive, or all drives of a protocol, are to be commanded."""
@@ -52,24 +50,20 @@ class Commands:
 
     def stop_called(self, name: str) -> None:
         """Cancel what was called before for a drive, or all drives of a protocol, and forget what they were told."""
-        with self._guard:
-            self._stops[name.partition(":")[0]] += 1
-            self._stops[name] += 1
+        self._stops[name.partition(":")[0]] += 1
+        self._stops[name] += 1
         self.forget(name)
 
     def forget(self, name: str) -> None:
         """Forget what a drive, or all drives of a protocol, were commanded."""
         protocol, _, address = name.partition(":")
-        with self._guard:
-            memories = list(self._memories.items())
-        for drive, memory in memories:
+        for drive, memory in list(self._memories.items()):
             if drive == name or (address == EVERYBODY and drive.partition(":")[0] == protocol):
                 memory.forget()
 
     def watch(self, name: str, silence_s: float | None) -> None:
         """Take note how long a drive's watchdog waits for its master."""
-        with self._guard:
-            memory = self._memories.get(name)
+        memory = self._memories.get(name)
         if memory is not None:
             memory.watch(silence_s)
 

@@ -196,14 +196,10 @@ def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
 
 
 def _tell_all(line: str, everybody: Broadcast, protocol: str, how: Stop) -> Told:
-    try:
-        everybody.stop(how)
-    except NotSupported:
-        if how is Stop.RAMP:
-            raise
-        everybody.stop(Stop.RAMP)
-        return Told(line=line, protocol=protocol, how=Stop.RAMP)
-    return Told(line=line, protocol=protocol, how=how)
+    able = everybody.capabilities.stops
+    used = next((each for each in (how, Stop.RAMP, Stop.COAST) if each in able), how)
+    everybody.stop(used)
+    return Told(line=line, protocol=protocol, how=used)
 
 
 def _each(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:

@@ -6,25 +6,26 @@ specification.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import NotSupported, RefusedError, ReplyError, StateError, UsageError, ValueRefusedError
-from drivecomm.exchange import Ask, Exchange, Pause
+from drivecomm.errors import NotSupported, RefusedError, UsageError, ValueRefusedError
+from drivecomm.exchange import Ask, Exchange
 from drivecomm.numbers import exact, unscaled
 from drivecomm.protocol import Capabilities
 from drivecomm.status import DriveState, DriveStatus, Stop
 from drivecomm_fuji import words
 from drivecomm_fuji.asking import Asking, read_request
+from drivecomm_fuji.memory import FujiMemory
 from drivecomm_fuji.parameters import command_word, reading, target, word_for
+from drivecomm_fuji.references import References, share
+from drivecomm_fuji.running import Running, runs
 from drivecomm_fuji.telegrams import BROADCAST, Poll
 from drivecomm_fuji.timing import reply_timeout
-from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, RUN, bit, flags_of, word_text
+from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, bit, flags_of, word_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-    from decimal import Decimal
 
     from drivecomm.models import Model
     from drivecomm.reading import Reading
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from drivecomm_fuji.parameters import Target
 
 _NAME_PLATE = {"type code": "M23", "capacity code": "M24", "ROM version": "M25"}
-_POLL_S = 0.05
 
 # A poll plan asks for the same functions again and again; more of them than this are not kept in mind.
 _KEPT = 512
@@ -42,11 +42,13 @@ _KEPT = 512
 class FujiOperations:
     """The verbs of one Fuji inverter, or of all of them at station 99.
 
-    What was last commanded is remembered: the word in S06, so that terminals keep their state, and whether S01 and S05
-    are zero, since S01 beats S05 as soon as it is not.
+    S06 carries terminals and run command together, so its word is remembered. S01 beats S05 as soon as it is not zero,
+    so whoever sets the one sets the other to zero, and reads back which reference holds.
     """
 
-    def __init__(self, address: int, options: FujiOptions, model: Model | None) -> None:
+    def __init__(
+        self, address: int, options: FujiOptions, model: Model | None, memory: FujiMemory | None = None
+    ) -> None:
         self._address = address
         self._options = options
         self._profile = options.generation
@@ -54,8 +56,9 @@ class FujiOperations:
         self._asking = Asking(address, options)
         # Model and options of an inverter do not change, so that a function always means the same.
         self._known = lru_cache(_KEPT)(lambda parameter: target(parameter, model, options))
-        self._word = 0
-        self._sent: dict[str, int | None] = {FREQUENCY_PU: None, FREQUENCY: None}
+        self._memory = memory or FujiMemory()
+        self._running = Running(address, self._asking, self._memory, reset_timeout_s=options.reset_timeout_s)
+        self._references = References(address, options, self._asking)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -82,11 +85,6 @@ class FujiOperations:
             "reset_by_command": self.reset_by_command,
         }
 
-    def commanded_elsewhere(self) -> None:
-        """Forget the run command, and what S01 and S05 hold; terminals stay as they were set here."""
-        self._word &= ~RUN
-        self._sent = dict.fromkeys(self._sent)
-
     def read(self, parameter: str, *, format: str | int | None = None) -> Exchange[Reading]:
         """Read a function. format: its data format in the manual's numbering, such as "[5]", instead of the model's."""
         wanted = self._known(parameter) if format is None else target(parameter, self._model, self._options, format)
@@ -104,7 +102,8 @@ class FujiOperations:
         """Write a function. format: its data format in the manual's numbering, such as "[5]", instead of the model's.
 
         S codes are volatile. No other write can be kept out of the inverter's non-volatile memory, so it needs
-        `store=True`. The result is a reading with a note where the write has no effect, S01 and S05 both being given.
+        `store=True`. The result is a reading with a note where the write has no effect: of S05, after an S01
+        that was written here and is not zero.
         """
         wanted = target(parameter, self._model, self._options, format)
         function = wanted.function
@@ -134,7 +133,7 @@ class FujiOperations:
     def start(self, *, reverse: bool = False) -> Exchange[None]:
         """Set FWD or REV in S06, unless the inverter has an alarm."""
         self._must_be_one_drive("start")
-        return self._start(words.REVERSE if reverse else words.FORWARD)
+        return self._running.start(words.REVERSE if reverse else words.FORWARD, self._coast_bit)
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Clear FWD and REV in S06; to coast, also set the terminal that is assigned to it."""
@@ -148,28 +147,32 @@ class FujiOperations:
                 )
             )
         coast = self._coast_bit if how is Stop.COAST else 0
-        return self._command(self._word & ~RUN | coast)
+        return self._running.stop(coast)
 
     def reset(self) -> Exchange[None]:
         """Acknowledge an alarm through bit 15 of S06; does nothing on an inverter without one."""
-        return self._reset_all(None) if self._address == BROADCAST else self._reset(None)
+        return self._running.reset_all(None) if self._address == BROADCAST else self._running.reset(None)
 
     def reset_by_command(self, command: str = "E") -> Exchange[None]:
         """Acknowledge an alarm by command E, or by the optional frame m; does nothing on an inverter without one."""
         if command not in ("E", "m"):
             raise UsageError(f"{command!r} resets nothing; the commands that do are E and m")
-        return self._reset_all(command) if self._address == BROADCAST else self._reset(command)
+        return self._running.reset_all(command) if self._address == BROADCAST else self._running.reset(command)
 
     def terminals(self, **states: bool) -> Exchange[None]:
-        """Switch the terminals X1... (frenic also XF and XR) in S06; those not named stay as they are."""
-        word = self._word
+        """Switch the terminals X1... (frenic also XF and XR) in S06; those not named stay as they are.
+
+        S06 carries the run command, too, so an inverter whose motor runs is asked for it. Raises StateError where it is
+        not the one of this program that holds, for then this would command the motor.
+        """
+        on = off = 0
         for name, state in states.items():
             if name not in self._profile.terminals:
                 known = ", ".join(self._profile.terminals)
                 raise UsageError(f"{self._profile.title} has no terminal {name!r} in S06; it has {known}")
             mask = 1 << self._profile.terminals[name]
-            word = word | mask if state else word & ~mask
-        return self._command(command_word(word, self._options))
+            on, off = (on | mask, off) if state else (on, off | mask)
+        return self._running.switch(command_word(on, self._options), off)
 
     def digital_outputs(self, **states: bool) -> Exchange[Reading | None]:
         """Set the universal outputs Y1 to Y5 with S07; those not named are switched off."""
@@ -183,29 +186,32 @@ class FujiOperations:
         return self.write("S07", word, format="[15]")
 
     def set_reference_percent(self, percent: ParameterValue | float) -> Exchange[None]:
-        """Write S01, 0.005 % steps of the maximum frequency, -100 to 100 %, and take S05 back."""
+        """Write S05 = 0, and S01, 0.005 % steps of the maximum frequency, -100 to 100 %.
+
+        Raises StateError when the inverter then shows another reference.
+        """
         number = exact(percent, FREQUENCY_PU)
         if not -100 <= number <= 100:
             raise ValueRefusedError(f"{number} % is outside -100 to 100 %")
-        return self._set_per_unit(unscaled(number, exact("0.005", FREQUENCY_PU), FREQUENCY_PU, "%"))
+        return self._references.set_per_unit(unscaled(number, exact("0.005", FREQUENCY_PU), FREQUENCY_PU, "%"))
 
     def set_reference_hz(self, hz: ParameterValue | float) -> Exchange[None]:
-        """Write S05, 0.01 Hz steps, 0 to 400 Hz, after S01 = 0, which would beat it.
+        """Write S01 = 0, which would beat it, and S05, 0.01 Hz steps, 0 to 400 Hz.
 
-        The inverter limits it to its maximum frequency F03 without saying so. Where S05 is no frequency, S01 is written
-        as a share of the option maximum_frequency_hz.
+        Raises StateError when the inverter then shows another reference: it limits S05 to its maximum frequency F03
+        without saying so. Where S05 is no frequency, S01 is written as a share of the option maximum_frequency_hz.
         """
         number = exact(hz, FREQUENCY)
         if self._profile.s05_is_frequency:
             if not 0 <= number <= 400:
                 raise ValueRefusedError(f"{number} Hz is outside 0 to 400 Hz; a motor is reversed by its start")
-            return self._set_frequency(unscaled(number, exact("0.01", FREQUENCY), FREQUENCY, "Hz"))
+            return self._references.set_frequency(unscaled(number, exact("0.01", FREQUENCY), FREQUENCY, "Hz"))
         if self._options.maximum_frequency_hz is None:
             raise NotSupported(
                 f"S05 of {self._profile.title} is a position; give the option maximum_frequency_hz (F03), "
                 "or the reference in percent"
             )
-        return self._set_per_unit(_share(number, exact(self._options.maximum_frequency_hz, "F03")))
+        return self._references.set_per_unit(share(number, exact(self._options.maximum_frequency_hz, "F03")))
 
     def probe(self) -> Exchange[None]:
         """Ask for the status once; a NAK proves an inverter as well as a value does."""
@@ -234,109 +240,32 @@ class FujiOperations:
     def _write(self, wanted: Target, data: int) -> Exchange[Reading | None]:
         function = wanted.function
         if function == COMMAND:
-            yield from self._command(data)
+            yield from self._running.command(data)
             return None
-        yield from self._send(function, data)
-        if all(self._sent.values()) and function in self._sent and self._profile.s05_is_frequency:
+        yield from self._asking.write(function, data)
+        if function == FREQUENCY_PU:
+            self._memory.s01_beats = data != 0
+        if function == FREQUENCY and data and self._memory.s01_beats and self._profile.s05_is_frequency:
             note = "S01 is not zero and beats S05, so S05 has no effect"
             return reading(wanted, data, self._options, self._model, note=note)
         return None
 
-    def _send(self, function: str, data: int) -> Exchange[None]:
-        if function in self._sent:
-            self._sent[function] = None
-        yield from self._asking.write(function, data)
-        if function in self._sent:
-            self._sent[function] = data
-
-    def _command(self, word: int) -> Exchange[None]:
-        """Write S06. A run command is sent once and remembered only when it was confirmed."""
-        runs = bool(word & (RUN | words.RESET))
-        self._word = word & ~(RUN | words.RESET)
-        yield from self._asking.write(COMMAND, word, attempts=1 if runs else None, urgent=not word & RUN)
-        self._word = word & ~words.RESET
-
-    def _status_word(self) -> Exchange[int]:
-        reply = yield from self._asking.read(words.STATUS)
-        word: int = reply.data
-        if bit(word, "ALM"):
-            # Nothing that is written from now on may start the motor again once the alarm is gone.
-            self._word &= ~RUN
-        return word
-
     def _status(self) -> Exchange[DriveStatus]:
-        word = yield from self._status_word()
-        alarm, runs = bit(word, "ALM"), bit(word, "FWD") or bit(word, "REV")
-        code = (yield from self._alarm_code()) if alarm else None
+        word = yield from self._running.status_word()
+        alarm, running = bit(word, "ALM"), runs(word)
+        code = (yield from self._running.alarm_code()) if alarm else None
         return DriveStatus(
             word=word,
             state=_state(word),
-            running=runs and not alarm,
+            running=running,
             fault=alarm,
-            at_reference=runs and not alarm and not (bit(word, "ACC") or bit(word, "DEC")),
-            reverse=bit(word, "REV") if runs else None,
+            at_reference=running and not (bit(word, "ACC") or bit(word, "DEC")),
+            reverse=bit(word, "REV") if running else None,
             remote=bit(word, "RL"),
             fault_code=code,
             fault_text=self._model.faults.get(code, "") if self._model and code is not None else "",
             flags=flags_of(word, self._profile),
         )
-
-    def _alarm_code(self) -> Exchange[int | None]:
-        try:
-            reply = yield from self._asking.read(words.ALARM)
-        except RefusedError:
-            return None
-        code: int = reply.data
-        return code
-
-    def _start(self, direction: int) -> Exchange[None]:
-        word = yield from self._status_word()
-        if bit(word, "ALM"):
-            code = yield from self._alarm_code()
-            raise StateError(f"the inverter has an alarm (code {code}) and cannot start; reset it first")
-        yield from self._command(self._word & ~(RUN | self._coast_bit) | direction)
-
-    def _reset(self, command: str | None) -> Exchange[None]:
-        word = yield from self._status_word()
-        if not bit(word, "ALM"):
-            return
-        yield from self._reset_all(command)
-        waited = 0.0
-        while True:
-            word = yield from self._status_word()
-            if not bit(word, "ALM"):
-                return
-            if waited >= self._options.reset_timeout_s:
-                break
-            yield Pause(seconds=_POLL_S)
-            waited += _POLL_S
-        raise StateError("the alarm is still there after the reset; its cause lasts")
-
-    def _reset_all(self, command: str | None) -> Exchange[None]:
-        """Take the run command away first: a reset with one present may start the motor (HVAC/AQUA manual, preface)."""
-        idle = self._word & ~RUN
-        yield from self._command(idle)
-        if command is not None:
-            yield from self._asking.reset(command)
-            return
-        try:
-            yield from self._command(idle | words.RESET)
-        except ReplyError:
-            with suppress(ReplyError):
-                yield from self._command(idle)
-            raise
-        yield from self._command(idle)
-
-    def _set_frequency(self, data: int) -> Exchange[None]:
-        if self._sent[FREQUENCY_PU] != 0:
-            yield from self._send(FREQUENCY_PU, 0)
-        yield from self._send(FREQUENCY, data)
-
-    def _set_per_unit(self, data: int) -> Exchange[None]:
-        yield from self._send(FREQUENCY_PU, data % 0x10000)
-        # With S01 = 0 an S05 that is left over would count.
-        if self._profile.s05_is_frequency and self._sent[FREQUENCY] != 0:
-            yield from self._send(FREQUENCY, 0)
 
     def _probe(self) -> Exchange[None]:
         timeout = reply_timeout(self._options, None)
@@ -375,13 +304,3 @@ def _state(word: int) -> DriveState:
     if bit(word, "FWD") or bit(word, "REV"):
         return DriveState.RUNNING
     return DriveState.READY if bit(word, "NUV") else DriveState.NOT_READY
-
-
-def _share(hz: Decimal, maximum: Decimal) -> int:
-    """Return a frequency as S01. Raises ValueRefusedError when it is no whole step."""
-    if not -maximum <= hz <= maximum:
-        raise ValueRefusedError(f"{hz} Hz is outside -{maximum} to {maximum} Hz, the maximum frequency")
-    steps = int(hz * words.FULL_SCALE / maximum)
-    if steps * maximum / words.FULL_SCALE != hz:
-        raise ValueRefusedError(f"{hz} Hz is no whole {words.FULL_SCALE}th of {maximum} Hz; it is not rounded")
-    return steps

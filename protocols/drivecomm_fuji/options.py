@@ -22,7 +22,8 @@ class FujiOptions:
     scales currents (0.01 A up to 30 HP, 0.1 A from 40 HP). maximum_frequency_hz: F03 of an inverter whose S05 is no
     frequency (vg), so that a frequency can be given as S01. s06_mask: bits of S06 that exist, instead of the
     profile's. coast_terminal: terminal (X1...) whose function E01... is set to coast to a stop; only then `stop` can
-    coast.
+    coast. reference_read_back: ask for the final reference (M05, M01) when one was set, and raise StateError when it is
+    another; not for an inverter that shows none in standstill.
 
     response_interval_s: the inverter's own waiting time before it answers (y09, y19, H39), on top of every reply
     timeout. write_timeout_s: for W of other than S codes. motor_data_timeout_s: for H03 = 2 and P02.
@@ -40,6 +41,7 @@ class FujiOptions:
     rating_hp: int | None = None
     maximum_frequency_hz: Decimal | int | str | None = None
     s06_mask: int | None = None
+    reference_read_back: bool = True
     coast_terminal: str = ""
     response_interval_s: float = 0.0
     write_timeout_s: float = 0.5

@@ -8,6 +8,7 @@ from drivecomm.line import LineFacts, LineSettings, Timing
 from drivecomm.protocol import Protocol
 from drivecomm_fuji.codec import FujiCodec
 from drivecomm_fuji.exchanges import FujiOperations
+from drivecomm_fuji.memory import FujiMemory
 from drivecomm_fuji.options import FujiOptions
 from drivecomm_fuji.profiles import PROFILES
 from drivecomm_fuji.purposes import purpose
@@ -59,6 +60,7 @@ protocol = Protocol(
     message=message_from,
     mismatch=mismatch,
     operations=FujiOperations,
+    memory=FujiMemory,
     virtual=_virtual,
     blind_spots=blind_spots,
     forms=titled_forms,

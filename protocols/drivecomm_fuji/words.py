@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 FREQUENCY_PU, FREQUENCY, COMMAND = "S01", "S05", "S06"
 STATUS, ALARM, ERROR = "M14", "M16", "M26"
+FINAL_PU, FINAL = "M01", "M05"
+"""The reference that holds, whatever it comes from."""
 
 FULL_SCALE = 20000
 """S01, M01, M06 at the maximum frequency."""

@@ -16,7 +16,9 @@ class VabusOptions:
     keep a write out of EEPROM (Agile VABus manual p. 30); without them every write is stored and needs `store=True`.
     trailing_eot: close every exchange with EOT, as all manuals draw it. lower_case_hex: accept a-f in values.
     reference_hz_parameter: what `set_reference(hz=)` writes, fixed frequency 1. reference_percent_parameter: what
-    `set_reference(percent=)` writes, fixed percent 1. Which of them the drive follows is its parameter 475 or 476.
+    `set_reference(percent=)` writes, fixed percent 1. Whether the drive follows them is up to its parameters 475 and
+    476, so what comes of them is read back. reference_shown_parameter: the parameter that shows it, reference after
+    summing; 0 for a drive that shows none, or none in standstill, whose reference is then not read back.
     state_timeout_s: how long a commanded state may take to come. type: for single telegrams, the type of their data.
     reply_delay_s, silent_on, fault_lock_s: for a virtual drive: how long it takes to answer, the error codes that it
     answers with silence instead of NAK, and how long after a fault it refuses the reset (ACT/ACU Modbus manual, German
@@ -29,6 +31,7 @@ class VabusOptions:
     lower_case_hex: bool = False
     reference_hz_parameter: int = 480
     reference_percent_parameter: int = 520
+    reference_shown_parameter: int = 283
     state_timeout_s: float = 2.0
     type: ValueType = ""
     reply_delay_s: float = 0.010

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from drivecomm.line import LineFacts, LineSettings, Timing
 from drivecomm.protocol import Protocol
 from drivecomm_vabus.exchanges import VabusOperations
+from drivecomm_vabus.memory import VabusMemory
 from drivecomm_vabus.options import VabusOptions
 from drivecomm_vabus.parameters import element_addresses
 from drivecomm_vabus.purposes import purpose
@@ -65,6 +66,7 @@ protocol = Protocol(
     message=message_from,
     mismatch=mismatch,
     operations=VabusOperations,
+    memory=VabusMemory,
     virtual=_virtual,
     blind_spots=blind_spots,
     forms=titled_forms,

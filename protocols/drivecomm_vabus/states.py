@@ -12,6 +12,9 @@ STATE_WORD = 411
 LOCAL_REMOTE = 412
 CURRENT_FAULT = 260
 
+STATE_MACHINE = 1
+"""Parameter 412: the control word commands; with 2 its bits 0 to 5 are contacts, other values are in no page."""
+
 SHUTDOWN = 0x0006
 SWITCH_ON = 0x0007
 ENABLE_OPERATION = 0x000F

@@ -274,7 +274,7 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
 
 
 def _exactly(form: Form[Any], data: bytes) -> Message:
-    """Parse; what comes after a telegram that is otherwise in form is a wrong length, elsewhere a missing ETX.
+    """Parse; with all announced data characters there, no ETX behind them is worse than a wrong length.
 
     What is wrong is looked for once: on a line it costs ten times what a sound telegram does.
     """
@@ -284,6 +284,9 @@ def _exactly(form: Form[Any], data: bytes) -> Message:
         needed = _needed(form, data)
     else:
         return sound
+    if form in (SELECT, VALUE) and len(data) >= needed - 2 and data[needed - 2 : needed - 1] != ETX:
+        # All data characters are there (section 18 of the specification).
+        raise TelegramError("framing", "no ETX where the data characters that were announced end")
     if len(data) < needed:
         raise TelegramError("length", f"{needed} characters announced, {len(data)} there")
     if len(data) == needed:
@@ -303,7 +306,7 @@ def _needed(form: Form[Any], data: bytes) -> int:
     start = 8 if form is SELECT else 7
     digits = data[start : start + 2]
     if len(digits) < 2:
-        return start + 2
+        raise TelegramError("length", f"cut off after {len(data)} characters, before the number of data characters")
     if not digits.isdigit() or digits == b"00":
         raise TelegramError("length", f"{digits!r} is no number of data characters from 01 to 99", field="length")
     return start + 4 + int(digits)

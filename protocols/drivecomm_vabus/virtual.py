@@ -41,6 +41,11 @@ if TYPE_CHECKING:
 
 _BLOCK_LIST, _BLOCK_WRITE, _BLOCK_READ = 17, 18, 19
 _WATCHDOG_TIME = 413
+
+_START_CONTACTS = 0b000110
+"""S2 and S3. Which contact does what is up to the configuration; here either starts clockwise, and the release is given
+by the hardware enable, which is the worst for a master that takes bits of 410 for commands."""
+
 WATCHDOG_FAULT = 0x2010
 
 
@@ -177,8 +182,7 @@ class VirtualVabusDrive:
     def _control_word(self, control: int, now: float) -> None:
         previous, self._control = self._control, control
         if self.store.number(states.LOCAL_REMOTE) != 1 and self._state is not State.FAULT:
-            # Remote contacts: bit 0 releases, bit 1 starts clockwise.
-            self._state = State.OPERATION_ENABLED if control & 3 == 3 else State.SWITCHED_ON
+            self._state = State.OPERATION_ENABLED if control & _START_CONTACTS else State.SWITCHED_ON
             return
         if self._state is State.FAULT and now - self._tripped_at < self._options.fault_lock_s:
             return
@@ -188,7 +192,7 @@ class VirtualVabusDrive:
             self.motor.reset(now)
 
     def _drive_motor(self, now: float) -> None:
-        self.motor.maximum_hz = self.store.number(419) / 100 or 50.0
+        self.motor.maximum_hz = self._maximum_hz()
         if self._state is State.OPERATION_ENABLED:
             self.motor.run(self._reference_hz(), now)
         elif self._state is State.QUICK_STOP_ACTIVE:
@@ -198,9 +202,17 @@ class VirtualVabusDrive:
         else:
             self.motor.stop(Command.OFF, now)
 
+    def _maximum_hz(self) -> float:
+        return self.store.number(419) / 100 or 50.0
+
     def _reference_hz(self) -> float:
-        percent = self.store.number(520) / 10000 * self.motor.maximum_hz
-        return self.store.number(480) / 100 + percent
+        """The sum of frequency and percentage, within the maximum.
+
+        No page says how the two come together (475, 476). That they add up is the worst for a master that means one.
+        """
+        maximum = self._maximum_hz()
+        together = self.store.number(480) / 100 + self.store.number(520) / 10000 * maximum
+        return max(-maximum, min(maximum, together))
 
     def _live(self, now: float) -> None:
         """Let the motor turn, and the state follow a motor that has tripped or stopped."""

@@ -114,7 +114,8 @@ def test_motor(shell):
     assert not line.drives[0].motor.running
     assert shell("start", "vabus:1", "--link-loss", "hold", "--hz", "10", "--json") == 0
     assert shell("stop", "vabus:1") == 0
-    assert shell("reference", "vabus:1", "--percent", "-10") == 0
+    assert shell("reference", "vabus:1", "--percent", "-10") == 2
+    assert "reversed by its start" in shell.err
     assert shell("reference", "vabus:1", "50%", "--json") == 0
 
 

@@ -87,7 +87,7 @@ def test_a_plant(shell, plant):
         "hall: fan  stop (ramp) confirmed",
         "hall: lift  stop (ramp) confirmed",
         "hall: pump  stop (ramp) confirmed",
-        "hall: vabus:*  stop (ramp) sent to all",
+        "hall: vabus:*  stop (coast, because it cannot by ramp) sent to all",
         "yard: fuji:*  stop (ramp) sent to all",
         "yard: mill  stop (ramp) confirmed",
     ]
@@ -181,7 +181,7 @@ def test_without_a_plant_everybody_is_told_and_nobody_confirms(shell):
     for name in ("vabus:1", "danfoss-fc:3", "fuji:7"):
         shell("start", name, "--link-loss", "hold")
     assert shell("stop", "--all") == 5
-    assert "vabus:*  stop (ramp) sent to all" in shell.out
+    assert "vabus:*  stop (coast, because it cannot by ramp) sent to all" in shell.out
     assert "nobody confirms a broadcast, so look at the motors" in " ".join(shell.out.split())
     assert motors({"line": line}) == [False] * 3
     assert shell("stop", "--all", "--json") == 5

@@ -92,7 +92,7 @@ def test_a_call_that_sends_nothing(play):
 @FACES
 def test_all_drives(play):
     stop = Call(call="stop", arguments={"how": "quick"}, expected=Expected(result={}))
-    data = bytes.fromhex("04 60 02 30 30 34 31 30 30 34 30 30 30 32 03 30")
+    data = bytes.fromhex("04 60 02 30 30 34 31 30 30 34 30 30 30 30 03 32")
     play(VABUS, reading(send(data), SILENCE, calls=(stop,), address=32))
 
 

@@ -314,17 +314,17 @@ def test_a_virtual_drive_that_does_not_do_its_part(monkeypatch, take, kind, reas
 
 
 def test_a_virtual_drive_that_knows_no_sign(monkeypatch):
-    def unsigned(drive):
-        return drive.store.number(480) / 100 if drive.store.number(480) > 0 else 20.0
+    def unsigned(machine):
+        percent = machine._store.number(516)
+        return percent / 2 if percent > 0 else 20.0
 
-    monkeypatch.setattr("drivecomm_vabus.virtual.VirtualVabusDrive._reference_hz", unsigned)
+    reference = "drivecomm_vlt3500.machine.Machine._reference_hz"
+    monkeypatch.setattr(reference, unsigned)
     kind = "heeds the sign of a reference"
-    slow = failed(installed["vabus"], kind)
+    slow = failed(installed["vlt3500"], kind)
     assert not slow, "as fast as at zero is as slow as it can"
-    monkeypatch.setattr(
-        "drivecomm_vabus.virtual.VirtualVabusDrive._reference_hz", lambda drive: abs(drive.store.number(480)) / 100
-    )
-    assert "at -20 hz the motor turns forwards, 20 Hz" in failed(installed["vabus"], kind)[kind]
+    monkeypatch.setattr(reference, lambda machine: abs(machine._store.number(516)) / 2)
+    assert "at -40 percent the motor turns forwards, 20 Hz" in failed(installed["vlt3500"], kind)[kind]
 
 
 def test_line_facts_of_which_the_source_does_not_speak(in_place_of):

@@ -92,7 +92,7 @@ def test_a_motor_that_turns_already_is_not_stopped_by_entering():
     bench.line.advance(20)
     with keep(bench.drive, "trip", watchdog_s=3) as kept:
         kept.sleep(10)
-        assert bench.after(0)[:2] == (True, 50)
+        assert bench.after(0)[:2] == (True, 25)
 
 
 def test_a_drive_that_has_tripped_is_let_in_and_refuses_the_start():

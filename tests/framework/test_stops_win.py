@@ -285,7 +285,7 @@ class TestLateReplies:
             events = []
             bus._roster.link._trace = events.append
             pump.write("480", 3)
-            received = [event for event in events if event.what == "received"]
+            received = [event for event in events if event.what == "received" and event.message.kind == "ack"]
             noise = [event for event in events if event.what == "noise"]
             assert len(received) == 1
             assert noise, "the confirmation of the first write was thrown away"

@@ -12,6 +12,7 @@ from drivecomm.models.files import load_model
 from drivecomm.runners.script import play
 from drivecomm.status import DriveState
 from drivecomm_fuji.exchanges import FujiOperations
+from drivecomm_fuji.memory import FujiMemory
 from drivecomm_fuji.options import FujiOptions
 from drivecomm_fuji.telegrams import Poll, Select, Standard
 
@@ -47,6 +48,10 @@ def refused(function, code, command="R"):
 
 def write_steps(*pairs):
     return [(written(function, data), done(function)) for function, data in pairs]
+
+
+STANDS = [(asked("M14"), value("M14", IDLE))]
+RUNS_BY = [(asked("M14"), value("M14", RUNNING))]
 
 
 def commands(exchange, replies):
@@ -315,10 +320,13 @@ def test_coasting_needs_a_terminal_and_start_takes_it_back():
 
 def test_terminals_keep_their_state():
     one = drive()
-    play(one.extra["terminals"](X1=True, X5=True), write_steps(("S06", 0x0044)))
+    play(one.extra["terminals"](X1=True, X5=True), [*STANDS, *write_steps(("S06", 0x0044))])
     play(one.start(), [(asked("M14"), value("M14", IDLE)), *write_steps(("S06", 0x0045))])
-    play(one.terminals(X1=False, XF=True), write_steps(("S06", 0x2041)))
+    confirmed = [*RUNS_BY, (asked("S06"), value("S06", 0x0045))]
+    play(one.terminals(X1=False, XF=True), [*confirmed, *write_steps(("S06", 0x2041))])
     play(one.stop(), write_steps(("S06", 0x2040)))
+    # It runs on while it ramps down, and nobody commands it to.
+    play(one.terminals(X1=True), [*RUNS_BY, (asked("S06"), value("S06", 0x2040)), *write_steps(("S06", 0x2044))])
     with pytest.raises(UsageError, match="no terminal 'X10'"):
         one.terminals(X10=True)
 
@@ -326,22 +334,57 @@ def test_terminals_keep_their_state():
 def test_terminals_while_running_are_sent_once():
     one = drive()
     play(one.start(), [(asked("M14"), value("M14", IDLE)), *write_steps(("S06", 1))])
-    (ask,) = commands(one.terminals(X1=True), [done("S06")])
-    assert ask.attempts == 1
+    sent = commands(one.terminals(X1=True), [value("M14", RUNNING), value("S06", 1), done("S06")])
+    assert (sent[-1].message.data, sent[-1].attempts) == (5, 1)
+
+
+@pytest.mark.parametrize("held", [0, 2, 1])
+@pytest.mark.parametrize("lost", ["nothing", "forget"])
+def test_terminals_neither_stop_nor_start_what_somebody_else_commands(held, lost):
+    memory = FujiMemory()
+    one = FujiOperations(1, FujiOptions(), None, memory)
+    play(one.start(), [*STANDS, *write_steps(("S06", 1))])
+    if lost != "nothing":
+        getattr(memory, lost)()
+    steps = [*RUNS_BY, (asked("S06"), value("S06", held))]
+    if held == (lost == "nothing"):
+        play(one.terminals(X1=True), [*steps, *write_steps(("S06", 0x0004 | held))])
+        return
+    with pytest.raises(StateError, match="start or stop it from here first"):
+        play(one.terminals(X1=True), steps)
+    play(one.terminals(X1=True), [*STANDS, *write_steps(("S06", 0x0004))])
+
+
+def test_a_motor_that_stands_has_no_run_command_that_could_be_repeated():
+    memory = FujiMemory()
+    one, other = (FujiOperations(1, FujiOptions(), None, memory) for _ in range(2))
+    play(one.start(), [*STANDS, *write_steps(("S06", 1))])
+    play(other.status(), STANDS)
+    assert memory.word == 0
+    play(one.start(), [*STANDS, *write_steps(("S06", 1))])
+    play(one.terminals(X1=True), [*STANDS, *write_steps(("S06", 0x0004))])
+
+
+def test_a_stop_is_remembered_before_it_is_sent():
+    memory = FujiMemory()
+    one = FujiOperations(1, FujiOptions(), None, memory)
+    play(one.start(), [*STANDS, *write_steps(("S06", 1))])
+    next(one.stop())
+    assert memory.word == 0
 
 
 def test_a_start_that_was_not_confirmed_is_not_repeated_by_terminals():
     one = drive()
     with pytest.raises(NoReplyError):
         play(one.start(), [(asked("M14"), value("M14", IDLE)), (written("S06", 1), LOST)])
-    play(one.terminals(X1=True), write_steps(("S06", 0x0004)))
+    play(one.terminals(X1=True), [*STANDS, *write_steps(("S06", 0x0004))])
 
 
 def test_an_alarm_takes_the_run_command_from_memory():
     one = drive()
     play(one.start(), [(asked("M14"), value("M14", IDLE)), *write_steps(("S06", 1))])
     play(one.status(), [(asked("M14"), value("M14", ALARM)), (asked("M16"), value("M16", 3))])
-    play(one.terminals(X1=True), write_steps(("S06", 0x0004)))
+    play(one.terminals(X1=True), [*STANDS, *write_steps(("S06", 0x0004))])
 
 
 def test_written_operation_commands_are_remembered():
@@ -447,10 +490,31 @@ def test_reset_by_other_commands():
 # References
 
 
-def test_frequency_takes_s01_back_first_and_once():
+def shown(function, data):
+    return (asked(function), value(function, data))
+
+
+def test_frequency_takes_s01_back_first_whatever_was_before():
     one = drive()
-    play(one.set_reference_hz("50.25"), write_steps(("S01", 0), ("S05", 5025)))
-    play(one.set_reference_hz(30), write_steps(("S05", 3000)))
+    for _ in range(2):
+        play(one.set_reference_hz("50.25"), [*write_steps(("S01", 0), ("S05", 5025)), shown("M05", 5026)])
+
+
+@pytest.mark.parametrize("other", [0, 4000, 5027])
+def test_another_reference_that_holds_is_told(other):
+    steps = [*write_steps(("S01", 0), ("S05", 5025)), shown("M05", other)]
+    with pytest.raises(StateError, match=r"took a reference of 50\.25 Hz, and its final reference"):
+        play(drive().set_reference_hz("50.25"), steps)
+    steps = [*write_steps(("S05", 0), ("S01", 10000)), shown("M01", other)]
+    with pytest.raises(StateError, match=r"took a reference of 50\.000 %"):
+        play(drive().set_reference_percent(50), steps)
+
+
+def test_an_inverter_that_shows_no_reference_needs_somebody_who_says_so():
+    steps = write_steps(("S01", 0), ("S05", 3000))
+    with pytest.raises(StateError, match="reference_read_back=False"):
+        play(drive().set_reference_hz(30), [*steps, (asked("M05"), refused("M05", 78))])
+    play(drive(reference_read_back=False).set_reference_hz(30), steps)
 
 
 @pytest.mark.parametrize("wrong", ["50.005", -1, "400.01", "x"])
@@ -459,19 +523,15 @@ def test_frequencies_that_are_refused(wrong):
         drive().set_reference_hz(wrong)
 
 
-def test_percent_takes_s05_back():
+def test_percent_takes_s05_back_first_for_it_would_count_with_s01_at_zero():
     one = drive()
-    play(one.set_reference_hz(30), write_steps(("S01", 0), ("S05", 3000)))
-    play(one.set_reference_percent("-50.005"), write_steps(("S01", 0x10000 - 10001), ("S05", 0)))
-    play(one.set_reference_percent(0), write_steps(("S01", 0)))
-    play(one.set_reference_hz(30), write_steps(("S05", 3000)))
-
-
-def test_a_reference_that_was_not_confirmed_is_not_relied_on():
-    one = drive()
-    with pytest.raises(NoReplyError):
-        play(one.set_reference_hz(30), [(written("S01", 0), LOST)])
-    play(one.set_reference_hz(30), write_steps(("S01", 0), ("S05", 3000)))
+    for percent, sent, back in (
+        ("-50.005", 0x10000 - 10001, 10001),
+        ("-50.005", 0x10000 - 10001, 0x10000 - 9999),
+        (0, 0, 0),
+    ):
+        steps = [*write_steps(("S05", 0), ("S01", sent)), shown("M01", back)]
+        play(one.set_reference_percent(percent), steps)
 
 
 @pytest.mark.parametrize("wrong", ["100.005", "-101", "0.001"])
@@ -487,7 +547,7 @@ def test_vector_inverters_take_frequencies_per_unit():
         one.set_reference_hz(30)
     one = drive(profile="vg", maximum_frequency_hz=60)
     assert one.capabilities.reference_hz
-    play(one.set_reference_hz(30), write_steps(("S01", 10000)))
+    play(one.set_reference_hz(30), [*write_steps(("S01", 10000)), shown("M01", 10000)])
     for wrong in ("60.01", "0.001", "30.00000000000000000000000000000000001"):
         with pytest.raises(ValueRefusedError):
             one.set_reference_hz(wrong)

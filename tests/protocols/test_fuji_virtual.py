@@ -205,7 +205,8 @@ def test_vector_inverter_has_no_sign_character():
 
 def test_frequency_is_limited_to_the_maximum():
     _, line, drive = meet()
-    drive.set_reference(hz=400)
+    with pytest.raises(StateError, match=r"50\.00 Hz"):
+        drive.set_reference(hz=400)
     drive.start()
     line.advance(20.0)
     assert drive.read("M09").value == Decimal("50.00")
@@ -225,6 +226,32 @@ def test_s01_beats_s05():
     drive.set_reference(percent=-50)
     line.advance(20.0)
     assert drive.read("M09").value == Decimal("-25.00")
+
+
+def test_a_reference_of_another_master_does_not_stay_unseen():
+    inverter, line, drive = meet()
+    drive.set_reference(hz=10)
+    drive.start()
+    for foreign in (16000, 0):
+        heard(inverter, frame(b"\x0101\x05WS01 %04X\x03" % foreign), line.time)
+        heard(inverter, frame(b"\x0101\x05WS05 0FA0\x03"), line.time)
+        drive.set_reference(hz=10)
+        line.advance(20.0)
+        assert drive.read("M09").value == Decimal("10.00")
+
+
+def test_terminals_after_the_stop_of_another_master_start_nothing():
+    inverter, line, drive = meet()
+    drive.set_reference(hz=30)
+    drive.start()
+    line.advance(20.0)
+    heard(inverter, frame(b"\x0101\x05WS06 0000\x03"), line.time)
+    with pytest.raises(StateError, match="start or stop it from here first"):
+        drive.call("terminals", X1=True)
+    line.advance(20.0)
+    drive.call("terminals", X1=True)
+    line.advance(20.0)
+    assert not inverter.motor.running
 
 
 def test_ramp_times_of_the_link():

@@ -19,6 +19,7 @@ from drivecomm.models.files import load_model
 from drivecomm.runners.script import play
 from drivecomm.status import DriveState, Stop
 from drivecomm_vabus.exchanges import VabusOperations
+from drivecomm_vabus.memory import VabusMemory
 from drivecomm_vabus.options import VabusOptions
 from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Eot, Nak, Select, Value
 
@@ -53,6 +54,14 @@ def told(parameter, data, dataset=0):
 
 def refused(telegram, code):
     return [(telegram, Nak(address=1)), EOT, *asked(11, f"{code:04X}")]
+
+
+def standing(word, *, percent="0000", hz="000003E8", shown="000003E8"):
+    """What a start asks before it commands anything."""
+    return [
+        *asked(411, word), *asked(412, "0001"),
+        *asked(520, percent), *asked(480, hz), *asked(283, shown),
+    ]  # fmt: skip
 
 
 class TestRead:
@@ -238,17 +247,21 @@ class TestWrite:
 
 
 class TestBroadcast:
-    def test_nobody_is_waited_for(self):
-        exchange = operations(BROADCAST).stop(Stop.QUICK)
+    @pytest.mark.parametrize("how", [Stop.RAMP, Stop.COAST, Stop.QUICK])
+    def test_nobody_is_waited_for_and_no_stop_starts_who_is_in_remote_contacts(self, how):
+        assert operations(BROADCAST).capabilities.stops == {Stop.COAST}
+        exchange = operations(BROADCAST).stop(how)
         command = next(exchange)
         assert isinstance(command, Tell)
-        assert command.message == Select(address=BROADCAST, parameter=410, data="0002")
+        assert command.message == Select(address=BROADCAST, parameter=410, data="0000")
         with pytest.raises(StopIteration):
             exchange.send(None)
 
     @pytest.mark.parametrize(
         "verb",
         [
+            lambda everybody: everybody.set_reference_hz(10),
+            lambda everybody: everybody.set_reference_percent(10),
             lambda everybody: everybody.read("480"),
             lambda everybody: everybody.status(),
             lambda everybody: everybody.start(),
@@ -265,7 +278,7 @@ class TestBroadcast:
 class TestControl:
     def test_start_walks_the_states(self):
         script = [
-            *asked(411, "0250"),
+            *standing("0250"),
             *told(410, "0006"), *asked(411, "0250"), *asked(411, "0231"),
             *told(410, "0007"), *asked(411, "0233"),
             *told(410, "000F"), *asked(411, "0237"),
@@ -273,8 +286,8 @@ class TestControl:
         play(operations().start(), script)
 
     def test_start_from_where_it_stands(self):
-        play(operations().start(), [*asked(411, "0023"), *told(410, "000F"), *asked(411, "0027")])
-        play(operations().start(), asked(411, "0627"))
+        play(operations().start(), [*standing("0023"), *told(410, "000F"), *asked(411, "0027")])
+        play(operations().start(), standing("0627"))
 
     @pytest.mark.parametrize(("word", "reason"), [("0008", "fault"), ("0007", "quick stop")])
     def test_start_refuses(self, word, reason):
@@ -284,7 +297,7 @@ class TestControl:
 
     def test_a_state_that_does_not_come(self):
         script = [
-            *asked(411, "0040"),
+            *standing("0040"),
             *told(410, "0006"),
             *asked(411, "0040"),
             *asked(411, "0040"),
@@ -293,23 +306,72 @@ class TestControl:
         with pytest.raises(StateError, match="ready to switch on"):
             play(operations(state_timeout_s=0.1).start(), script)
 
-    def test_a_start_backwards_turns_the_references_in_ram_and_a_start_forwards_turns_them_back(self):
-        drive = operations()
+    def test_a_start_backwards_turns_the_references_in_ram_and_any_start_forwards_turns_them_back(self):
         play(
-            drive.start(reverse=True),
+            operations().start(reverse=True),
             [
+                *asked(411, "0627"), *asked(412, "0001"),
                 *asked(520, "0BB8"), *told(520, "F448", 5),
-                *asked(480, "FFFFFC18"), *asked(411, "0627"),
+                *asked(480, "FFFFFC18"), *asked(283, "FFFFF254"),
             ],
         )  # fmt: skip
         play(
-            drive.start(),
+            operations().start(),
             [
+                *asked(411, "0627"), *asked(412, "0001"),
                 *asked(520, "F448"), *told(520, "0BB8", 5),
-                *asked(480, "FFFFFC18"), *told(480, "000003E8", 5), *asked(411, "0627"),
+                *asked(480, "FFFFFC18"), *told(480, "000003E8", 5), *asked(283, "00000DAC"),
             ],
         )  # fmt: skip
-        play(drive.start(), asked(411, "0627"))
+
+    def test_references_are_turned_in_each_data_set_where_they_differ(self):
+        script = [
+            *asked(411, "0627"), *asked(412, "0001"), *asked(520, "0000"),
+            *refused(enquiry(480), 9), *asked(480, "000003E8", 1), *asked(480, "FFFFFC18", 2),
+            *asked(480, "00000000", 3), *asked(480, "000007D0", 4),
+            *told(480, "000003E8", 7), *asked(283, "000003E8"),
+        ]  # fmt: skip
+        play(operations().start(), script)
+
+    def test_a_reference_of_zero_is_turned_round_too(self):
+        script = [*asked(411, "0627"), *asked(412, "0001"), *asked(520, "0000"), *asked(480, "00000000")]
+        play(operations().start(reverse=True), [*script, *told(480, "FFFFFFFF", 5), *asked(283, "FFFFFFFF")])
+        script = [*asked(411, "0627"), *asked(412, "0001"), *asked(520, "0000"), *asked(480, "FFFFFFFF")]
+        play(operations().start(), [*script, *told(480, "00000000", 5), *asked(283, "00000000")])
+
+    @pytest.mark.parametrize(
+        ("reverse", "hz", "shown"), [(False, "000003E8", "FFFFFC18"), (True, "FFFFFC18", "000003E8")]
+    )
+    def test_what_would_turn_the_other_way_all_the_same_is_not_started(self, reverse, hz, shown):
+        with pytest.raises(StateError, match="the other way round"):
+            play(operations().start(reverse=reverse), standing("0250", hz=hz, shown=shown))
+
+    def test_a_drive_that_does_not_know_or_show_its_references_is_started(self):
+        script = [*asked(411, "0627"), *asked(412, "0001")]
+        for number in (520, 480, 283):
+            script += refused(enquiry(number), 11)
+        play(operations().start(), script)
+        script = standing("0627")[:-2]
+        play(operations(reference_shown_parameter=0).start(), script)
+
+    def test_without_ram_a_negative_reference_is_not_started(self):
+        script = [*asked(411, "0250"), *asked(412, "0001"), *asked(520, "0000"), *asked(480, "FFFFFC18")]
+        with pytest.raises(StateError, match=r"480 is -10\.00 Hz now, which turns the motor the other way"):
+            play(operations(ram_datasets=False).start(), script)
+
+    @pytest.mark.parametrize("mode", ["0000", "0002", "0005", "FFFF"])
+    def test_nothing_is_started_where_the_control_word_may_switch_contacts(self, mode):
+        with pytest.raises(StateError, match="write 412 = 1"):
+            play(operations().start(), [*asked(411, "0250"), *asked(412, mode)])
+
+    def test_nothing_is_started_where_the_data_sets_differ_in_who_is_in_charge(self):
+        script = [*asked(411, "0250"), *refused(enquiry(412), 9)]
+        for dataset, mode in enumerate(("0001", "0002", "0001", "0001"), 1):
+            script += asked(412, mode, dataset)
+        with pytest.raises(StateError, match="is 1, 2, 1, 1 in data sets 1 to 4"):
+            play(operations().start(), script)
+        with pytest.raises(StateError, match="not known to the drive"):
+            play(operations().start(), [*asked(411, "0250"), *refused(enquiry(412), 11)])
 
     def test_without_ram_nothing_is_reversed(self):
         assert not operations(ram_datasets=False).capabilities.reverse
@@ -321,9 +383,65 @@ class TestControl:
         with pytest.raises(NotSupported):
             operations().stop(Stop.DC_BRAKE)
 
-    @pytest.mark.parametrize(("how", "word"), [(Stop.RAMP, "0007"), (Stop.COAST, "0000"), (Stop.QUICK, "0002")])
+    @pytest.mark.parametrize(("how", "word"), [(Stop.RAMP, "0007"), (Stop.QUICK, "0002")])
     def test_stop(self, how, word):
-        play(operations().stop(how), told(410, word))
+        play(operations().stop(how), [*asked(412, "0001"), *told(410, word)])
+
+    def test_coasting_needs_no_question(self):
+        play(operations().stop(Stop.COAST), told(410, "0000"))
+
+    @pytest.mark.parametrize("how", [Stop.RAMP, Stop.QUICK])
+    @pytest.mark.parametrize("mode", ["0000", "0002", "0005", "FFFF"])
+    def test_where_the_control_word_may_switch_contacts_every_stop_switches_them_off(self, how, mode):
+        play(operations().stop(how), [*asked(412, mode), *told(410, "0000")])
+
+    def test_so_it_is_where_the_drive_does_not_tell(self):
+        play(operations().stop(), [*refused(enquiry(412), 11), *told(410, "0000")])
+        play(operations().stop(), [*refused(enquiry(412), 3), *told(410, "0000")])
+        script = refused(enquiry(412), 9)
+        for dataset, mode in enumerate(("0001", "0001", "0001", "0002"), 1):
+            script += asked(412, mode, dataset)
+        play(operations().stop(), [*script, *told(410, "0000")])
+
+    def test_a_drive_that_is_not_heard_may_hear_and_is_told_to_coast(self):
+        silence = (enquiry(412), NoReplyError("silence"))
+        play(operations().stop(), [silence, *told(410, "0000")])
+        drive = operations()
+        at_once = (select(410, "0000"), None)
+        with pytest.raises(NoReplyError):
+            play(drive.stop(), [silence, (select(410, "0000"), NoReplyError("silence"))])
+        with pytest.raises(NoReplyError):
+            play(drive.stop(), [at_once, silence])
+
+    @pytest.mark.parametrize("forget", ["nothing", "forget", "stop", "write"])
+    def test_what_goes_out_at_once_takes_bits_away_from_a_start_made_here_and_is_0000_otherwise(self, forget):
+        memory = VabusMemory()
+        drive = VabusOperations(1, VabusOptions(), None, memory)
+        play(drive.start(), standing("0627"))
+        if forget == "stop":
+            play(drive.stop(Stop.COAST), told(410, "0000"))
+        elif forget == "write":
+            play(drive.write("410", 7, type="uint"), told(410, "0007"))
+        elif forget != "nothing":
+            getattr(memory, forget)()
+        with pytest.raises(NoReplyError):
+            play(drive.write("480", 1, type="uint"), [(select(480, "0001", 5), NoReplyError("silence"))])
+        at_once = (select(410, "0007" if forget == "nothing" else "0000"), None)
+        play(drive.stop(), [at_once, *asked(412, "0001"), *asked(11, "0000"), *told(410, "0007")])
+
+    def test_two_objects_for_a_drive_share_what_is_remembered(self):
+        memory = VabusMemory()
+        one, other = (VabusOperations(1, VabusOptions(), None, memory) for _ in range(2))
+        with pytest.raises(NoReplyError):
+            play(one.write("480", 1, type="uint"), [(select(480, "0001", 5), NoReplyError("silence"))])
+        play(other.write("480", 2, type="uint"), [*asked(11, "0000"), *told(480, "0002", 5)])
+
+    def test_a_write_that_is_broken_off_leaves_the_lock_open(self):
+        drive = operations()
+        exchange = drive.write("480", 1, type="uint")
+        next(exchange)
+        exchange.close()
+        play(drive.write("480", 2, type="uint"), [*asked(11, "0000"), *told(480, "0002", 5)])
 
     def test_reset_is_an_edge(self):
         script = [*asked(411, "0008"), *told(410, "0000"), *told(410, "0080"), *asked(411, "0040"), *told(410, "0000")]
@@ -338,11 +456,13 @@ class TestControl:
             play(operations(state_timeout_s=0).reset(), script)
 
     def test_what_starts_goes_out_once_and_a_stop_as_often_as_needed(self):
-        exchange = operations().start()
+        exchange = operations(trailing_eot=False).start()
         next(exchange)
-        exchange.send(value(411, "0023"))
-        assert exchange.send(None).attempts == 1
-        stop = next(operations().stop())
+        for number, data in ((411, "0023"), (412, "0001"), (520, "0000"), (480, "000003E8")):
+            exchange.send(value(number, data))
+        start = exchange.send(value(283, "000003E8"))
+        assert (start.message.data, start.attempts) == ("000F", 1)
+        stop = next(operations().stop(Stop.COAST))
         assert stop.attempts is None
         assert stop.urgent
 
@@ -350,28 +470,74 @@ class TestControl:
         drive = operations()
         with pytest.raises(NoReplyError):
             play(drive.write("480", 1, type="uint"), [(select(480, "0001", 5), NoReplyError("silence"))])
-        stop = (select(410, "0007"), None)
-        play(drive.stop(), [stop, *asked(11, "0000"), stop, *told(410, "0007")])
+        at_once = (select(410, "0000"), None)
+        play(drive.stop(), [at_once, *asked(412, "0001"), *asked(11, "0000"), *told(410, "0007")])
 
     def test_silence_after_the_last_step_of_a_start_says_that_it_was_made(self):
         silence = (enquiry(411), NoReplyError("silence"))
         with pytest.raises(NoReplyError, match="silence; the drive had been told to run before"):
-            play(operations().start(), [*asked(411, "0023"), *told(410, "000F"), silence])
+            play(operations().start(), [*standing("0023"), *told(410, "000F"), silence])
         with pytest.raises(NoReplyError) as caught:
-            play(operations().start(), [*asked(411, "0031"), *told(410, "0007"), silence])
+            play(operations().start(), [*standing("0031"), *told(410, "0007"), silence])
         assert "told to run" not in str(caught.value)
 
     def test_any_control_word(self):
         play(operations().extra["control_word"](word=0x0F), told(410, "000F"))
 
-    def test_reference(self):
-        play(operations().set_reference_hz("12.34"), told(480, "000004D2", 5))
-        play(operations(model=AGILE).set_reference_hz(-20), told(480, "FFFFF830", 5))
-        play(operations().set_reference_percent(50), told(520, "1388", 5))
+
+class TestReference:
+    def test_a_frequency_leaves_no_percentage_and_is_read_back(self):
+        script = [*asked(480, "000003E8"), *asked(520, "0BB8"), *told(520, "0000", 5), *told(480, "000004D2", 5)]
+        for model in (None, AGILE):
+            play(operations(model=model).set_reference_hz("12.34"), [*script, *asked(283, "000004D2")])
+
+    def test_a_percentage_leaves_no_frequency_and_is_read_back_as_a_share_of_the_maximum(self):
+        script = [
+            *asked(520, "0000"), *asked(480, "000003E8"), *asked(419, "00001770"),
+            *told(480, "00000000", 5), *told(520, "1388", 5), *asked(283, "00000BB8"),
+        ]  # fmt: skip
+        for model in (None, AGILE):
+            play(operations(model=model).set_reference_percent(50), script)
+
+    def test_a_percentage_that_is_no_whole_step_of_the_frequency_may_be_shown_rounded(self):
+        script = [*asked(520, "0000"), *asked(480, "00000000"), *asked(419, "00001388"), *told(520, "0D05", 5)]
+        for shown in ("00000682", "00000683"):
+            play(operations().set_reference_percent("33.33"), [*script, *asked(283, shown)])
+
+    @pytest.mark.parametrize("shown", ["00000BB8", "00000000", "FFFFFC18", "000003EA"])
+    def test_another_reference_that_holds_is_told(self, shown):
+        script = [*asked(480, "000003E8"), *asked(520, "0000"), *told(480, "000003E8", 5), *asked(283, shown)]
+        with pytest.raises(StateError, match=r"480 is 10\.00 Hz now, and the reference of the drive is"):
+            play(operations().set_reference_hz(10), script)
+
+    def test_a_drive_that_shows_no_reference_needs_somebody_who_says_so(self):
+        script = [*asked(480, "000003E8"), *asked(520, "0000"), *told(480, "000003E8", 5)]
+        with pytest.raises(StateError, match="reference_shown_parameter=0"):
+            play(operations().set_reference_hz(10), [*script, *refused(enquiry(283), 11)])
+        play(operations(reference_shown_parameter=0).set_reference_hz(10), script)
+        script = [*asked(520, "0BB8"), *asked(480, "00000000"), *told(520, "03E8", 5)]
+        play(operations(reference_shown_parameter=0).set_reference_percent(10), script)
+
+    def test_a_percentage_of_nothing_is_refused_before_it_is_written(self):
+        script = [*asked(520, "0000"), *asked(480, "000003E8"), *refused(enquiry(419), 11)]
+        with pytest.raises(StateError, match="419"):
+            play(operations().set_reference_percent(50), script)
+
+    def test_a_motor_that_was_started_backwards_stays_so(self):
+        script = [*asked(480, "FFFFFC18"), *asked(520, "0000")]
+        play(operations().set_reference_hz(20), [*script, *told(480, "FFFFF830", 5), *asked(283, "FFFFF830")])
+        play(operations().set_reference_hz(0), [*script, *told(480, "FFFFFFFF", 5), *asked(283, "FFFFFFFF")])
+        script = [*asked(480, "FFFFFC18"), *asked(520, "0BB8"), *asked(283, "000001F4"), *told(520, "0000", 5)]
+        play(operations().set_reference_hz(20), [*script, *told(480, "000007D0", 5), *asked(283, "000007D0")])
+
+    def test_what_is_refused_before_anything_is_sent(self):
         with pytest.raises(NotSupported):
             operations(ram_datasets=False).set_reference_hz(1)
         with pytest.raises(ValueRefusedError):
             operations().set_reference_hz("0.001")
+        for verb in (operations().set_reference_hz, operations().set_reference_percent):
+            with pytest.raises(ValueRefusedError, match="reversed by its start"):
+                verb(-10)
 
 
 class TestStatus:

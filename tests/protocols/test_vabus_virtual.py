@@ -1,5 +1,6 @@
 """A virtual VABus drive on a virtual line, commanded through the public face."""
 
+from decimal import Decimal
 from random import Random
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 import drivecomm
 from drivecomm.errors import ParameterAddressError
 from drivecomm.framing import Damaged, Framed
+from drivecomm.keeping import keep
 from drivecomm.status import DriveState, Stop
 from drivecomm.virtual import FaultPlan, VirtualLine, virtual_drive
 from drivecomm_vabus.telegrams import BROADCAST, Enquiry, Nak, Select, VabusCodec
@@ -48,20 +50,52 @@ class TestMotor:
         assert drive.status().state is DriveState.READY
         assert drive.read("stator_frequency").value == 0
 
-    def test_reverse_by_a_negative_reference(self, virtual):
+    @pytest.mark.parametrize("left_over", [-20, 20])
+    @pytest.mark.parametrize("percentage", [-10, 0, 10])
+    def test_the_start_says_which_way_whatever_was_before(self, virtual, left_over, percentage):
         line, _, drive = virtual
-        drive.set_reference(hz=-20)
-        drive.start()
-        line.advance(10)
-        assert drive.read("stator_frequency").value == -20
+        for reverse in (False, True, False):
+            drive.write("480", left_over)
+            drive.write("520", percentage)
+            drive.start(reverse=reverse)
+            line.advance(20)
+            found = drive.read("stator_frequency").value
+            assert found < 0 if reverse else found > 0
 
-    def test_percent_adds_to_the_frequency(self, virtual):
+    def test_another_program_that_starts_forwards_turns_forwards(self, virtual):
         line, _, drive = virtual
         drive.set_reference(hz=10)
-        drive.set_reference(percent=40)
-        drive.start()
+        drive.start(reverse=True)
+        drive.stop()
+        with drivecomm.open_bus(line.port) as bus:
+            bus.drive("vabus", 1, model="agile").start()
         line.advance(10)
-        assert drive.read("stator_frequency").value == 30
+        assert drive.read("stator_frequency").value == 10
+
+    def test_references_do_not_add_up(self, virtual):
+        line, _, drive = virtual
+        drive.start()
+        for reference, expected in (
+            ({"percent": 30}, 15), ({"hz": 10}, 10), ({"percent": 40}, 20), ({"percent": 0}, 0), ({"hz": 5}, 5),
+            ({"hz": 0}, 0),
+        ):  # fmt: skip
+            drive.set_reference(**reference)
+            line.advance(20)
+            assert drive.read("stator_frequency").value == expected
+
+    def test_a_reference_that_the_drive_cannot_reach_is_not_taken_for_done(self, virtual):
+        _, _, drive = virtual
+        with pytest.raises(drivecomm.StateError, match=r"50\.00 Hz"):
+            drive.set_reference(hz=60)
+
+    def test_a_motor_turns_the_way_it_was_started_through_a_reference_of_zero(self, virtual):
+        line, _, drive = virtual
+        drive.set_reference(hz=0)
+        drive.start(reverse=True)
+        for hz in (10, 0, 20):
+            drive.set_reference(hz=hz)
+            line.advance(20)
+            assert abs(drive.read("stator_frequency").value + hz) <= Decimal("0.01")
 
     def test_coast(self, virtual):
         line, _, drive = virtual
@@ -110,6 +144,34 @@ class TestMotor:
         assert virtual_one.motor.running
         drive.call("control_word", word=1)
         assert drive.status().flags[0] == "switched on"
+
+    @pytest.mark.parametrize("how", [Stop.RAMP, Stop.COAST, Stop.QUICK])
+    @pytest.mark.parametrize("mode", [0, 1, 2, 3, 5, 65535])
+    @pytest.mark.parametrize("words", [(), (6,), (6, 7), (6, 7, 15), (6, 7, 15, 2)])
+    def test_no_stop_starts_a_motor_and_every_stop_stops_one(self, how, mode, words):
+        for everybody in (False, True):
+            line, virtual_one = line_with()
+            with drivecomm.open_bus(line.port) as bus:
+                drive = bus.drive("vabus", 1, model="agile")
+                for word in words:
+                    drive.call("control_word", word=word)
+                virtual_one.poke("412", mode)
+                ran = virtual_one.motor.running
+                (bus.broadcast("vabus") if everybody else drive).stop(how)
+                line.advance(0.1)
+                assert ran or not virtual_one.motor.running
+                line.advance(20)
+                drive.status()
+                assert not virtual_one.motor.running
+
+    def test_a_drive_in_remote_contacts_is_neither_started_nor_kept_in_hand_by_starting_it(self, virtual):
+        _, virtual_one, drive = virtual
+        virtual_one.poke("412", 2)
+        with pytest.raises(drivecomm.StateError, match="write 412 = 1"):
+            drive.start()
+        with keep(drive, "trip"):
+            assert not virtual_one.motor.running
+        assert not virtual_one.motor.running
 
     def test_broadcast_stops_and_nobody_answers(self):
         drives = [virtual_drive("vabus", node) for node in (1, 2)]

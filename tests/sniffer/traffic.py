@@ -83,6 +83,7 @@ def actions(bus, names, random, **settings):
         "fuji": ("F07", "M09", "F03"),
     }
     written = {"vabus": "480", "danfoss-fc": "3-41", "fuji": "F07"}
+    reference = {"vabus": "520", "fuji": "S01"}
     doing = []
     for protocol, address in names:
         drive = bus.drive(protocol, address, model=model_of(protocol), **settings)
@@ -91,8 +92,17 @@ def actions(bus, names, random, **settings):
             name = written[protocol]
             doing.append(lambda drive=drive, name=name: drive.write(name, random.randint(1, 40)))
         doing.append(lambda drive=drive: drive.status())
-        doing.append(lambda drive=drive: drive.set_reference(percent=random.randint(0, 100)))
+        name = reference.get(protocol)
+        doing.append(lambda drive=drive, name=name: _refer(drive, name, random.randint(0, 100)))
     return doing
+
+
+def _refer(drive, name, percent):
+    """One telegram there and one back, as a master sends it that looks at nothing else."""
+    if name is None:
+        drive.set_reference(percent=percent)
+    else:
+        drive.write(name, percent if name == "520" else percent * 200)
 
 
 PAUSES = (0.0, 0.005, 0.03, 0.4)

@@ -1,0 +1,169 @@
+"""Asking one VABus drive and telling it: enquiry, select, error register.
+
+Short description sections 6.1, 6.2, 6.5; timing and error handling Agile VABus manual p. 26-33.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import RefusedError, ReplyError, UnexpectedReplyError
+from drivecomm.exchange import Ask, Exchange, Tell
+from drivecomm_vabus.errorcodes import DATASETS_DIFFER, ERROR_REGISTER, LINE_FAULTS, UNKNOWN_PARAMETER, error_text
+from drivecomm_vabus.states import CONTROL_WORD
+from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Eot, Select, Value, number_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm_vabus.memory import VabusMemory
+    from drivecomm_vabus.options import VabusOptions
+    from drivecomm_vabus.telegrams import ValueType
+
+# A poll plan asks for the same parameters again and again; more of them than this are not kept in mind.
+_KEPT = 512
+
+_CLOSING = Tell(message=Eot(), pause_s=0.0)
+
+# In this time a drive has answered a stop that was told without waiting for its answer: two bytes after its delay.
+_ANSWERED_S = 0.05
+
+
+class Conversation:
+    """Enquiries and selects to one drive, selects to all at address 32.
+
+    After a NAK the drive refuses every write until its error register is read, so every NAK is followed by reading it
+    (short description section 6.5). When that could not be done, or when it is open whether a select was refused, the
+    register is read before the next select. A NAK does not say what it refuses: the first one after a request that was
+    not answered may be that one's, so the question is put once more before it is believed.
+    """
+
+    def __init__(self, address: int, options: VabusOptions, memory: VabusMemory) -> None:
+        self._address = address
+        self._options = options
+        self._memory = memory
+        self._enquiry = lru_cache(_KEPT, typed=True)(self._new_enquiry)
+
+    def enquire(self, number: int, dataset: int, name: str) -> Exchange[Value]:
+        """Ask for a parameter's value. Raises RefusedError."""
+        enquiry = self._enquiry(number, dataset)
+        for last in (False, True):
+            try:
+                reply = yield enquiry
+            except (ReplyError, GeneratorExit):
+                self._memory.unanswered = True
+                raise
+            if self._options.trailing_eot:
+                yield _CLOSING
+            if isinstance(reply, Value):
+                return reply
+            doubtful, self._memory.unanswered = self._memory.unanswered, False
+            code = yield from self.error_register()
+            if last or not (doubtful or code in LINE_FAULTS):
+                raise _refused(name, code)
+        raise AssertionError  # pragma: no cover
+
+    def number(self, number: int, type: ValueType, name: str, *, dataset: int = 0) -> Exchange[int]:
+        """Ask for a number. Raises RefusedError, and UnexpectedReplyError for what is no such number."""
+        reply = yield from self.enquire(number, dataset, name)
+        try:
+            return number_of(reply.data, type, lower_case_hex=self._options.lower_case_hex)
+        except ValueError as error:
+            raise UnexpectedReplyError(f"{name} is no {type}: {error}") from error
+
+    def held(self, number: int, type: ValueType, name: str) -> Exchange[Mapping[int, int]]:
+        """Ask what a parameter holds, by data set: under 0 where all are alike; empty where the drive has none such."""
+        try:
+            return {0: (yield from self.number(number, type, name))}
+        except RefusedError as error:
+            if error.code == UNKNOWN_PARAMETER:
+                return {}
+            if error.code != DATASETS_DIFFER:
+                raise
+        values = {}
+        for dataset in range(1, 5):
+            values[dataset] = yield from self.number(number, type, f"{name}[{dataset}]", dataset=dataset)
+        return values
+
+    def select(
+        self,
+        number: int,
+        dataset: int,
+        data: str,
+        *,
+        attempts: int | None = None,
+        urgent: bool = False,
+        nameless: bool = True,
+    ) -> Exchange[None]:
+        """Write a parameter's data characters. Raises RefusedError. attempts, urgent, nameless: see `Ask`."""
+        select = self._select(number, dataset, data)
+        if number == CONTROL_WORD:
+            self._memory.runs = False
+        if self._address == BROADCAST:
+            yield Tell(message=select)
+            return
+        if self._memory.maybe_locked:
+            yield from self.error_register()
+        for last in (False, True):
+            try:
+                reply = yield Ask(message=select, attempts=attempts, acts=True, nameless=nameless, urgent=urgent)
+            except (ReplyError, GeneratorExit):
+                self._memory.maybe_locked = self._memory.unanswered = True
+                raise
+            yield from self.close()
+            if isinstance(reply, Ack):
+                return
+            code = yield from self.error_register()
+            if last or code not in LINE_FAULTS or attempts == 1:
+                raise _refused(str(number), code)
+
+    def tell(self, number: int, data: str) -> Tell:
+        """Return the command to write a parameter at once, whatever else is open: the answer is not waited for."""
+        return Tell(message=self._select(number, 0, data), pause_s=_ANSWERED_S)
+
+    def error_register(self) -> Exchange[int | None]:
+        """Read the register, which clears it and the write lock; None when the drive does not tell.
+
+        It belongs to the interface: system-bus node 0, data set 0. Decoded as uint, eight digits accepted.
+        """
+        self._memory.maybe_locked = True
+        try:
+            reply = yield Ask(message=Enquiry(address=self._address, parameter=ERROR_REGISTER))
+        except ReplyError:
+            return None
+        yield from self.close()
+        if not isinstance(reply, Value):
+            return None
+        self._memory.maybe_locked = False
+        try:
+            return number_of(reply.data[-4:], "uint", lower_case_hex=self._options.lower_case_hex)
+        except ValueError:
+            return None
+
+    def close(self) -> Exchange[None]:
+        """End an exchange, where that is wanted."""
+        if self._options.trailing_eot:
+            yield _CLOSING
+
+    def probe(self, number: int) -> Exchange[None]:
+        """Ask for a parameter once; a NAK is an answer as well as a value is."""
+        reply = yield replace(self._enquiry(number, 0), attempts=1)
+        yield from self.close()
+        if not isinstance(reply, Value):
+            yield from self.error_register()
+
+    def _new_enquiry(self, number: int, dataset: int) -> Ask:
+        return Ask(message=Enquiry(address=self._address, sys=self._options.sys, dataset=dataset, parameter=number))
+
+    def _select(self, number: int, dataset: int, data: str) -> Select:
+        return Select(address=self._address, sys=self._options.sys, dataset=dataset, parameter=number, data=data)
+
+
+def _refused(parameter: str, code: int | None) -> RefusedError:
+    if code is None:
+        return RefusedError(parameter, None, "its error register could not be read")
+    if code == 0:
+        return RefusedError(parameter, None, "its error register was empty when it was read")
+    return RefusedError(parameter, code, error_text(code))

@@ -1,0 +1,160 @@
+"""How fast a motor turns, and which way: fixed frequency 1 (480), fixed percent 1 (520), and what comes of them (283).
+
+No page that was read says how frequency and percentage come together: parameters 475 and 476 choose their sources, by
+numbers that stand in no page, and the ramp gets a sum (ACU CM-PROFINET manual p. 75). So only one of them is ever left
+other than zero, and the drive is asked what its reference is then.
+
+The control word has no bit for the direction, the sign of the references says it (Agile VABus manual p. 41), and it
+belongs to the start: a reference that is set takes the sign that is there. Zero has none, so that of a motor that runs
+backwards is written as the smallest step, -0.01.
+"""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import NotSupported, RefusedError, StateError, ValueRefusedError
+from drivecomm.numbers import exact, unscaled
+from drivecomm_vabus.parameters import Target, characters_for, target
+from drivecomm_vabus.telegrams import data_of, number_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.exchange import Exchange
+    from drivecomm.models import Model
+    from drivecomm.reading import Value
+    from drivecomm_vabus.conversation import Conversation
+    from drivecomm_vabus.options import VabusOptions
+
+_MAXIMUM_FREQUENCY = 419
+
+_HUNDREDTH = Decimal("0.01")
+"""What is not in the model has two decimals, as all references and frequencies have (short description section 7)."""
+
+
+class References:
+    """The references of one drive; they are only ever written to its RAM."""
+
+    def __init__(self, talk: Conversation, options: VabusOptions, model: Model | None) -> None:
+        self._talk = talk
+        self._in_ram = options.ram_datasets
+        self._hz = target(str(options.reference_hz_parameter), model, "long", None)
+        self._percent = target(str(options.reference_percent_parameter), model, "int", None)
+        self._shown = target(str(options.reference_shown_parameter), model, "long", None)
+        self._maximum = target(str(_MAXIMUM_FREQUENCY), model, "long", None)
+
+    def set_hz(self, hz: Value | float) -> Exchange[None]:
+        """Turn at this frequency: ValueRefusedError at once, StateError when the drive then shows another."""
+        return self._set(self._hz, self._percent, self._raw(self._hz, hz, "Hz"))
+
+    def set_percent(self, percent: Value | float) -> Exchange[None]:
+        """Turn at this share of the maximum frequency; raises as `set_hz` does."""
+        return self._set(self._percent, self._hz, self._raw(self._percent, percent, "%"))
+
+    def turn(self, *, backwards: bool) -> Exchange[None]:
+        """Give the references the sign of a direction. Raises StateError when the motor would turn the other way."""
+        stands = True
+        for wanted in (self._percent, self._hz):
+            held = yield from self._held(wanted)
+            stands = stands and not any(held.values())
+            for dataset, raw in held.items():
+                if (turned := _turned(raw, backwards=backwards)) != raw:
+                    yield from self._write(wanted, turned, dataset)
+        if backwards and stands:
+            yield from self._write(self._hz, -1)
+        try:
+            shown = yield from self._effective()
+        except RefusedError:
+            return
+        if shown and (shown < 0) is not backwards:
+            raise StateError(
+                f"the reference of the drive (parameter {self._shown.number}) is {shown} Hz, the other way round, "
+                f"though {self._hz.number} and {self._percent.number} are not; it was not started"
+            )
+
+    def _set(self, wanted: Target, other: Target, raw: int) -> Exchange[None]:
+        held = yield from self._held(wanted)
+        others = yield from self._held(other)
+        signs = {value < 0 for value in (*held.values(), *others.values()) if value}
+        backwards = signs == {True} or (len(signs) > 1 and ((yield from self._effective()) or 0) < 0)
+        signed = -max(raw, 1) if backwards else raw
+        meant = yield from self._meant_hz(wanted, signed)
+        # The other one first: should the line fail in between, the motor slows down.
+        if any(others.values()):
+            yield from self._write(other, 0)
+        yield from self._write(wanted, signed)
+        try:
+            shown = yield from self._effective()
+        except RefusedError as error:
+            raise StateError(
+                f"{_what(wanted, signed)}, and the drive does not show its reference: {error}; {_REMEDY}"
+            ) from None
+        if shown is not None and all(abs(shown - each) > _HUNDREDTH for each in meant):
+            raise StateError(
+                f"{_what(wanted, signed)}, and the reference of the drive is {shown} Hz (parameter "
+                f"{self._shown.number}): it is limited (418, 419), or follows something else (475, 476); {_REMEDY}"
+            )
+
+    def _meant_hz(self, wanted: Target, raw: int) -> Exchange[list[Decimal]]:
+        """Return the frequencies that a reference may stand for: one for each maximum in the data sets."""
+        value = raw * _factor(wanted)
+        if wanted is self._hz or not self._shown.number:
+            return [value]
+        maxima = yield from self._held(self._maximum)
+        if not maxima:
+            raise StateError(
+                "the drive has no maximum frequency (parameter 419), so a percentage means nothing; use hz"
+            )
+        return [value / 100 * maximum * _factor(self._maximum) for maximum in maxima.values()]
+
+    def _effective(self) -> Exchange[Decimal | None]:
+        """Read what the drive makes of its references; None where it is not to be asked. Raises RefusedError."""
+        if not self._shown.number:
+            return None
+        raw = yield from self._talk.number(self._shown.number, "long", self._shown.address)
+        return raw * _factor(self._shown)
+
+    def _held(self, wanted: Target) -> Exchange[Mapping[int, int]]:
+        return self._talk.held(wanted.number, wanted.type, wanted.address)
+
+    def _write(self, wanted: Target, raw: int, dataset: int = 0) -> Exchange[None]:
+        if not self._in_ram:
+            raise StateError(
+                f"{_what(wanted, -raw)}, which turns the motor the other way, and this drive has no RAM data sets to "
+                "turn it round in; write it with store=True"
+            )
+        yield from self._talk.select(wanted.number, dataset + 5, data_of(raw, wanted.type))
+
+    def _raw(self, wanted: Target, value: Value | float, unit: str) -> int:
+        """Return a reference in the drive's steps. Raises NotSupported, ValueRefusedError."""
+        name = str(wanted.number)
+        if not self._in_ram:
+            raise NotSupported(
+                f"this drive has no RAM data sets, so a reference would go to EEPROM; write {name} with store=True"
+            )
+        number = exact(value, name)
+        if number < 0:
+            raise ValueRefusedError(f"a reference of {value} {unit} is negative; a motor is reversed by its start")
+        if wanted.info is None:
+            number = Decimal(unscaled(number, _HUNDREDTH, name))
+        return number_of(characters_for(wanted, number), wanted.type)
+
+
+_REMEDY = "look at those, or, if it shows no reference in standstill, use the option reference_shown_parameter=0"
+
+
+def _turned(raw: int, *, backwards: bool) -> int:
+    """Return a reference for this direction; the smallest step backwards stands for zero."""
+    if backwards:
+        return -abs(raw)
+    return 0 if raw == -1 else abs(raw)
+
+
+def _factor(wanted: Target) -> Decimal:
+    return wanted.info.factor if wanted.info is not None else _HUNDREDTH
+
+
+def _what(wanted: Target, raw: int) -> str:
+    return f"parameter {wanted.address} is {raw * _factor(wanted)} {'%' if wanted.type == 'int' else 'Hz'} now"
