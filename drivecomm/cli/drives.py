@@ -123,7 +123,8 @@ def start(
             one.start(reverse=reverse)
 
         if policy != "hold":
-            return starting.start_and_stay(one, run, policy, watchdog or usual_s, as_json=line.json)
+            port = line.reaching(drive)[0].named_port
+            return starting.start_and_stay(one, run, policy, watchdog or usual_s, port=port, as_json=line.json)
         if watchdog is not None:
             raise UsageError("hold is without a watchdog; leave --watchdog out, or choose another policy")
         starting.start_and_leave(one, run, as_json=line.json)
@@ -159,6 +160,11 @@ def stop(
         return stopping.stop_all(wanted, as_json=line.json)
     if drive is None:
         raise UsageError("no drive named; write PROTOCOL:ADDRESS, or --all to stop everything")
+    # Who holds the port for a drive that was started from here stops others on its line, too.
+    from drivecomm.cli.stopped_elsewhere import stopped_elsewhere  # noqa: PLC0415 - with --all it goes another way
+
+    if stopped_elsewhere(line, drive, model, chosen):
+        return 0
     protocol, colon, address = drive.partition(":")
     if colon and address == "*":
         with line.bus() as bus:

@@ -6,6 +6,7 @@ import time
 from typing import TYPE_CHECKING, get_args
 
 from drivecomm.cli.output import complain, emit, say
+from drivecomm.cli.start_door import door_of_start
 from drivecomm.cli.until_stopped import until_stopped
 from drivecomm.errors import DriveError, UsageError
 from drivecomm.keeping import keep
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
     from drivecomm.drive import Drive
     from drivecomm.errors import DriveCommError
-    from drivecomm.status import DriveStatus
+    from drivecomm.status import DriveStatus, Stop
 
 
 def chosen_policy(drive: Drive, text: str | None) -> LinkLoss:
@@ -48,14 +49,25 @@ def start_and_leave(drive: Drive, start: Callable[[], None], *, as_json: bool) -
         say(f"  its own watchdog was not looked at, because {why}; {drive.capabilities.link_loss}")
 
 
-def start_and_stay(drive: Drive, start: Callable[[], None], policy: LinkLoss, watchdog_s: str, *, as_json: bool) -> int:
-    """Start a motor and keep it in hand until Ctrl-C or SIGTERM, or until it has a fault; returns the exit code."""
+def start_and_stay(
+    drive: Drive, start: Callable[[], None], policy: LinkLoss, watchdog_s: str, *, port: str, as_json: bool
+) -> int:
+    """Start a motor and keep it in hand until Ctrl-C or SIGTERM, or until it has a fault; returns the exit code.
+
+    A stop from another program ends it, too, and other drives of its line are stopped for it.
+    """
     with until_stopped() as stop:
         watch = _Watch(drive.name, stop, as_json=as_json)
         kept = keep(drive, policy, watchdog_s=watchdog_s, on_failure=watch.failed, on_status=watch.answered)
-        with kept:
+
+        def leave(how: Stop) -> None:
+            kept.stop_by(how)
+            stop.set()
+
+        with door_of_start(drive, port, leave, as_json=as_json), kept:
             watch.tell(done="watchdog set", text=f"watchdog: {kept.watchdog} without this program")
-            start()
+            if not stop.is_set():
+                start()
             watch.tell(
                 done="started",
                 text="started; Ctrl-C stops it and sets the watchdog as it was",

@@ -15,6 +15,7 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm import bus as buses
+from drivecomm.cli.asking_start import WhatToStop, broadcasts, stopped_by_its_keeper
 from drivecomm.cli.output import complain, emit, say, sentence
 from drivecomm.errors import DriveCommError, DriveError, NotSupported, ReplyError, UsageError
 from drivecomm.line import LINE_FACT_NAMES
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.bus import Bus
+    from drivecomm.cli.asking_start import Answer
     from drivecomm.drive import Broadcast
     from drivecomm.plant import Plant, PlantDrive
 
@@ -64,7 +66,7 @@ class Outcome:
     error: DriveCommError | None = None
 
 
-_News: TypeAlias = Told | Outcome | BaseException | None
+_Item: TypeAlias = Told | Outcome | BaseException | None
 _Tell: TypeAlias = "Callable[[Told | Outcome], None]"
 
 
@@ -89,6 +91,12 @@ def stop_all(everything: Everything, *, as_json: bool) -> int:
 
 
 def _without_a_plant(everything: Everything, *, as_json: bool) -> int:
+    def tell(answer: Answer) -> None:
+        _show(_news("", answer), everything.how, as_json=as_json)
+
+    all_of_them = WhatToStop(how=everything.how, protocols=tuple((name, {}) for name in installed), everything=True)
+    if stopped_by_its_keeper(everything.port, all_of_them, tell, everything.opening) is not None:
+        return DriveError.exit_code
     with _bus(everything.port, everything.opening) as bus:
         for name in installed:
             try:
@@ -140,7 +148,7 @@ def _bus(port: str | None, opening: Mapping[str, Any]) -> Iterator[Bus]:
 
 def _at_once(lines: Iterable[_Line], how: Stop) -> Iterator[Told | Outcome]:
     """Stop all lines at the same time, and yield what comes of it as it comes."""
-    news: SimpleQueue[_News] = SimpleQueue()
+    news: SimpleQueue[_Item] = SimpleQueue()
     threads = [Thread(target=_stop_line, args=(line, how, news), daemon=True) for line in lines]
     for thread in threads:
         thread.start()
@@ -155,7 +163,7 @@ def _at_once(lines: Iterable[_Line], how: Stop) -> Iterator[Told | Outcome]:
             yield item
 
 
-def _stop_line(line: _Line, how: Stop, news: SimpleQueue[_News]) -> None:
+def _stop_line(line: _Line, how: Stop, news: SimpleQueue[_Item]) -> None:
     left = {drive.name: drive for drive in line.drives}
 
     def tell(item: Told | Outcome) -> None:
@@ -163,7 +171,11 @@ def _stop_line(line: _Line, how: Stop, news: SimpleQueue[_News]) -> None:
             left.pop(item.drive, None)
         news.put(item)
 
+    drives = tuple((drive.name, drive.protocol, drive.address, drive.options) for drive in line.drives)
+    what = WhatToStop(how=how, drives=drives, protocols=broadcasts(drives), everything=True)
     try:
+        if stopped_by_its_keeper(line.port, what, lambda each: tell(_news(line.name, each)), line.opening) is not None:
+            return
         with _bus(line.port, line.opening) as bus:
             _broadcast(bus, line, how, tell)
             _each(bus, line, how, tell)
@@ -174,6 +186,12 @@ def _stop_line(line: _Line, how: Stop, news: SimpleQueue[_News]) -> None:
         news.put(error)
     finally:
         news.put(None)
+
+
+def _news(line: str, answer: Answer) -> Told | Outcome:
+    if answer.drive:
+        return Outcome(line=line, drive=answer.drive, how=answer.how, error=answer.error)
+    return Told(line=line, protocol=answer.protocol, how=answer.how, error=answer.error)
 
 
 def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
