@@ -17,6 +17,12 @@ from drivecomm.errors import (
     AddressError as AddressError,
 )
 from drivecomm.errors import (
+    CommandCancelledError as CommandCancelledError,
+)
+from drivecomm.errors import (
+    CommandTooOldError as CommandTooOldError,
+)
+from drivecomm.errors import (
     DamagedReplyError as DamagedReplyError,
 )
 from drivecomm.errors import (
@@ -45,6 +51,9 @@ from drivecomm.errors import (
 )
 from drivecomm.errors import (
     NotSupported as NotSupported,
+)
+from drivecomm.errors import (
+    OvertakenError as OvertakenError,
 )
 from drivecomm.errors import (
     ParameterAddressError as ParameterAddressError,

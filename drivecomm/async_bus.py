@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from drivecomm.capture.recording import Record
+    from drivecomm.command_order import CommandCall
     from drivecomm.echo import Echo
     from drivecomm.exchange import Exchange
     from drivecomm.health import Health
@@ -64,6 +65,7 @@ class AsyncBus:
         self._clock: Port | None = None
         self._runner: Runner | None = None
         self._wall_time = 0.0
+        roster.link.stop_waits = self._turns.stop_waits
 
     def drive(
         self,
@@ -77,9 +79,8 @@ class AsyncBus:
     ) -> AsyncDrive:
         """Return the drive at an address; nothing is sent. The arguments are those of `Bus.drive`."""
         member = self._roster.member(protocol, address, model, set_up, options, read_only=read_only)
-        drive = AsyncDrive(self, *member)
-        self._roster.add(drive)
-        return drive
+        self._roster.add(member.party.name)
+        return AsyncDrive(self, *member)
 
     def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> AsyncBroadcast:
         """Return all drives of a protocol at once; what is sent to them is never answered."""
@@ -125,28 +126,49 @@ class AsyncBus:
                 raise UsageError(f"{item.drive.name} is not on this bus; poll it with drivecomm.poll_async")
         return poll_async(plan, duration_s=duration_s, cycles=cycles)
 
-    async def run(self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ) -> T:
+    async def run(
+        self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ, command: CommandCall | None = None
+    ) -> T:
         """Carry out an exchange with a drive, unless the drive is known not to answer; waits for its turn.
 
-        A port that was lost is opened again first. Raises DeadlineError when the drive's deadline_s passes.
+        A port that was lost is opened again first. Raises DeadlineError when the drive's deadline_s passes, and
+        CommandCancelledError for a command that a stop has cancelled.
         """
         deadline = self.now() + party.facts.timing.deadline_s
-        return (await self._in_turn(self._roster.link.run(party, exchange, deadline=deadline), party, rank))[0]
+        steps = self._roster.link.run(party, exchange, deadline=deadline, command=command)
+        return (await self._in_turn(steps, party, rank))[0]
 
-    async def reading(self, party: Party, exchange: Exchange[R], rank: Rank = Rank.READ) -> R:
+    async def reading(
+        self, party: Party, exchange: Exchange[R], rank: Rank = Rank.READ, command: CommandCall | None = None
+    ) -> R:
         """Carry out an exchange as `run` does; the reading that it results in gets the time of its reply."""
         deadline = self.now() + party.facts.timing.deadline_s
-        result, time_s = await self._in_turn(self._roster.link.run(party, exchange, deadline=deadline), party, rank)
+        steps = self._roster.link.run(party, exchange, deadline=deadline, command=command)
+        result, time_s = await self._in_turn(steps, party, rank)
         return result and result.at(time_s)
 
-    async def insist(self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ) -> T:
+    async def insist(self, party: Party, exchange: Exchange[T]) -> T:
         """Carry out an exchange whatever is known of the drive; waits for its turn."""
         deadline = self.now() + party.facts.timing.deadline_s
-        return (await self._in_turn(self._roster.link.insist(party, exchange, deadline=deadline), party, rank))[0]
+        return (await self._in_turn(self._roster.link.insist(party, exchange, deadline=deadline), party, Rank.READ))[0]
 
-    def commanding(self, who: AsyncDrive | AsyncBroadcast) -> None:
-        """Let all other objects for the same drive, or drives, forget what they commanded last."""
-        self._roster.commanding(who)
+    async def stop(self, party: Party, exchange: Exchange[T]) -> T:
+        """Carry out an exchange that stops a motor, or all of a protocol; see `drivecomm.command_order`."""
+        deadline = self.now() + party.facts.timing.deadline_s
+        self._roster.commands.stop_called(party.name)
+        # Tasks that were made before this call and have not begun were asked for before it.
+        await asyncio.sleep(0)
+        self._roster.commands.stop_called(party.name)
+        stopping = self._roster.stopping(party, exchange)
+        return (await self._in_turn(self._roster.link.stop(party, stopping, deadline=deadline), party, Rank.STOP))[0]
+
+    def command(self, party: Party) -> CommandCall:
+        """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that."""
+        return self._roster.commands.called(party.name)
+
+    def forget_after(self, party: Party, silence_s: float | None) -> None:
+        """Repeat no command to a drive that is older than this; None for no limit."""
+        self._roster.link.forget_after(party, float("inf") if silence_s is None else silence_s)
 
     def storing(self, party: Party, parameter: str) -> None:
         """Count a write that may end in EEPROM. Raises UsageError for one too many within an hour."""
@@ -199,7 +221,7 @@ class AsyncBus:
 
     async def close(self) -> None:
         """Give the port back; the bus cannot be used any more."""
-        await self._take_turn(Rank.STOP, float("inf"), "the bus")
+        await self._take_turn(Rank.COMMAND, float("inf"), "the bus")
         try:
             self._closed = True
             self._let_go()
@@ -222,7 +244,7 @@ class AsyncBus:
         try:
             runner = await self._opened()
             try:
-                result = await runner.run(steps)
+                result = await runner.run(steps, self._turns.stop_waits)
             except LinkDownError:
                 self._let_go()
                 raise
@@ -236,6 +258,8 @@ class AsyncBus:
     async def _take_turn(self, rank: Rank, seconds: float, who: str) -> None:
         if self._owner is not None and self._owner is asyncio.current_task():
             raise UsageError("a trace function cannot use the bus that calls it")
+        if rank is Rank.STOP and self._runner is not None:
+            self._runner.look()
         if not await self._turns.take(rank, seconds):
             raise DeadlineError(f"{who}: the line was busy with others for {seconds:g} s")
         self._owner = asyncio.current_task()

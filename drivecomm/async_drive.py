@@ -12,6 +12,7 @@ from drivecomm.waiting import POLL_S, Waiting
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from drivecomm.command_order import CommandCall
     from drivecomm.exchange import Exchange
     from drivecomm.line import LineFacts
     from drivecomm.link import Party
@@ -28,16 +29,30 @@ R = TypeVar("R", "Reading", "Reading | None")
 class AsyncRuns(Protocol):
     """What a drive needs of its bus."""
 
-    async def run(self, party: Party, exchange: Exchange[T], rank: Rank = ...) -> T:
+    async def run(self, party: Party, exchange: Exchange[T], rank: Rank = ..., command: CommandCall | None = ...) -> T:
         """Carry out an exchange, unless the drive is known not to answer."""
         ...
 
-    async def reading(self, party: Party, exchange: Exchange[R], rank: Rank = ...) -> R:
+    async def reading(
+        self, party: Party, exchange: Exchange[R], rank: Rank = ..., command: CommandCall | None = ...
+    ) -> R:
         """Carry out an exchange that results in a reading, and give it the time of its reply."""
         ...
 
-    async def insist(self, party: Party, exchange: Exchange[T], rank: Rank = ...) -> T:
+    async def insist(self, party: Party, exchange: Exchange[T]) -> T:
         """Carry out an exchange whatever is known of the drive."""
+        ...
+
+    async def stop(self, party: Party, exchange: Exchange[T]) -> T:
+        """Carry out an exchange that stops a motor, before all else."""
+        ...
+
+    def command(self, party: Party) -> CommandCall:
+        """Take note that a drive is to be commanded."""
+        ...
+
+    def forget_after(self, party: Party, silence_s: float | None) -> None:
+        """Repeat no command to a drive that is older than this."""
         ...
 
     def wall_time(self) -> float:
@@ -55,10 +70,6 @@ class AsyncRuns(Protocol):
 
     async def sleep_until(self, until: float) -> None:
         """Let time pass on the line's clock."""
-        ...
-
-    def commanding(self, who: AsyncDrive | AsyncBroadcast) -> None:
-        """Let all others who speak to the same drive know that it is being commanded."""
         ...
 
     def storing(self, party: Party, parameter: str) -> None:
@@ -103,9 +114,9 @@ class AsyncDrive:
         """What this drive can be asked to do."""
         return self._verbs.capabilities
 
-    def commanded_elsewhere(self) -> None:
-        """Forget the last command, because somebody else has commanded this drive since; the bus calls it."""
-        self._verbs.operations.commanded_elsewhere()
+    def forget_after(self, silence_s: float | None) -> None:
+        """Never repeat a command that is older than this, because the drive's watchdog acted then; None: no limit."""
+        self._bus.forget_after(self._party, silence_s)
 
     async def read(self, parameter: str, **options: Any) -> Reading:
         """Read a parameter, by its address in the protocol's form or by its name in the drive's model."""
@@ -143,9 +154,7 @@ class AsyncDrive:
 
     async def stop(self, how: Stop = Stop.RAMP) -> None:
         """Stop the motor; overtakes all else on the line, and asks also a drive that has not answered."""
-        exchange = self._verbs.operations.stop(how)
-        self._bus.commanding(self)
-        await self._bus.insist(self._party, exchange, Rank.STOP)
+        await self._bus.stop(self._party, self._verbs.operations.stop(how))
 
     async def reset(self) -> None:
         """Acknowledge a fault. The motor does not start again by this."""
@@ -209,12 +218,10 @@ class AsyncDrive:
     async def _write(self, parameter: str, store: bool, exchange: Exchange[Reading | None]) -> Reading | None:
         if stored := self._verbs.stored_parameter(parameter, store=store):
             self._bus.storing(self._party, stored)
-        self._bus.commanding(self)
-        return await self._bus.reading(self._party, exchange, Rank.COMMAND)
+        return await self._bus.reading(self._party, exchange, Rank.COMMAND, self._bus.command(self._party))
 
     async def _command(self, exchange: Exchange[T]) -> T:
-        self._bus.commanding(self)
-        return await self._bus.run(self._party, exchange, Rank.COMMAND)
+        return await self._bus.run(self._party, exchange, Rank.COMMAND, self._bus.command(self._party))
 
     def __repr__(self) -> str:
         return f"<AsyncDrive {self.name}>"
@@ -236,11 +243,8 @@ class AsyncBroadcast:
     async def write(self, parameter: str, value: Value | float, **options: Any) -> None:
         """Write a parameter of all drives; returns when the telegram is sent."""
         exchange = self._verbs.write(parameter, value, options)
-        self._bus.commanding(self)
-        await self._bus.run(self._party, exchange, Rank.COMMAND)
+        await self._bus.run(self._party, exchange, Rank.COMMAND, self._bus.command(self._party))
 
     async def stop(self, how: Stop = Stop.RAMP) -> None:
         """Stop all motors; overtakes all else on the line, and returns when the telegram is sent."""
-        exchange = self._verbs.operations.stop(how)
-        self._bus.commanding(self)
-        await self._bus.insist(self._party, exchange, Rank.STOP)
+        await self._bus.stop(self._party, self._verbs.operations.stop(how))

@@ -18,6 +18,10 @@ class AsyncTurns:
         self._taken = False
         self._queue: Queue[asyncio.Future[None]] = Queue()
 
+    def stop_waits(self) -> bool:
+        """Whether somebody waits who wants to stop something."""
+        return self._queue.stop_waits
+
     async def take(self, rank: Rank, seconds: float) -> bool:
         """Wait for one's turn; returns False when it has not come within this time."""
         if not self._taken:

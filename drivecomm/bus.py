@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from threading import get_ident
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from drivecomm.drive import Broadcast, Drive
@@ -14,7 +13,7 @@ from drivecomm.roster import Roster, echo_mode, line_overrides
 from drivecomm.runners.blocking import run
 from drivecomm.scanning import Found, Search, introduce, look
 from drivecomm.stored_writes import ALLOWED, StoredWrites
-from drivecomm.turns import Rank, Turns
+from drivecomm.turns import Rank, Turn, Turns
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from drivecomm.capture.recording import Record
+    from drivecomm.command_order import CommandCall
     from drivecomm.echo import Echo
     from drivecomm.exchange import Exchange
     from drivecomm.health import Health
@@ -58,12 +58,12 @@ class Bus:
         self._roster = roster
         self._on_close = on_close
         self._turns = Turns()
-        self._owner = 0
         self._closed = False
         self._reopening = GrowingPause(REOPEN_FIRST_S, REOPEN_LONGEST_S)
         self._port: Port | None = open_port()
         self._clock: Port = self._port
         roster.link.paced = self._port.paced
+        roster.link.stop_waits = self._turns.stop_waits
         self._wall_time = self._port.wall_time()
 
     def drive(
@@ -86,9 +86,8 @@ class Bus:
         that cannot be.
         """
         member = self._roster.member(protocol, address, model, set_up, options, read_only=read_only)
-        drive = Drive(self, *member)
-        self._roster.add(drive)
-        return drive
+        self._roster.add(member.party.name)
+        return Drive(self, *member)
 
     def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> Broadcast:
         """Return all drives of a protocol at once; what is sent to them is never answered."""
@@ -140,28 +139,43 @@ class Bus:
                 raise UsageError(f"{item.drive.name} is not on this bus; poll it with drivecomm.poll")
         return poll(plan, duration_s=duration_s, cycles=cycles)
 
-    def run(self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ) -> T:
+    def run(self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ, command: CommandCall | None = None) -> T:
         """Carry out an exchange with a drive, unless the drive is known not to answer; waits for its turn.
 
-        A port that was lost is opened again first. Raises DeadlineError when the drive's deadline_s passes.
+        A port that was lost is opened again first. Raises DeadlineError when the drive's deadline_s passes, and
+        CommandCancelledError for a command that a stop has cancelled.
         """
         deadline = self.now() + party.facts.timing.deadline_s
-        return self._in_turn(self._roster.link.run(party, exchange, deadline=deadline), party, rank)[0]
+        return self._in_turn(self._roster.link.run(party, exchange, deadline=deadline, command=command), party, rank)[0]
 
-    def reading(self, party: Party, exchange: Exchange[R], rank: Rank = Rank.READ) -> R:
+    def reading(
+        self, party: Party, exchange: Exchange[R], rank: Rank = Rank.READ, command: CommandCall | None = None
+    ) -> R:
         """Carry out an exchange as `run` does; the reading that it results in gets the time of its reply."""
         deadline = self.now() + party.facts.timing.deadline_s
-        result, time_s = self._in_turn(self._roster.link.run(party, exchange, deadline=deadline), party, rank)
+        steps = self._roster.link.run(party, exchange, deadline=deadline, command=command)
+        result, time_s = self._in_turn(steps, party, rank)
         return result and result.at(time_s)
 
-    def insist(self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ) -> T:
+    def insist(self, party: Party, exchange: Exchange[T]) -> T:
         """Carry out an exchange whatever is known of the drive; waits for its turn."""
         deadline = self.now() + party.facts.timing.deadline_s
-        return self._in_turn(self._roster.link.insist(party, exchange, deadline=deadline), party, rank)[0]
+        return self._in_turn(self._roster.link.insist(party, exchange, deadline=deadline), party, Rank.READ)[0]
 
-    def commanding(self, who: Drive | Broadcast) -> None:
-        """Let all other objects for the same drive, or drives, forget what they commanded last."""
-        self._roster.commanding(who)
+    def stop(self, party: Party, exchange: Exchange[T]) -> T:
+        """Carry out an exchange that stops a motor, or all of a protocol; see `drivecomm.command_order`."""
+        deadline = self.now() + party.facts.timing.deadline_s
+        self._roster.commands.stop_called(party.name)
+        stopping = self._roster.stopping(party, exchange)
+        return self._in_turn(self._roster.link.stop(party, stopping, deadline=deadline), party, Rank.STOP)[0]
+
+    def command(self, party: Party) -> CommandCall:
+        """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that."""
+        return self._roster.commands.called(party.name)
+
+    def forget_after(self, party: Party, silence_s: float | None) -> None:
+        """Repeat no command to a drive that is older than this; None for no limit."""
+        self._roster.link.forget_after(party, float("inf") if silence_s is None else silence_s)
 
     def storing(self, party: Party, parameter: str) -> None:
         """Count a write that may end in EEPROM. Raises UsageError for one too many within an hour."""
@@ -184,11 +198,13 @@ class Bus:
             while (left := until - self._clock.now()) > 0:
                 time.sleep(left)
             return
-        self._take_turn(Rank.POLL, float("inf"), "the bus")
+        turn = Turn(Rank.POLL)
         try:
-            self._clock.wait(until)
+            with turn.held:
+                self._wait_for(turn, float("inf"), "the bus")
+                self._clock.wait(until)
         finally:
-            self._give_back()
+            self._turns.hand_on()
 
     def wall_time(self) -> float:
         """Return when the last exchange ended, in seconds since 1970 (on a virtual line: since its start)."""
@@ -211,16 +227,18 @@ class Bus:
 
     def close(self) -> None:
         """Give the port back; the bus cannot be used any more."""
-        self._take_turn(Rank.STOP, float("inf"), "the bus")
+        turn = Turn(Rank.COMMAND)
         try:
-            self._closed = True
-            if self._port is not None:
-                self._port.close()
-                self._port = None
-            if self._on_close is not None:
-                self._on_close()
+            with turn.held:
+                self._wait_for(turn, float("inf"), "the bus")
+                self._closed = True
+                if self._port is not None:
+                    self._port.close()
+                    self._port = None
+                if self._on_close is not None:
+                    self._on_close()
         finally:
-            self._give_back()
+            self._turns.hand_on()
 
     def __enter__(self) -> Self:
         return self
@@ -231,31 +249,28 @@ class Bus:
         self.close()
 
     def _in_turn(self, steps: Steps[T], party: Party, rank: Rank) -> tuple[T, float]:
-        self._take_turn(rank, party.facts.timing.deadline_s, party.name)
+        turn = Turn(rank)
         try:
-            port = self._opened()
-            try:
-                result = run(steps, port)
-            except LinkDownError:
-                self._port = None
-                port.close()
-                raise
-            finally:
-                self._wall_time = time_s = port.wall_time()
-            return result, time_s
+            with turn.held:
+                self._wait_for(turn, party.facts.timing.deadline_s, party.name)
+                port = self._opened()
+                try:
+                    result = run(steps, port, self._turns.stop_waits)
+                except LinkDownError:
+                    self._port = None
+                    port.close()
+                    raise
+                finally:
+                    self._wall_time = time_s = port.wall_time()
+                return result, time_s
         finally:
-            self._give_back()
+            self._turns.hand_on()
 
-    def _take_turn(self, rank: Rank, seconds: float, who: str) -> None:
-        if self._owner == get_ident():
+    def _wait_for(self, turn: Turn, seconds: float, who: str) -> None:
+        if self._turns.is_mine():
             raise UsageError("a trace function cannot use the bus that calls it")
-        if not self._turns.take(rank, seconds):
+        if not self._turns.take(turn, seconds):
             raise DeadlineError(f"{who}: the line was busy with others for {seconds:g} s")
-        self._owner = get_ident()
-
-    def _give_back(self) -> None:
-        self._owner = 0
-        self._turns.give_back()
 
     def _opened(self) -> Port:
         if self._port is not None:

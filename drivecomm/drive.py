@@ -12,6 +12,7 @@ from drivecomm.waiting import POLL_S, Waiting
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from drivecomm.command_order import CommandCall
     from drivecomm.exchange import Exchange
     from drivecomm.line import LineFacts
     from drivecomm.link import Party
@@ -28,16 +29,28 @@ R = TypeVar("R", "Reading", "Reading | None")
 class Runs(Protocol):
     """What a drive needs of its bus."""
 
-    def run(self, party: Party, exchange: Exchange[T], rank: Rank = ...) -> T:
+    def run(self, party: Party, exchange: Exchange[T], rank: Rank = ..., command: CommandCall | None = ...) -> T:
         """Carry out an exchange, unless the drive is known not to answer."""
         ...
 
-    def reading(self, party: Party, exchange: Exchange[R], rank: Rank = ...) -> R:
+    def reading(self, party: Party, exchange: Exchange[R], rank: Rank = ..., command: CommandCall | None = ...) -> R:
         """Carry out an exchange that results in a reading, and give it the time of its reply."""
         ...
 
-    def insist(self, party: Party, exchange: Exchange[T], rank: Rank = ...) -> T:
+    def insist(self, party: Party, exchange: Exchange[T]) -> T:
         """Carry out an exchange whatever is known of the drive."""
+        ...
+
+    def stop(self, party: Party, exchange: Exchange[T]) -> T:
+        """Carry out an exchange that stops a motor, before all else."""
+        ...
+
+    def command(self, party: Party) -> CommandCall:
+        """Take note that a drive is to be commanded."""
+        ...
+
+    def forget_after(self, party: Party, silence_s: float | None) -> None:
+        """Repeat no command to a drive that is older than this."""
         ...
 
     def wall_time(self) -> float:
@@ -57,10 +70,6 @@ class Runs(Protocol):
         """Let time pass on the line's clock."""
         ...
 
-    def commanding(self, who: Drive | Broadcast) -> None:
-        """Let all others who speak to the same drive know that it is being commanded."""
-        ...
-
     def storing(self, party: Party, parameter: str) -> None:
         """Count a write that may end in EEPROM. Raises UsageError for one too many."""
         ...
@@ -72,6 +81,9 @@ class Drive:
     A verb may raise LinkError (port or line), ReplyError (no believable reply), DriveError (the drive said no), and
     UsageError before anything is sent. A drive that does not answer is given up after some time: its verbs then raise
     NotAnsweringError at once, and now and then ask again; only `stop` and `probe` always ask.
+
+    A stop goes before everything: what waits for a reply meanwhile raises OvertakenError, and commands for the same
+    drive that were called before it and are not carried out yet raise CommandCancelledError.
     """
 
     def __init__(self, bus: Runs, party: Party, operations: Operations, model: Model | None) -> None:
@@ -105,9 +117,12 @@ class Drive:
         """What this drive can be asked to do."""
         return self._verbs.capabilities
 
-    def commanded_elsewhere(self) -> None:
-        """Forget the last command, because somebody else has commanded this drive since; the bus calls it."""
-        self._verbs.operations.commanded_elsewhere()
+    def forget_after(self, silence_s: float | None) -> None:
+        """Never repeat a command that is older than this, because the drive's watchdog has acted then; None: no limit.
+
+        Commands are repeated for the watchdogs of some drives. `set_watchdog`, `read_watchdog` and `keep` call this.
+        """
+        self._bus.forget_after(self._party, silence_s)
 
     def read(self, parameter: str, **options: Any) -> Reading:
         """Read a parameter, by its address in the protocol's form or by its name in the drive's model.
@@ -143,7 +158,11 @@ class Drive:
         self._verbs.write(parameter, value, {"store": store, **options}).close()
 
     def status(self) -> DriveStatus:
-        """Read the status word; commands nothing."""
+        """Read the status word; commands nothing new.
+
+        Where a drive's watchdog counts from its last command (Danfoss FC), the command that this bus has given it is
+        then repeated, if the status just read says that the drive obeys it still.
+        """
         return self._bus.run(self._party, self._verbs.operations.status())
 
     def start(self, *, reverse: bool = False) -> None:
@@ -155,9 +174,7 @@ class Drive:
 
     def stop(self, how: Stop = Stop.RAMP) -> None:
         """Stop the motor; overtakes all else on the line, and asks also a drive that has not answered."""
-        exchange = self._verbs.operations.stop(how)
-        self._bus.commanding(self)
-        self._bus.insist(self._party, exchange, Rank.STOP)
+        self._bus.stop(self._party, self._verbs.operations.stop(how))
 
     def reset(self) -> None:
         """Acknowledge a fault. The motor does not start again by this."""
@@ -230,12 +247,10 @@ class Drive:
     def _write(self, parameter: str, store: bool, exchange: Exchange[Reading | None]) -> Reading | None:
         if stored := self._verbs.stored_parameter(parameter, store=store):
             self._bus.storing(self._party, stored)
-        self._bus.commanding(self)
-        return self._bus.reading(self._party, exchange, Rank.COMMAND)
+        return self._bus.reading(self._party, exchange, Rank.COMMAND, self._bus.command(self._party))
 
     def _command(self, exchange: Exchange[T]) -> T:
-        self._bus.commanding(self)
-        return self._bus.run(self._party, exchange, Rank.COMMAND)
+        return self._bus.run(self._party, exchange, Rank.COMMAND, self._bus.command(self._party))
 
     def __repr__(self) -> str:
         return f"<Drive {self.name}>"
@@ -257,11 +272,8 @@ class Broadcast:
     def write(self, parameter: str, value: Value | float, **options: Any) -> None:
         """Write a parameter of all drives; returns when the telegram is sent."""
         exchange = self._verbs.write(parameter, value, options)
-        self._bus.commanding(self)
-        self._bus.run(self._party, exchange, Rank.COMMAND)
+        self._bus.run(self._party, exchange, Rank.COMMAND, self._bus.command(self._party))
 
     def stop(self, how: Stop = Stop.RAMP) -> None:
         """Stop all motors; overtakes all else on the line, and returns when the telegram is sent."""
-        exchange = self._verbs.operations.stop(how)
-        self._bus.commanding(self)
-        self._bus.insist(self._party, exchange, Rank.STOP)
+        self._bus.stop(self._party, self._verbs.operations.stop(how))

@@ -16,10 +16,13 @@ DriveCommError                      exit code 1
 │   ├── NoReplyError                nothing came in time (also a TimeoutError)
 │   │   └── NotAnsweringError       it has not answered for some time, and is not asked now
 │   ├── DeadlineError               the call's time was over before it came to an end (also a TimeoutError)
+│   ├── OvertakenError              a stop went first, and the reply was not waited for
+│   ├── CommandTooOldError          what the drive was commanded is older than its watchdog waits: not repeated
 │   ├── DamagedReplyError           something came, no telegram could be made of it
 │   └── UnexpectedReplyError        a sound telegram that answers nothing the drive was asked
 ├── DriveError                  5   the drive said no
 │   ├── RefusedError                a parameter access was refused, with the drive's code
+│   ├── CommandCancelledError       a stop was called after the command, which was not sent
 │   └── StateError                  the drive did not reach the state it was commanded to
 └── TelegramError               4   bytes that are no telegram, or fields that make none
 """
@@ -109,6 +112,16 @@ class DeadlineError(ReplyError, TimeoutError):
     remedy = "give the drive a longer deadline_s, or ask for less on this line"
 
 
+class OvertakenError(ReplyError):
+    """A stop on this line went first: the drive was not asked any more, or its reply was not waited for."""
+
+    remedy = "try again"
+
+
+class CommandTooOldError(ReplyError):
+    """A command was to be repeated that is older than the drive's watchdog waits; it was not sent, and is forgotten."""
+
+
 class DamagedReplyError(ReplyError):
     """Bytes came within the reply time, and none of them made a sound telegram."""
 
@@ -139,6 +152,10 @@ class RefusedError(DriveError):
         self.reason = reason
         number = "without a code" if code is None else f"with code {code}"
         super().__init__(f"the drive refused parameter {parameter} {number}: {reason}")
+
+
+class CommandCancelledError(DriveError):
+    """A stop was called after the command, which therefore was not sent, or not sent to its end."""
 
 
 class StateError(DriveError):

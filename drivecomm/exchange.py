@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
 if TYPE_CHECKING:
     from drivecomm.telegram import Message
@@ -33,6 +33,8 @@ class Ask:
     nameless: the reply does not say what it answers, so a late one could be taken for the next request's. urgent: not
     to be held back by a late reply that may still come, because it stops a motor; it then goes out at once, and once
     more when its own reply can be believed.
+    command: whether the request carries a command from which the drive's watchdog counts: a "new" one, or one that is
+    "repeated", which is not sent when it is older than that watchdog waits; CommandTooOldError is thrown in instead.
     reply_timeout_s: None for the drive's own.
     """
 
@@ -41,6 +43,7 @@ class Ask:
     acts: bool = False
     nameless: bool = False
     urgent: bool = False
+    command: Literal["", "new", "repeated"] = ""
     reply_timeout_s: float | None = None
 
 

@@ -141,7 +141,7 @@ class Kept:
 
     def __enter__(self) -> Self:
         carry_out(self._drive, self._hand.taking())
-        self._hand.begin(self._drive.bus.now())
+        self._hand.begin()
         if self._hand.feeds and self._drive.bus.real_time:
             # A program that ends without leaving the block is not kept alive by this: that is for the watchdog.
             self._thread = Thread(target=self._feed, name=f"keeping {self._drive.name}", daemon=True)
@@ -171,7 +171,7 @@ class Kept:
 
     def _refresh(self) -> None:
         try:
-            carry_out(self._drive, self._hand.refreshing(self._drive.bus.now()))
+            carry_out(self._drive, self._hand.refreshing())
         except Exception as error:  # noqa: BLE001 - a thread has nobody who would see it; the block's end raises it
             self._hand.break_down(error)
         if self._hand.has_failed:
@@ -214,7 +214,7 @@ class AsyncKept:
 
     async def __aenter__(self) -> Self:
         await carry_out_async(self._drive, self._hand.taking())
-        self._hand.begin(self._drive.bus.now())
+        self._hand.begin()
         if self._hand.feeds and self._drive.bus.real_time:
             self._task = asyncio.create_task(self._feed(), name=f"keeping {self._drive.name}")
         self._next_at = self._drive.bus.now() + self._hand.every_s
@@ -223,8 +223,17 @@ class AsyncKept:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        # Whoever cancels a second time does not keep the motor from being stopped.
-        await asyncio.shield(asyncio.ensure_future(self._leave()))
+        # Whoever cancels a second time does not keep the motor from being stopped, nor closes the bus under it.
+        leaving = asyncio.ensure_future(self._leave())
+        cancelled: asyncio.CancelledError | None = None
+        while not leaving.done():
+            try:
+                await asyncio.wait([leaving])
+            except asyncio.CancelledError as again:
+                cancelled = again
+        if cancelled is not None:
+            raise cancelled from leaving.exception()
+        leaving.result()
         if error is None:
             self._hand.raise_first()
 
@@ -246,7 +255,7 @@ class AsyncKept:
 
     async def _refresh(self) -> None:
         try:
-            await carry_out_async(self._drive, self._hand.refreshing(self._drive.bus.now()))
+            await carry_out_async(self._drive, self._hand.refreshing())
         except Exception as error:  # noqa: BLE001 - as in a thread
             self._hand.break_down(error)
         if self._hand.has_failed:
@@ -293,8 +302,7 @@ class _Hand:
         self._first: Exception | None = None
         self._asked = self._unanswered = 0
         self._answered_at: float | None = None
-        # A drive whose watchdog may have stopped the motor must not be started again by a command that is repeated.
-        self._forget = drive.commanded_elsewhere
+        self._now = drive.bus.now
         self.setting: Setting | None = None
         self.every_s = float(self._watchdog_s) / REFRESHES_IN_TIME
 
@@ -335,31 +343,39 @@ class _Hand:
         """Return how long to wait after a refresh that took so long; the line is left to others for some time."""
         return max(self.every_s / 2, self.every_s - took_s)
 
-    def begin(self, now: float) -> None:
+    def begin(self) -> None:
         """Count the watchdog's time from now."""
-        self._answered_at = now
+        self._answered_at = self._now()
 
-    def refreshing(self, now: float) -> Steps[None]:
+    def refreshing(self) -> Steps[None]:
         """Speak to the drive; what goes wrong is kept in mind and told."""
         self._asked += 1
-        if self._answered_at is not None and now - self._answered_at > self._watchdog_s:
-            silent_s, self._answered_at = now - self._answered_at, None
-            self._forget()
-            self._fail(
-                StateError(
-                    f"{self._name} was not spoken to for {silent_s:.1f} s, longer than its watchdog waits; what it was "
-                    "commanded is not repeated, so start it again if it shall run"
-                )
-            )
         try:
             status = yield AskStatus()
         except DriveCommError as error:
             self._unanswered += 1
+            self._look_at_silence(self._now(), None)
             self._fail(error)
         else:
-            self._answered_at = now
+            now = self._now()
+            self._look_at_silence(now, now)
             if self._on_status is not None:
                 self._on_status(status)
+
+    def _look_at_silence(self, now: float, answered_at: float | None) -> None:
+        """Tell, once, that the drive was not spoken to for so long that its watchdog has acted."""
+        if self._answered_at is not None:
+            silent_s = now - self._answered_at
+            if silent_s > self._watchdog_s:
+                self._answered_at = None
+                self._fail(
+                    StateError(
+                        f"{self._name} was not spoken to for {silent_s:.1f} s, longer than its watchdog waits; what it "
+                        "was commanded is not repeated, so start it again if it shall run"
+                    )
+                )
+        if answered_at is not None:
+            self._answered_at = answered_at
 
     def _fail(self, error: DriveCommError) -> None:
         if self._on_failure is None:

@@ -6,6 +6,9 @@ One link serves one line. It never sleeps and never reads a clock: the runner te
     Send        write these bytes
     Receive     wait for bytes until a time; `at_least` says how few are of no use yet
     Wait        let time pass until then
+
+What does not stop a motor gives way to a stop that waits for the line: it sends nothing more, and what its drive has
+not begun to answer within the time of one telegram is not waited for. It ends with OvertakenError.
 """
 
 from __future__ import annotations
@@ -15,7 +18,16 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias, TypeVar
 
 from drivecomm.echo import Echo, EchoFilter, in_place_of_echo
-from drivecomm.errors import DamagedReplyError, DeadlineError, NoReplyError, NotAnsweringError, ReplyError
+from drivecomm.errors import (
+    CommandCancelledError,
+    CommandTooOldError,
+    DamagedReplyError,
+    DeadlineError,
+    NoReplyError,
+    NotAnsweringError,
+    OvertakenError,
+    ReplyError,
+)
 from drivecomm.exchange import Ask, Pause
 from drivecomm.framing import Damaged, Framed, Framer, Noise
 from drivecomm.health import LONGEST_PAUSE_S, PROBE_S, Health, ProbingTime, UsualDelays
@@ -25,6 +37,7 @@ if TYPE_CHECKING:
     from collections import Counter
     from collections.abc import Mapping
 
+    from drivecomm.command_order import CommandCall
     from drivecomm.exchange import Exchange, Tell
     from drivecomm.framing import Codec
     from drivecomm.line import LineFacts, LineSettings
@@ -46,16 +59,21 @@ class Send(NamedTuple):
 
 
 class Receive(NamedTuple):
-    """Wait for bytes until this time; return early only with at least this many."""
+    """Wait for bytes until this time; return early only with at least this many.
+
+    gives_way: return early, too, when a stop waits for the line.
+    """
 
     until: float
     at_least: int = 1
+    gives_way: bool = False
 
 
 class Wait(NamedTuple):
-    """Let time pass until then."""
+    """Let time pass until then. gives_way: return early when a stop waits for the line."""
 
     until: float
+    gives_way: bool = False
 
 
 Effect: TypeAlias = Configure | Send | Receive | Wait
@@ -120,7 +138,18 @@ class Party:
 class _Partner:
     """What the link remembers of one drive."""
 
-    __slots__ = ("asked_at", "count", "health", "late_until", "settings", "statistics", "unanswered")
+    __slots__ = (
+        "asked_at",
+        "commanded_at",
+        "count",
+        "forget_after_s",
+        "health",
+        "late_until",
+        "settings",
+        "statistics",
+        "surplus",
+        "unanswered",
+    )
 
     def __init__(self, settings: LineSettings | None = None) -> None:
         self.settings = settings
@@ -128,8 +157,11 @@ class _Partner:
         self.count = self.statistics.counters
         self.health = Health()
         self.asked_at = float("-inf")
+        self.commanded_at = float("-inf")
+        self.forget_after_s = float("inf")
         self.late_until = 0.0
         self.unanswered = b""
+        self.surplus = False
 
 
 class Link:
@@ -137,8 +169,8 @@ class Link:
 
     echo: whether the adapter hands back what it sends. guard_s: quiet time after the line settings change, for
     receivers to settle. paced: whether characters take their time on this port, as on a real line; then nothing that
-    comes before a request is out can answer it. away: told the name of a drive that is given up, or that may have been
-    without its line: what it was commanded holds no longer.
+    comes before a request is out can answer it. stop_waits: tells whether a stop waits for the line. away: told the
+    name of a drive that is given up, or that may have been without its line: what it was commanded holds no longer.
     """
 
     def __init__(
@@ -154,6 +186,9 @@ class Link:
         self._echo = EchoFilter(echo)
         self._guard_s = guard_s
         self.paced = False
+        self.stop_waits: Callable[[], bool] = _never
+        self._gives_way = True
+        self._command: CommandCall | None = None
         self._settings: LineSettings | None = None
         self._now = 0.0
         self._free_at = 0.0
@@ -195,17 +230,30 @@ class Link:
         """Let this drive be set up before its next exchange."""
         self._partner(party).health.away = True
 
-    def run(self, party: Party, exchange: Exchange[T], *, deadline: float = float("inf")) -> Steps[T]:
+    def forget_after(self, party: Party, silence_s: float) -> None:
+        """Repeat no command to this drive that it was last sent, or last sent again, longer ago than this."""
+        self._partner(party).forget_after_s = silence_s
+
+    def run(
+        self,
+        party: Party,
+        exchange: Exchange[T],
+        *,
+        deadline: float = float("inf"),
+        command: CommandCall | None = None,
+    ) -> Steps[T]:
         """Carry out an exchange with a drive and return its result. Raises what the exchange raises.
 
         A drive that has been given up is probed when it is time for that, and refused with NotAnsweringError until
-        then; one that was away is set up first. deadline: when the call's time is over.
+        then; one that was away is set up first. deadline: when the call's time is over. command: raises
+        CommandCancelledError in place of sending what a stop has cancelled.
 
         An exchange that is cut off in the middle (by closing this generator) leaves the link unclean: the next one
         begins with draining the line.
         """
         self._now = began = (yield _NOW).time
-        self._deadline = deadline
+        self._deadline, self._command = deadline, command
+        self._gives_way = True
         partner = self._partner(party)
         health = partner.health
         if party.probe is not None and health.given_up:
@@ -220,9 +268,16 @@ class Link:
             raise
 
     def insist(self, party: Party, exchange: Exchange[T], *, deadline: float = float("inf")) -> Steps[T]:
-        """Carry out an exchange whatever is known of the drive: for stopping, and for asking whether it is there."""
+        """Carry out an exchange whatever is known of the drive: for asking whether it is there."""
+        return self._insist(party, exchange, deadline, gives_way=True)
+
+    def stop(self, party: Party, exchange: Exchange[T], *, deadline: float = float("inf")) -> Steps[T]:
+        """Carry out an exchange that stops a motor, whatever is known of the drive; it gives way to nothing."""
+        return self._insist(party, exchange, deadline, gives_way=False)
+
+    def _insist(self, party: Party, exchange: Exchange[T], deadline: float, *, gives_way: bool) -> Steps[T]:
         self._now = began = (yield _NOW).time
-        self._deadline = deadline
+        self._deadline, self._command, self._gives_way = deadline, None, gives_way
         partner = self._partner(party)
         try:
             return (yield from self._carry_out(party, partner, exchange))
@@ -274,55 +329,61 @@ class Link:
             self._heard_at = self._now
             yield from self._drain(party, partner)
         self._unclean = True
-        try:
-            command = next(exchange)
-            while True:
-                try:
-                    if isinstance(command, Ask):
-                        outcome = yield from self._ask(party, partner, command)
-                    elif isinstance(command, Pause):
-                        yield from self._pause(party, command.seconds)
-                        outcome = None
-                    else:
-                        yield from self._tell(party, partner, command)
-                        outcome = None
-                except ReplyError as error:
-                    command = exchange.throw(error)
+        outcome: Message | None = None
+        error: ReplyError | None = None
+        while True:
+            try:
+                command = exchange.send(outcome) if error is None else exchange.throw(error)
+            except StopIteration as finished:
+                self._unclean = False
+                result: T = finished.value
+                return result
+            except Exception:
+                # The exchange ended by its own decision; what had to be drained was drained where it went wrong.
+                self._unclean = False
+                raise
+            outcome = error = None
+            try:
+                if isinstance(command, Ask):
+                    outcome = yield from self._ask(party, partner, command)
+                elif isinstance(command, Pause):
+                    yield from self._pause(party, command.seconds)
                 else:
-                    command = exchange.send(outcome)
-        except StopIteration as finished:
-            self._unclean = False
-            result: T = finished.value
-            return result
-        except GeneratorExit:
-            exchange.close()
-            raise
-        except Exception:
-            # The exchange ended by its own decision; what had to be drained was drained where it went wrong.
-            self._unclean = False
-            raise
+                    yield from self._tell(party, partner, command)
+            except ReplyError as failed:
+                error = failed
+            except BaseException as failed:
+                exchange.close()
+                # What was cancelled was not sent, so nothing is under way.
+                self._unclean = not isinstance(failed, CommandCancelledError)
+                raise
 
     def _tell(self, party: Party, partner: _Partner, tell: Tell) -> Steps[None]:
+        self._check_cancelled(party)
         yield from self._send(party, partner, party.codec.encode(tell.message), tell.message)
         pause = party.facts.broadcast_pause_s if tell.pause_s is None else tell.pause_s
         self._free_at = self._sent_at + pause
 
     def _pause(self, party: Party, seconds: float) -> Steps[None]:
-        yield from self._wait(min(self._now + seconds, self._deadline))
+        yield from self._stay(party, min(self._now + seconds, self._deadline))
         self._check_deadline(party)
 
     def _ask(self, party: Party, partner: _Partner, ask: Ask) -> Steps[Message]:
         data = party.codec.encode(ask.message)
         attempts = ask.attempts or party.facts.timing.attempts
-        if partner.unanswered and partner.unanswered != data:
+        if partner.unanswered and (partner.unanswered != data or partner.surplus):
             yield from self._outwait_late_reply(party, partner, ask, data)
         attempt = 0
         while True:
             attempt += 1
             next_at = partner.asked_at + party.facts.timing.request_interval_s
             if self._now < next_at:
-                yield from self._wait(min(next_at, self._deadline))
+                yield from self._stay(party, min(next_at, self._deadline))
             self._check_deadline(party)
+            self._check_overtaken(party)
+            self._check_cancelled(party)
+            if ask.command:
+                self._check_age(party, partner, ask)
             partner.asked_at = self._now
             partner.count["requests" if attempt == 1 else "retries"] += 1
             try:
@@ -336,14 +397,21 @@ class Link:
                         self._probed = partner
                     yield from self._drain(party, partner)
                 self._expect_late_reply(party, partner, ask, data)
-                if attempt == attempts or self._now >= self._deadline:
+                if attempt == attempts or self._now >= self._deadline or isinstance(error, OvertakenError):
                     raise type(error)(f"{error}{_times(attempt)}{_OPEN if ask.acts else ''}") from None
-            except GeneratorExit:
+            except BaseException:
                 self._expect_late_reply(party, partner, ask, data)
                 raise
             else:
                 partner.count["replies"] += 1
                 partner.health.answered()
+                # The replies to the attempts before may still come, and would answer the same question as if it were
+                # asked anew.
+                partner.surplus = attempt > 1
+                if partner.surplus:
+                    partner.late_until, partner.unanswered = self._sent_at + party.facts.timing.late_s, data
+                if ask.command:
+                    partner.commanded_at = self._sent_at
                 return message
 
     def _await_reply(self, party: Party, partner: _Partner, ask: Ask, data: bytes) -> Steps[Message]:
@@ -362,8 +430,17 @@ class Link:
         framer = Framer(party.codec, "reply")
         damage, stray, early, first = "", "", b"", b""
         taken = 0
+        in_haste, gives_way = False, self._gives_way
         while True:
-            self._now, came, _ = yield Receive(deadline, framer.missing + echo.missing)
+            self._now, came, _ = yield Receive(deadline, framer.missing + echo.missing, gives_way)
+            if gives_way and self.stop_waits():
+                # Whoever has begun to answer is heard to the end; others have no longer than their like need to begin.
+                in_haste, gives_way = True, False
+                limit = min(limit, max(self._now, sent_at + self._delays.least_ear_s(party.protocol)))
+                if not framer.begun:
+                    deadline = min(deadline, limit)
+            if not came and self._now < deadline:
+                continue
             if came:
                 self._heard_at = self._now
                 if self._now < earliest:
@@ -405,9 +482,11 @@ class Link:
                 break
         if first.startswith(data):
             damage, stray = "", _ECHO
-        if damage:
+        if damage and not in_haste:
             raise DamagedReplyError(f"{party.name} answered with a damaged telegram ({damage})")
         why = f": {stray}" if stray else ""
+        if in_haste:
+            raise OvertakenError(f"{party.name} was not waited for any longer, because a stop went first{why}")
         if not timeout:
             raise DeadlineError(
                 f"{party.name} did not answer before the call's time ({timing.deadline_s:g} s) was over{why}"
@@ -503,19 +582,50 @@ class Link:
         """Keep in mind that a reply which does not name its request may still come."""
         if ask.nameless:
             partner.late_until, partner.unanswered = self._now + party.facts.timing.late_s, data
+            partner.surplus = False
 
     def _outwait_late_reply(self, party: Party, partner: _Partner, ask: Ask, data: bytes) -> Steps[None]:
         """Do not ask for something else while a reply that does not name its request may still come."""
         if ask.urgent and self._now < partner.late_until:
             yield from self._send(party, partner, data, ask.message)
-        yield from self._wait(min(partner.late_until, self._deadline))
+        yield from self._stay(party, min(partner.late_until, self._deadline))
         self._check_deadline(party)
         yield from self._drain(party, partner)
-        partner.unanswered = b""
+        partner.unanswered, partner.surplus = b"", False
 
     def _wait(self, until: float) -> Steps[None]:
         if self._now < until:
             self._now = (yield Wait(until)).time
+
+    def _stay(self, party: Party, until: float) -> Steps[None]:
+        """Let time pass, unless a stop waits for the line."""
+        while self._now < until:
+            self._check_overtaken(party)
+            self._now = (yield Wait(until, self._gives_way)).time
+
+    def _overtaken(self) -> bool:
+        return self._gives_way and self.stop_waits()
+
+    def _check_overtaken(self, party: Party) -> None:
+        if self._overtaken():
+            raise OvertakenError(f"{party.name} was not asked, because a stop went first")
+
+    def _check_cancelled(self, party: Party) -> None:
+        if self._command is not None and self._command.cancelled:
+            raise CommandCancelledError(
+                f"{party.name} was not sent the command, because a stop was called after it; start it again if it "
+                "shall run"
+            )
+
+    def _check_age(self, party: Party, partner: _Partner, ask: Ask) -> None:
+        """Make sure that what is repeated still holds: the drive's own watchdog may have acted meanwhile."""
+        silent_s = self._now - partner.commanded_at
+        if ask.command == "repeated" and silent_s > partner.forget_after_s:
+            self._tell_away(party.name)
+            raise CommandTooOldError(
+                f"{party.name} was last commanded {silent_s:.1f} s ago, longer than its watchdog waits; what it was "
+                "commanded is not repeated, so start it again if it shall run"
+            )
 
     def _check_deadline(self, party: Party) -> None:
         if self._now >= self._deadline:
@@ -562,6 +672,10 @@ class Link:
             self._trace(
                 TraceEvent(time=self._now, what=what, drive=party.name, data=data, message=message, detail=detail)
             )
+
+
+def _never() -> bool:
+    return False
 
 
 _NOW = Wait(0.0)

@@ -51,12 +51,24 @@ class Capabilities:
     verbs: frozenset[str] = frozenset()
 
 
+class Memory(Interface):
+    """What a master must remember of one drive: the control word it last sent, say. One for each drive and bus.
+
+    All objects for the drive share it, so that none of them brings back a command that another has replaced
+    (`drivecomm.command_order`).
+    """
+
+    def forget(self) -> None:
+        """Forget what was commanded: a stop was called, or the drive was away. It must not be sent again."""
+        ...
+
+
 class Operations(Interface):
     """The operations of one drive, or of all drives at the broadcast address, as exchanges.
 
-    The object remembers what a master must remember about one drive (the control word it last sent, say). What cannot
-    be done raises NotSupported before anything is sent; a value that does not fit raises ValueRefusedError. The
-    keywords of `read` and `write` beyond those here are the protocol's own and are part of its documentation.
+    What must be remembered of the drive is in the `Memory` that they were made with. What cannot be done raises
+    NotSupported before anything is sent; a value that does not fit raises ValueRefusedError. The keywords of `read` and
+    `write` beyond those here are the protocol's own and are part of its documentation.
     """
 
     @property
@@ -86,15 +98,8 @@ class Operations(Interface):
         """
         ...
 
-    def commanded_elsewhere(self) -> None:
-        """Forget the last command: a broadcast, or another object for the same drive, has commanded since.
-
-        Whatever repeats or builds on the last control word must not bring an older command back.
-        """
-        ...
-
     def status(self) -> Exchange[DriveStatus]:
-        """Read the status word, commanding nothing that is not commanded already."""
+        """Read the status word. It may repeat what was commanded, for the drive's watchdog, if the status allows it."""
         ...
 
     def start(self, *, reverse: bool = False) -> Exchange[None]:
@@ -180,7 +185,9 @@ class Protocol:
     options: frozen keyword-only dataclass of what differs between drives and decoders of this protocol; its docstring
     explains each. codec: telegrams for these options. message: builds a message from fields as vectors name them.
     mismatch: names the first field in which a sound reply does not belong to the request, empty when it belongs.
-    operations: the verbs for a drive at an address. virtual: a drive to talk to.
+    operations: the verbs for a drive at an address, with its options and its model. memory: makes what a master
+    remembers of one drive, a further argument of `operations`; None where nothing is remembered. virtual: a drive to
+    talk to.
     blind_spots: positions in a telegram where the protocol cannot notice a single wrong bit.
     forms: the forms of all its telegrams by title, for documentation, drawings and checks.
     parameter_examples: parameter addresses that show the forms of this protocol.
@@ -209,7 +216,7 @@ class Protocol:
     codec: Callable[[Any], Codec]
     message: Callable[[Mapping[str, Any], Direction], Message]
     mismatch: Callable[[Message, Message], str]
-    operations: Callable[[int, Any, Model | None], Operations]
+    operations: Callable[..., Operations]
     virtual: Callable[[int, Any, Model], VirtualDrive]
     blind_spots: Callable[[bytes, Direction], frozenset[int]]
     forms: Callable[[], Mapping[str, Form[Any]]]
@@ -219,3 +226,4 @@ class Protocol:
     parameter_keys: frozenset[str] | None = None
     element_addresses: Callable[[ParameterInfo, Any], tuple[str, ...]] = _one_value
     factory_reading: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    memory: Callable[[], Memory] | None = None

@@ -1,7 +1,8 @@
 """The operations of a drive that may be asked and stopped, and nothing else.
 
 What writes or commands is refused before anything is sent. Verbs of the protocol's own are carried out as far as they
-only ask.
+only ask. Nothing is remembered from one call to the next, so that no later one carries a command: neither what a verb
+wanted before it was refused, nor the word of a stop, with which another master's motor would be stopped again.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.exchange import Exchange
-    from drivecomm.protocol import Capabilities, Operations
+    from drivecomm.models import Model
+    from drivecomm.protocol import Capabilities, Operations, Protocol
     from drivecomm.reading import Reading, Value
     from drivecomm.status import DriveStatus
     from drivecomm.telegram import Message
@@ -25,17 +27,32 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
+def read_only_operations(plugin: Protocol, address: int, options: Any, model: Model | None, *, why: str) -> ReadOnly:
+    """Return the operations of a drive that is only asked and stopped. why: the sentence that a refusal gives."""
+    if plugin.memory is None:
+        return ReadOnly(plugin.operations(address, options, model), why, plugin.only_asks, _nothing)
+    memory = plugin.memory()
+    return ReadOnly(plugin.operations(address, options, model, memory), why, plugin.only_asks, memory.forget)
+
+
 class ReadOnly:
     """The operations of a drive without those that write or command; stopping it stays, always.
 
     why: the sentence that a refusal gives. only_asks: the protocol's, None where it has none: then no verb of its own
-    is let through.
+    is let through. forget: makes the operations forget what they have sent.
     """
 
-    def __init__(self, operations: Operations, why: str, only_asks: Callable[[Message], bool] | None) -> None:
+    def __init__(
+        self,
+        operations: Operations,
+        why: str,
+        only_asks: Callable[[Message], bool] | None,
+        forget: Callable[[], None],
+    ) -> None:
         self._operations = operations
         self._why = why
         self._only_asks = only_asks
+        self._forget = forget
 
     @property
     def capabilities(self) -> Capabilities:
@@ -60,10 +77,6 @@ class ReadOnly:
             for name, verb in self._operations.extra.items()
         }
 
-    def commanded_elsewhere(self) -> None:
-        """Forget the last command."""
-        self._operations.commanded_elsewhere()
-
     def status(self) -> Exchange[DriveStatus]:
         """Read the status word."""
         return self._operations.status()
@@ -74,7 +87,7 @@ class ReadOnly:
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop the motor."""
-        return self._operations.stop(how)
+        return self._forgotten(self._operations.stop(how))
 
     def reset(self) -> Exchange[None]:
         """Refuse to acknowledge a fault."""
@@ -101,15 +114,27 @@ class ReadOnly:
 
     def _asking(self, verb: Callable[..., Exchange[T]]) -> Callable[..., Exchange[T]]:
         def asked(*values: Any, **options: Any) -> Exchange[T]:
-            return self._as_long_as_it_asks(verb(*values, **options))
+            return self._forgotten(self._as_long_as_it_asks(verb(*values, **options)))
 
         return asked
 
+    def _forgotten(self, exchange: Exchange[T]) -> Exchange[T]:
+        """Carry out an exchange, and forget it however it ends."""
+        try:
+            return (yield from exchange)
+        finally:
+            self._forget()
+
     def _as_long_as_it_asks(self, exchange: Exchange[T]) -> Exchange[T]:
-        """Carry out an exchange up to the first telegram that does more than ask; that one is not sent."""
+        """Carry out an exchange up to the first telegram that does more than ask; that one is not sent.
+
+        A verb that sends nothing at all means to be carried out by what is sent later, and is refused, too.
+        """
+        asked = False
         try:
             command = next(exchange)
             while True:
+                asked = True
                 if not isinstance(command, Pause) and not (self._only_asks and self._only_asks(command.message)):
                     exchange.close()
                     raise UsageError(self._why)
@@ -120,5 +145,11 @@ class ReadOnly:
                 else:
                     command = exchange.send(outcome)
         except StopIteration as finished:
+            if not asked:
+                raise UsageError(self._why) from None
             result: T = finished.value
             return result
+
+
+def _nothing() -> None:
+    pass

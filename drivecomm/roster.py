@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from threading import Lock
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
-from weakref import WeakSet
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+from drivecomm.command_order import Commands
 from drivecomm.drive_options import sort_out
 from drivecomm.errors import AddressError, NotSupported, UsageError
 from drivecomm.line import LINE_FACT_NAMES
 from drivecomm.link import Link, Party
 from drivecomm.models.files import load_model
-from drivecomm.read_only import ReadOnly
+from drivecomm.read_only import read_only_operations
 from drivecomm.registry import installed
 from drivecomm.stored_writes import StoredWrites
 from drivecomm.verbs import setting_up
@@ -26,6 +25,8 @@ if TYPE_CHECKING:
     from drivecomm.models import Model
     from drivecomm.protocol import Operations
 
+T = TypeVar("T")
+
 
 class Member(NamedTuple):
     """What a drive object is made of."""
@@ -33,28 +34,6 @@ class Member(NamedTuple):
     party: Party
     operations: Operations
     model: Model | None
-
-
-class Commanded(Protocol):
-    """Anything that may remember what it commanded last."""
-
-    @property
-    def party(self) -> Party:
-        """The drive, or all drives of a protocol."""
-        ...
-
-    def commanded_elsewhere(self) -> None:
-        """Forget the last command."""
-        ...
-
-
-class Speaks(Protocol):
-    """Anything that commands."""
-
-    @property
-    def party(self) -> Party:
-        """The drive, or all drives of a protocol."""
-        ...
 
 
 class Roster:
@@ -73,10 +52,10 @@ class Roster:
         stored_writes: StoredWrites | None = None,
     ) -> None:
         self.stored_writes = stored_writes or StoredWrites()
-        self.link = Link(trace=trace, echo=echo, guard_s=guard_s, away=self._forget)
+        self.commands = Commands()
+        self.link = Link(trace=trace, echo=echo, guard_s=guard_s, away=self.commands.forget)
         self._overrides = dict(overrides or {})
-        self._drives: WeakSet[Commanded] = WeakSet()
-        self._guard = Lock()
+        self._names: set[str] = set()
         self._set_up: dict[str, tuple[Operations, dict[str, Any]]] = {}
 
     def member(
@@ -99,12 +78,15 @@ class Roster:
             raise AddressError(f"{protocol} has no drive at address {address}; addresses are {allowed}")
         known = None if model is None else load_model(plugin.package, protocol, model)
         facts, chosen = sort_out(plugin, known, options, for_all=self._overrides)
-        operations: Operations = plugin.operations(address, chosen, known)
         name = f"{plugin.name}:{address}"
         if read_only:
-            operations = ReadOnly(operations, read_only, plugin.only_asks)
             if set_up:
                 raise UsageError(f"{name} cannot be set up: {read_only}")
+            operations: Operations = read_only_operations(plugin, address, chosen, known, why=read_only)
+        elif plugin.memory is None:
+            operations = plugin.operations(address, chosen, known)
+        else:
+            operations = plugin.operations(address, chosen, known, self.commands.memory(name, plugin.memory))
         if set_up:
             self._set_up[name] = (operations, dict(set_up))
 
@@ -134,34 +116,18 @@ class Roster:
         party = Party(name=f"{plugin.name}:*", codec=plugin.codec(chosen), facts=facts, mismatch=plugin.mismatch)
         return Member(party, plugin.operations(plugin.broadcast_address, chosen, known), known)
 
-    def add(self, drive: Commanded) -> None:
-        """Let this drive object know when somebody else commands its drive."""
-        with self._guard:
-            self._drives.add(drive)
+    def add(self, name: str) -> None:
+        """Take note that there is an object for a drive."""
+        self._names.add(name)
 
     def names(self) -> set[str]:
-        """Return the drives that there are objects for, as PROTOCOL:ADDRESS."""
-        return {drive.party.name for drive in self._all()}
+        """Return the drives that there were objects for, as PROTOCOL:ADDRESS."""
+        return set(self._names)
 
-    def _forget(self, name: str) -> None:
-        """Let all objects for this drive forget what they commanded: it may have lost it, and must not get it back."""
-        for drive in self._all():
-            if drive.party.name == name:
-                drive.commanded_elsewhere()
-
-    def _all(self) -> list[Commanded]:
-        with self._guard:
-            return list(self._drives)
-
-    def commanding(self, who: Speaks) -> None:
-        """Let all other objects for the same drive, or drives, forget what they commanded last."""
-        if len(self._drives) < 2 and not who.party.name.endswith("*"):
-            return
-        protocol, _, address = who.party.name.partition(":")
-        for drive in self._all():
-            name, _, number = drive.party.name.partition(":")
-            if drive is not who and name == protocol and address in (number, "*"):
-                drive.commanded_elsewhere()
+    def stopping(self, party: Party, exchange: Exchange[T]) -> Exchange[T]:
+        """Carry out an exchange that stops a drive, or all of a protocol, and forget what they were told before."""
+        self.commands.forget(party.name)
+        return (yield from exchange)
 
 
 def line_overrides(facts: Mapping[str, Any]) -> dict[str, Any]:

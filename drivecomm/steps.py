@@ -90,6 +90,17 @@ class AskIdentity:
 
 
 @dataclass(frozen=True, slots=True)
+class ForgetAfter:
+    """Repeat no command that is older than this, see `Drive.forget_after`."""
+
+    silence_s: float | None
+
+    def on(self, drive: Drive | AsyncDrive) -> Any:
+        """Do it."""
+        return drive.forget_after(self.silence_s)
+
+
+@dataclass(frozen=True, slots=True)
 class StopMotor:
     """Stop the motor."""
 

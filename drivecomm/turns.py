@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import heapq
+import time
 from enum import IntEnum
-from threading import Lock
+from threading import Lock, get_ident
 from typing import Generic, TypeVar
 
 W = TypeVar("W")
@@ -29,6 +30,11 @@ class Queue(Generic[W]):
     def __len__(self) -> int:
         return len(self._waiting)
 
+    @property
+    def stop_waits(self) -> bool:
+        """Whether the first in the queue stops something."""
+        return bool(self._waiting) and self._waiting[0][0] is Rank.STOP
+
     def join(self, rank: Rank, who: W) -> None:
         """Begin to wait."""
         self._order += 1
@@ -49,44 +55,90 @@ class Queue(Generic[W]):
         return False
 
 
+class Turn:
+    """The turn of one call, from before it waits until it is over.
+
+    `with turn.held:` goes around all of that. It is a lock of the interpreter's own, which no signal handler can come
+    between: however the block is left, by Ctrl-C at any instruction too, the turn is over, and the others see it.
+    """
+
+    __slots__ = ("called", "held", "order", "rank", "thread")
+
+    def __init__(self, rank: Rank) -> None:
+        self.rank = rank
+        self.held = Lock()
+        self.called = Lock()
+        self.order = 0
+        self.thread = get_ident()
+
+
 class Turns:
     """Turns of threads. The line is handed from one to the next, so that nobody slips in between."""
 
     def __init__(self) -> None:
         self._guard = Lock()
-        self._taken = False
-        self._queue: Queue[Lock] = Queue()
+        self._owner: Turn | None = None
+        self._waiting: list[Turn] = []
+        self._order = 0
 
-    def take(self, rank: Rank, seconds: float) -> bool:
-        """Wait for one's turn; returns False when it has not come within this time."""
+    def take(self, turn: Turn, seconds: float) -> bool:
+        """Wait for a turn that is held already; returns False when it has not come within this time."""
         with self._guard:
-            if not self._taken:
-                self._taken = True
+            if not self._waiting and not self._is_taken():
+                self._owner = turn
                 return True
-            called = Lock()
-            called.acquire()
-            self._queue.join(rank, called)
-        try:
-            if called.acquire(timeout=max(0.0, min(seconds, _LONGEST_S))):
+            self._order += 1
+            turn.order = self._order
+            turn.called.acquire()
+            self._waiting.append(turn)
+        until = time.monotonic() + seconds
+        while True:
+            with self._guard:
+                self._call_next()
+                if self._owner is turn:
+                    return True
+            left = until - time.monotonic()
+            if left <= 0:
+                break
+            # Whoever was interrupted while handing on has called nobody, so everybody looks now and then.
+            turn.called.acquire(timeout=min(left, _LOOK_S))
+        with self._guard:
+            if self._owner is turn:
                 return True
-        except BaseException:
-            # Interrupted: whoever was called in this moment hands the line on.
-            if not self._left(called):
-                self.give_back()
-            raise
-        return not self._left(called)
+            self._waiting = [waiting for waiting in self._waiting if waiting is not turn]
+            return False
 
-    def give_back(self) -> None:
-        """End one's turn."""
-        with self._guard:
-            if self._queue:
-                self._queue.next().release()
-            else:
-                self._taken = False
+    def hand_on(self) -> None:
+        """Call the next one, after a turn is over."""
+        if self._waiting:
+            with self._guard:
+                self._call_next()
 
-    def _left(self, called: Lock) -> bool:
-        with self._guard:
-            return self._queue.leave(called)
+    def stop_waits(self) -> bool:
+        """Whether somebody waits who wants to stop something."""
+        return bool(self._waiting) and any(turn.rank is Rank.STOP and turn.held.locked() for turn in self._waiting)
+
+    def is_mine(self) -> bool:
+        """Whether this thread has its turn."""
+        owner = self._owner
+        return owner is not None and owner.thread == get_ident() and owner.held.locked()
+
+    def _is_taken(self) -> bool:
+        return self._owner is not None and self._owner.held.locked()
+
+    def _call_next(self) -> None:
+        # Each step is whole in itself, so that whoever is interrupted between two of them loses nothing.
+        if self._is_taken():
+            return
+        alive = [turn for turn in self._waiting if turn.held.locked() and turn is not self._owner]
+        if not alive:
+            self._owner, self._waiting = None, alive
+            return
+        first = min(alive, key=lambda turn: (turn.rank, turn.order))
+        self._owner = first
+        self._waiting = [turn for turn in alive if turn is not first]
+        if first.called.locked():
+            first.called.release()
 
 
-_LONGEST_S = 1e6
+_LOOK_S = 0.02

@@ -18,7 +18,7 @@ from drivecomm.errors import (
 )
 from drivecomm.models.units import converted
 from drivecomm.numbers import exact
-from drivecomm.steps import Read, Steps, Write, carry_out, carry_out_async
+from drivecomm.steps import ForgetAfter, Read, Steps, Write, carry_out, carry_out_async
 
 if TYPE_CHECKING:
     from drivecomm.async_drive import AsyncDrive
@@ -94,19 +94,26 @@ def policies(model: Model | None) -> tuple[LinkLoss, ...]:
 
 def reading_steps(name: str, model: Model | None) -> Steps[Setting]:
     """Read how the watchdog of the drive with this name is set."""
-    return _reading(_Parameters(name, model))
+    return _minded(_reading(_Parameters(name, model)))
 
 
 def setting_steps(name: str, model: Model | None, policy: LinkLoss, time_s: Value | float) -> Steps[Setting]:
     """Set the watchdog to a policy, and read it back. What cannot be raises before anything is sent."""
     parameters = _Parameters(name, model)
     action, time = parameters.values_for(policy, exact(time_s, "watchdog time"))
-    return _setting(parameters, action, time)
+    return _minded(_setting(parameters, action, time))
 
 
 def putting_back_steps(name: str, model: Model | None, earlier: Setting) -> Steps[Setting]:
     """Set the watchdog as it was."""
-    return _setting(_Parameters(name, model), earlier.action_value, earlier.time_value)
+    return _minded(_setting(_Parameters(name, model), earlier.action_value, earlier.time_value))
+
+
+def _minded(steps: Steps[Setting]) -> Steps[Setting]:
+    """Let no command be repeated that is older than the watchdog waits: the drive has acted then."""
+    setting = yield from steps
+    yield ForgetAfter(None if setting.time_s is None else float(setting.time_s))
+    return setting
 
 
 def _reading(parameters: _Parameters) -> Steps[Setting]:

@@ -118,9 +118,14 @@ def start(
         usual_s = f"{said.watchdog_s:g}" if said and policy == said.policy else "5"
 
         def run() -> None:
-            if percent is not None or hz is not None:
+            given = percent is not None or hz is not None
+            # Some drives take a reference only from whoever commands them, so a motor that runs is commanded first.
+            runs = given and one.status().running
+            if given and not runs:
                 one.set_reference(percent=_number(percent), hz=_number(hz))
             one.start(reverse=reverse)
+            if runs:
+                one.set_reference(percent=_number(percent), hz=_number(hz))
 
         if policy != "hold":
             port = line.reaching(drive)[0].named_port

@@ -135,8 +135,14 @@ def operations_are_whole(plugin: Protocol) -> None:
     """The operations of any address have all verbs and their capabilities, and further verbs say what they do."""
     options = plugin.options()
     for address in (plugin.addresses[0], plugin.addresses[-1]):
-        operations = plugin.operations(address, options, None)
-        for name in (*VERBS, "commanded_elsewhere"):
+        if plugin.memory is None:
+            operations = plugin.operations(address, options, None)
+        else:
+            memory = plugin.memory()
+            expect(callable(getattr(memory, "forget", None)), "what is remembered of a drive cannot be forgotten")
+            memory.forget()
+            operations = plugin.operations(address, options, None, memory)
+        for name in VERBS:
             expect(callable(getattr(operations, name, None)), f"the operations have no {name}")
         able = operations.capabilities
         expect(isinstance(able, Capabilities), f"the capabilities are {able!r}")

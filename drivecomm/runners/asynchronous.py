@@ -18,6 +18,8 @@ from drivecomm.runners.blocking import run as run_blocking
 from drivecomm.transport.alarm import open_alarm
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from drivecomm.line import LineSettings
     from drivecomm.link import Steps
     from drivecomm.runners.port import Port
@@ -33,11 +35,22 @@ _MOST_UNASKED = 4096
 _SLICE_S = 0.05
 
 
+def _never() -> bool:
+    return False
+
+
 class Runner(Protocol):
     """Runs the steps of a link on one port."""
 
-    async def run(self, steps: Steps[T]) -> T:
-        """Run them to their end and return their result; cancelling closes them."""
+    async def run(self, steps: Steps[T], stop_waits: Callable[[], bool] = _never) -> T:
+        """Run them to their end and return their result; cancelling closes them.
+
+        stop_waits: tells whether a stop waits for the line; waiting that gives way then ends early.
+        """
+        ...
+
+    def look(self) -> None:
+        """Look whether a stop waits for the line."""
         ...
 
     def close(self) -> None:
@@ -64,7 +77,7 @@ class VirtualTimeRunner:
     def __init__(self, port: Port) -> None:
         self._port = port
 
-    async def run(self, steps: Steps[T]) -> T:
+    async def run(self, steps: Steps[T], stop_waits: Callable[[], bool] = _never) -> T:  # noqa: ARG002 - it never waits
         """Run the steps of a link to their end."""
         try:
             effect = next(steps)
@@ -77,6 +90,9 @@ class VirtualTimeRunner:
         finally:
             steps.close()
 
+    def look(self) -> None:
+        """Nothing to look for: waiting takes no time."""
+
     def close(self) -> None:
         """Nothing to let go of."""
 
@@ -88,11 +104,11 @@ class ThreadRunner:
         self._port = port
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="drivecomm")
 
-    async def run(self, steps: Steps[T]) -> T:
+    async def run(self, steps: Steps[T], stop_waits: Callable[[], bool] = _never) -> T:
         """Run the steps of a link to their end."""
         stop = Event()
         running = asyncio.get_running_loop().run_in_executor(
-            self._thread, run_blocking, steps, _Interruptible(self._port, stop)
+            self._thread, run_blocking, steps, _Interruptible(self._port, stop), stop_waits
         )
         try:
             return await asyncio.shield(running)
@@ -107,6 +123,9 @@ class ThreadRunner:
             if not running.cancelled():
                 running.exception()
             raise
+
+    def look(self) -> None:
+        """Nothing to do: the thread looks by itself."""
 
     def close(self) -> None:
         """End the thread."""
@@ -165,6 +184,7 @@ class ReadinessRunner:
         self._descriptor = descriptor
         self._loop = asyncio.get_running_loop()
         self._steps: Steps[Any] | None = None
+        self._stop_waits: Callable[[], bool] = _never
         self._result: asyncio.Future[Any] | None = None
         self._inbox = b""
         self._waiting: Receive | Wait | None = None
@@ -176,11 +196,11 @@ class ReadinessRunner:
             self._loop.add_reader(self._alarm.descriptor, self._alarmed)
         self._watch()
 
-    async def run(self, steps: Steps[T]) -> T:
+    async def run(self, steps: Steps[T], stop_waits: Callable[[], bool] = _never) -> T:
         """Run the steps of a link to their end."""
         if self._lost is not None:
             raise self._lost
-        self._steps = steps
+        self._steps, self._stop_waits = steps, stop_waits
         self._result = result = self._loop.create_future()
         self._go_on(None)
         try:
@@ -189,6 +209,19 @@ class ReadinessRunner:
         finally:
             self._steps = self._waiting = self._result = None
             steps.close()
+
+    def look(self) -> None:
+        """Look whether a stop waits for the line, as soon as whoever calls this does."""
+        self._loop.call_soon(self._give_way)
+
+    def _give_way(self) -> None:
+        waiting = self._waiting
+        if waiting is None or not waiting.gives_way or not self._stop_waits():
+            return
+        if isinstance(waiting, Receive):
+            self._go_on(self._arrival())
+        else:
+            self._go_on(Arrival(self._port.now()))
 
     def close(self) -> None:
         """Watch the port no more."""
@@ -216,11 +249,11 @@ class ReadinessRunner:
             while True:
                 effect = steps.send(arrival)  # type: ignore[arg-type]
                 if isinstance(effect, Receive):
-                    until, at_least = effect
+                    until, at_least, gives_way = effect
                     if port.now() >= until:
                         # Mostly there is nothing, and `read` finds that out without an exception.
                         self._inbox += port.read(until, 1)
-                    elif len(self._inbox) < at_least:
+                    elif len(self._inbox) < at_least and not (gives_way and self._stop_waits()):
                         port.hold_back(at_least - len(self._inbox))
                         self._waiting = effect
                         self._wake_at(until)
@@ -235,6 +268,9 @@ class ReadinessRunner:
                 else:
                     until = effect.until
                     left = until - port.now()
+                    if effect.gives_way and self._stop_waits():
+                        arrival = Arrival(port.now())
+                        continue
                     if left > _NOT_WORTH_SLEEPING_S:
                         self._waiting = effect
                         self._wake_precisely(until)

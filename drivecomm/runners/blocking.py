@@ -7,29 +7,43 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
-from drivecomm.link import Arrival, Configure, Receive, Send
+from drivecomm.link import Arrival, Configure, Receive, Send, Wait
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from drivecomm.link import Effect, Steps
     from drivecomm.runners.port import Port
 
 T = TypeVar("T")
 
 
-def run(steps: Steps[T], port: Port) -> T:
+_LOOK_S = 0.01
+"""How often a wait that gives way looks whether a stop waits for the line."""
+
+
+def run(steps: Steps[T], port: Port, stop_waits: Callable[[], bool] = lambda: False) -> T:
     """Run a link's steps to their end on a port and return their result.
 
-    An exception of the port, or Ctrl-C, closes the steps and passes through.
+    stop_waits: tells whether a stop waits for the line; waiting that gives way then ends early. An exception of the
+    port, or Ctrl-C, closes the steps and passes through.
     """
     go_on = steps.send
+    # Where time does not pass by itself, nobody can come meanwhile.
+    looks = port.real_time
     try:
         effect = next(steps)
         while True:
             # What nearly all effects are is carried out here: a processor that has just been woken takes several times
             # as long for each call as one that is at it, and most of this lies between a reply and the next request.
             if isinstance(effect, Receive):
-                data = port.read(effect.until, effect.at_least)
+                if looks and effect.gives_way and effect.until - port.now() > _LOOK_S:
+                    data = _receive(effect, port, stop_waits)
+                else:
+                    data = port.read(effect.until, effect.at_least)
                 effect = go_on(Arrival(port.now(), data))
+            elif looks and isinstance(effect, Wait) and effect.gives_way:
+                effect = go_on(_stay(effect.until, port, stop_waits))
             else:
                 effect = go_on(carry_out(effect, port))
     except StopIteration as finished:
@@ -37,6 +51,20 @@ def run(steps: Steps[T], port: Port) -> T:
         return result
     finally:
         steps.close()
+
+
+def _receive(effect: Receive, port: Port, stop_waits: Callable[[], bool]) -> bytes:
+    data = b""
+    while True:
+        data += port.read(min(effect.until, port.now() + _LOOK_S), effect.at_least - len(data))
+        if len(data) >= effect.at_least or port.now() >= effect.until or stop_waits():
+            return data
+
+
+def _stay(until: float, port: Port, stop_waits: Callable[[], bool]) -> Arrival:
+    while (now := port.now()) < until and not stop_waits():
+        port.wait(min(until, now + _LOOK_S))
+    return Arrival(now)
 
 
 def carry_out(effect: Effect, port: Port) -> Arrival:

@@ -1,12 +1,14 @@
-"""What a master remembers about one drive, and the telegrams that carry it.
+"""The telegrams to and from one drive.
 
-Control word and reference are in every telegram. As long as nothing was commanded they are zero, so that the drive
-ignores them; from the first command on they are repeated, because a word without bit 10 may let the drive's control
-word timeout run out (specification, section 12.2).
+Control word and reference are in every telegram. In those that read and write parameters they are zero, so that the
+drive ignores them. A word without bit 10 may let the drive's control word timeout run out (specification, section
+12.2), so the status is asked for in two telegrams while a command holds: one whose word is ignored, and if its reply
+says that the drive does what it was commanded, one that repeats the command.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -25,6 +27,7 @@ from drivecomm_danfoss_fc.messages import (
 )
 
 if TYPE_CHECKING:
+    from drivecomm_danfoss_fc.memory import DanfossFcMemory
     from drivecomm_danfoss_fc.messages import Reply
     from drivecomm_danfoss_fc.options import DanfossFcOptions
 
@@ -37,52 +40,66 @@ Answer: TypeAlias = ParameterReply | TextReply
 
 
 class Conversation:
-    """Telegrams to and from the drive at one address, or to all drives.
+    """Telegrams to and from the drive at one address, or to all drives. memory: what it was commanded."""
 
-    word: the control word that is repeated, 0 before the first command. reference: PCD2 for it; reference_known: False
-    until it was set here or taken over from the drive. functions: the bits for preset, ramp, relays and set-up that
-    every command carries.
-    """
-
-    def __init__(self, address: int, options: DanfossFcOptions) -> None:
+    def __init__(self, address: int, options: DanfossFcOptions, memory: DanfossFcMemory) -> None:
         if options.address_format == FORMAT_31 and address > 31:
             raise AddressError(f"address {address} does not exist in address format 1-31; addresses are 1 to 31")
         self.broadcast = address == BROADCAST
         self.profidrive = options.profile == "profidrive"
-        self.word = words.IGNORED
-        self.reference = 0
-        self.reference_known = False
-        self.functions = 0
+        self.memory = memory
         self._address = None if self.broadcast else address
-        self._kept = lru_cache(_KEPT, typed=True)(self._new_read)
-        self._kept_words = (words.IGNORED, 0)
+        self._kept_read = lru_cache(_KEPT, typed=True)(self._new_read)
         self._format = options.address_format
 
     @property
     def runs(self) -> bool:
-        """Whether the word that is repeated lets the motor run."""
-        return self._lets_run(self.word)
+        """Whether the word that was commanded lets the motor run."""
+        return self._lets_run(self.memory.word)
 
-    def process(self, word: int, *, attempts: int | None = None, acts: bool = False) -> Exchange[ProcessReply]:
+    def look(self, *, attempts: int | None = None) -> Exchange[ProcessReply]:
+        """Ask for status word and actual value with a word that the drive ignores."""
+        reply: ProcessReply = yield Ask(message=self._block(words.IGNORED), attempts=attempts, nameless=True)
+        self._notice(reply)
+        return reply
+
+    def command(self, word: int, *, attempts: int | None = None) -> Exchange[ProcessReply]:
+        """Send a control word that is commanded now, with the reference that is set."""
+        return self._process(word, Ask(message=self._block(word), attempts=attempts, acts=True, command="new"))
+
+    def amend(self, word: int, *, attempts: int | None = None) -> Exchange[ProcessReply]:
+        """Send a control word that builds on the one that was commanded. Raises CommandTooOldError if that is old."""
+        return self._process(word, Ask(message=self._block(word), attempts=attempts, acts=True, command="repeated"))
+
+    def repeat(self) -> Exchange[ProcessReply]:
+        """Send the word that was commanded once more. Raises CommandTooOldError if it is old."""
+        word = self.memory.word
+        return self._process(word, Ask(message=self._block(word), command="repeated"))
+
+    def _process(self, word: int, ask: Ask) -> Exchange[ProcessReply]:
         """Send a process block to one drive and return its reply, which says nothing of what it answers."""
+        runs, valid = self._lets_run(word), words.has(word, words.VALID_BIT)
+        urgent = ask.command == "new" and not runs
+        # Whatever does not let the motor run may be sent at any age.
+        command = ("new" if not runs else ask.command) if valid else ""
+        reply: ProcessReply = yield replace(ask, nameless=True, urgent=urgent, command=command)
+        self._notice(reply)
+        return reply
+
+    def _block(self, word: int) -> ProcessRequest:
         valid = words.has(word, words.VALID_BIT)
-        request = ProcessRequest(
+        return ProcessRequest(
             address_format=self._format,
             address=self._address,
             control_word=word,
-            reference=self.reference if valid else 0,
+            reference=self.memory.reference if valid else 0,
         )
-        reply: ProcessReply = yield Ask(
-            message=request, attempts=attempts, acts=acts, nameless=True, urgent=acts and not self._lets_run(word)
-        )
-        self._notice(reply)
-        return reply
 
     def tell_all(self, word: int) -> Exchange[None]:
         """Send a control word to all drives at once."""
         yield Tell(
             message=ProcessRequest(
-                address_format=self._format, broadcast=True, control_word=word, reference=self.reference
+                address_format=self._format, broadcast=True, control_word=word, reference=self.memory.reference
             )
         )
 
@@ -104,7 +121,6 @@ class Conversation:
 
     def text(self, pnu: int, ind: int, text: str) -> Exchange[Answer]:
         """Send a text block that writes a text and return what answers it."""
-        control_word, reference = self._process_words()
         request = TextRequest(
             address_format=self._format,
             address=self._address,
@@ -112,8 +128,8 @@ class Conversation:
             pnu=pnu,
             ind=ind,
             text=text,
-            control_word=control_word,
-            reference=reference,
+            control_word=words.IGNORED,
+            reference=0,
         )
         reply: Answer = yield Ask(message=request, acts=True)
         self._notice(reply)
@@ -126,21 +142,12 @@ class Conversation:
 
     def stop_word(self, word: int) -> int:
         """Return a stop word together with the functions that are switched on."""
-        return word | self.functions
-
-    def _kept_read(self, ak: int, pnu: int, ind: int) -> Ask:
-        """Return a request that reads, the same object as before while the process words are the same."""
-        words_now = self._process_words()
-        if words_now != self._kept_words:
-            self._kept_words = words_now
-            self._kept.cache_clear()
-        return self._kept(ak, pnu, ind)
+        return word | self.memory.functions
 
     def _new_read(self, ak: int, pnu: int, ind: int) -> Ask:
         return Ask(message=self._parameter_block(ak, pnu, ind, 0))
 
     def _parameter_block(self, ak: int, pnu: int, ind: int, pwe: int) -> ParameterRequest:
-        control_word, reference = self._process_words()
         return ParameterRequest(
             address_format=self._format,
             broadcast=self.broadcast,
@@ -149,20 +156,15 @@ class Conversation:
             pnu=pnu,
             ind=ind,
             pwe=pwe,
-            control_word=control_word,
-            reference=reference,
+            control_word=words.IGNORED,
+            reference=0,
         )
-
-    def _process_words(self) -> tuple[int, int]:
-        return (self.word, self.reference) if self.word else (words.IGNORED, 0)
 
     def _lets_run(self, word: int) -> bool:
         return words.lets_run(word, profidrive=self.profidrive)
 
     def _notice(self, reply: Reply) -> None:
-        """Do not go on repeating a start to a drive that has tripped: whoever resets it would start the motor."""
-        if self.runs and words.tripped(reply.status_word, profidrive=self.profidrive):
-            self.word = self.stop_word(words.PROFIDRIVE_STANDSTILL if self.profidrive else words.RAMP_STOP)
+        self.memory.see(reply.status_word, profidrive=self.profidrive)
 
 
 def answered(reply: Answer, expected: frozenset[int], parameter: str) -> None:

@@ -11,6 +11,7 @@ from drivecomm.protocol import Capabilities
 from drivecomm.status import DriveState, DriveStatus, Stop
 from drivecomm_danfoss_fc import access, describing, words
 from drivecomm_danfoss_fc.conversation import Conversation
+from drivecomm_danfoss_fc.memory import DanfossFcMemory
 from drivecomm_danfoss_fc.motion import (
     PERCENT_PER_STEP,
     PRESET_MASK,
@@ -56,16 +57,17 @@ class DanfossFcOperations:
     `release()` and `describe(parameter, option_texts=32)`.
     """
 
-    def __init__(self, address: int, options: DanfossFcOptions, model: Model | None) -> None:
+    def __init__(
+        self, address: int, options: DanfossFcOptions, model: Model | None, memory: DanfossFcMemory | None = None
+    ) -> None:
         self._options = options
         self._model = model
-        self._talk = Conversation(address, options)
+        self._talk = Conversation(address, options, memory or DanfossFcMemory())
         # Model and options of a drive do not change, so that an address always means the same.
         self._known = lru_cache(_KEPT)(lambda name, kind: target(name, model, options, type=kind))
         self._motion = Motion(
             self._talk,
             state_timeout_s=options.state_timeout_s,
-            control_word_pnu=self._shown_in(options.control_word_parameter),
             reference_pnu=self._shown_in(options.reference_parameter),
         )
         self._range = span("reference", options.reference_minimum_hz, options.reference_maximum_hz)
@@ -109,11 +111,6 @@ class DanfossFcOperations:
                 "8-04 = 0 is off: the motor runs on"
             ),
         )
-
-    def commanded_elsewhere(self) -> None:
-        """Repeat neither control word nor reference any more."""
-        self._talk.word = words.IGNORED
-        self._talk.reference, self._talk.reference_known = 0, False
 
     def read(
         self,
@@ -181,7 +178,7 @@ class DanfossFcOperations:
         return self._motion.start(reverse=reverse)
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
-        """Stop: 043C (ramp), 0474 (coast), 046C (quick stop) or 0478 (DC brake); repeated in every later telegram."""
+        """Stop: 043C (ramp), 0474 (coast), 046C (quick stop) or 0478 (DC brake)."""
         known = stop_words(profidrive=self._talk.profidrive)
         if how not in known:
             raise NotSupported(
@@ -199,9 +196,8 @@ class DanfossFcOperations:
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
         """Set the bus reference, -200 % to 199.99 % of the reference range, to the nearest step of 0.0061 %.
 
-        It goes out at once with the control word that holds: the last one from here, the one that a running drive shows
-        in 16-85, or the ramp-stop word for a drive that stands. Raises StateError for a motor that runs for another
-        reason.
+        It goes out at once with the control word that holds: the last one from here, or the ramp-stop word for a drive
+        that stands. Raises StateError for a motor that was not started from here, or does not run any more.
         """
         self._must_be_one_drive("set_reference")
         number = exact(percent, "reference")
@@ -293,7 +289,7 @@ class DanfossFcOperations:
         return self._pulse("slow_down", words.SLOW_DOWN_BIT)
 
     def control_word(self, word: int) -> Exchange[None]:
-        """Send this control word with the reference that is set; a valid one is repeated in every later telegram."""
+        """Send this control word with the reference that is set; `status` repeats a valid one for the watchdog."""
         self._must_be_one_drive("control_word")
         return self._motion.control_word(one_of(word, range(0x10000), "control word"))
 
@@ -350,7 +346,7 @@ class DanfossFcOperations:
             return None
 
     def _probe(self) -> Exchange[None]:
-        yield from self._talk.process(words.IGNORED, attempts=1)
+        yield from self._talk.look(attempts=1)
 
     def _identify(self) -> Exchange[Mapping[str, str]]:
         if self._model is not None:
@@ -377,7 +373,7 @@ class DanfossFcOperations:
 
     def _switch(self, verb: str, mask: int, bits: int, *, at_once: bool = False) -> Exchange[None]:
         self._must_be_one_drive(verb)
-        return self._motion.switch(mask, bits, at_once=at_once)
+        return self._motion.switch(mask, bits, verb, at_once=at_once)
 
     def _pulse(self, verb: str, bit: int) -> Exchange[None]:
         self._must_be_one_drive(verb)

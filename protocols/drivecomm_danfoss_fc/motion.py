@@ -6,10 +6,11 @@ Specification, section 12. The status word in a reply shows the drive before the
 
 from __future__ import annotations
 
+from contextlib import suppress
 from decimal import ROUND_HALF_EVEN, Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import NotSupported, StateError, UsageError, ValueRefusedError
+from drivecomm.errors import CommandTooOldError, NotSupported, StateError, UsageError, ValueRefusedError
 from drivecomm.exchange import Exchange, Pause
 from drivecomm.status import Stop
 from drivecomm_danfoss_fc import words
@@ -57,8 +58,9 @@ def reference_for(percent: Decimal, shown: str) -> int:
 class Motion:
     """The motor of one drive.
 
-    A start is remembered only when the drive has answered it, so that reading never starts a motor later; a stop is
-    remembered before it is sent, so that every further telegram repeats it.
+    A start is remembered only when the drive has answered it; a stop is remembered before it is sent. What builds on a
+    run command that was given before, such as another reference, first asks whether the motor runs, and is refused when
+    it does not, or when it runs by a command of somebody else: a word that was not commanded here is never sent.
     """
 
     def __init__(
@@ -66,37 +68,42 @@ class Motion:
         talk: Conversation,
         *,
         state_timeout_s: float,
-        control_word_pnu: int | None = None,
         reference_pnu: int | None = None,
     ) -> None:
         self._talk = talk
+        self._memory = talk.memory
         self._state_timeout_s = state_timeout_s
-        self._control_word_pnu = control_word_pnu
         self._reference_pnu = reference_pnu
 
     def status_word(self) -> Exchange[tuple[int, int]]:
-        """Ask for status word and actual value, commanding nothing that is not commanded already."""
-        reply = yield from self._talk.process(self._talk.word)
+        """Ask for status word and actual value; a command that holds is then repeated, for the drive's watchdog."""
+        reply = yield from self._talk.look()
+        runs = words.has(reply.status_word, words.RUNNING)
+        if self._memory.word and (runs or not self._talk.runs):
+            # Too old: what the look has shown is the status all the same.
+            with suppress(CommandTooOldError):
+                reply = yield from self._talk.repeat()
         return reply.status_word, reply.main_actual
 
     def start(self, *, reverse: bool) -> Exchange[None]:
         """Start with 047C, or with 047E and 047F in PROFIdrive; refuses to on a tripped or locally operated drive.
 
-        The reference is the one that was set; if that was not done here, the one that the drive shows.
+        The reference is the one that was set; if that was not done here, the one that the drive shows. Raises
+        StateError where it shows none: it would be zero.
         """
-        yield from self._ready_to_start()
+        runs = yield from self._ready_to_start()
         yield from self._take_over_reference()
-        yield from self._run(words.REVERSE_BIT if reverse else None)
+        yield from self._run(words.REVERSE_BIT if reverse else None, runs=runs)
 
     def jog(self, number: int) -> Exchange[None]:
         """Run at the jog speed until the next start or stop."""
-        yield from self._ready_to_start()
-        yield from self._run((words.JOG_1_BIT, words.JOG_2_BIT)[number - 1])
+        runs = yield from self._ready_to_start()
+        yield from self._run((words.JOG_1_BIT, words.JOG_2_BIT)[number - 1], runs=runs)
 
     def stop(self, word: int) -> Exchange[None]:
         """Stop with this word."""
-        self._talk.word = self._talk.stop_word(word)
-        reply = yield from self._talk.process(self._talk.word, acts=True)
+        self._memory.command(self._talk.stop_word(word))
+        reply = yield from self._talk.command(self._memory.word)
         if not words.has(reply.status_word, words.BUS_CONTROL):
             raise StateError(
                 "the drive is in local operation, where bus commands have no effect; stop it at its keypad"
@@ -105,26 +112,26 @@ class Motion:
     def reset(self) -> Exchange[None]:
         """Acknowledge a trip with a rising edge of bit 7, between two words without it; nothing without a trip."""
         talk = self._talk
-        status, _ = yield from self.status_word()
+        status = yield from self._look()
         if not self._tripped(status):
             return
         idle, edge = (words.RAMP_STOP, words.RESET)
         if talk.profidrive:
             idle, edge = (words.PROFIDRIVE_STANDSTILL, words.PROFIDRIVE_RESET)
-        talk.word = talk.stop_word(idle)
-        yield from talk.process(talk.word, acts=True)
-        yield from talk.process(talk.stop_word(edge), attempts=1, acts=True)
+        self._memory.command(talk.stop_word(idle))
+        yield from talk.command(self._memory.word)
+        yield from talk.command(talk.stop_word(edge), attempts=1)
         waited = 0.0
         while True:
             # The first of these takes the bit away again.
-            status, _ = yield from self.status_word()
-            if not self._tripped(status):
+            reply = yield from talk.command(talk.stop_word(idle))
+            if not self._tripped(reply.status_word):
                 return
             if waited >= self._state_timeout_s:
                 break
             yield Pause(seconds=_POLL_S)
             waited += _POLL_S
-        locked = words.has(status, words.TRIP_LOCK) and not talk.profidrive
+        locked = words.has(reply.status_word, words.TRIP_LOCK) and not talk.profidrive
         raise StateError(
             "the drive is still tripped after the reset; "
             + ("it is trip-locked: switch its mains off and on" if locked else "the cause of the trip is still there")
@@ -133,42 +140,61 @@ class Motion:
     def set_reference(self, steps: int) -> Exchange[None]:
         """Send the reference with the control word that holds, and remember it for all that follow.
 
-        A drive that was not commanded from here keeps running as it does; one that stands gets the ramp-stop word.
+        A drive that stands gets the ramp-stop word. Raises StateError for a motor that runs by a command of somebody
+        else: no word could be sent with the reference that changes nothing else.
         """
-        talk = self._talk
-        if not talk.word:
-            yield from self._take_over_word()
-        talk.reference, talk.reference_known = steps, True
-        yield from talk.process(talk.word, acts=True)
+        memory = self._memory
+        status = yield from self._look()
+        if not memory.word:
+            if words.has(status, words.RUNNING):
+                raise StateError(
+                    "the motor runs by a command that this program did not give, and a reference cannot be sent "
+                    "without a command; start it from here, too, and then set the reference"
+                )
+            standstill = words.PROFIDRIVE_STANDSTILL if self._talk.profidrive else words.RAMP_STOP
+            memory.command(self._talk.stop_word(standstill))
+        self._must_still_run("set_reference", status)
+        before = memory.reference, memory.reference_known
+        memory.reference, memory.reference_known = steps, True
+        try:
+            yield from self._talk.amend(memory.word)
+        except CommandTooOldError:
+            memory.reference, memory.reference_known = before
+            raise
 
-    def switch(self, mask: int, bits: int, *, at_once: bool) -> Exchange[None]:
+    def switch(self, mask: int, bits: int, verb: str, *, at_once: bool) -> Exchange[None]:
         """Set some function bits in this and every later word.
 
         at_once: they act on a standing motor too, so that they are sent also when it is stopped. That takes a valid
         control word, and only a caller who commands the drive already has one.
         """
-        talk = self._talk
-        if at_once and not talk.word:
+        memory = self._memory
+        if at_once and not memory.word:
             raise UsageError(
                 "this needs a valid control word, and the drive was not commanded yet; call start() or stop() first"
             )
-        talk.functions = talk.functions & ~mask | bits
-        if talk.word:
-            talk.word = talk.word & ~mask | bits
-        if at_once or talk.runs:
-            yield from talk.process(talk.word, acts=True)
+        if at_once or self._talk.runs:
+            status = yield from self._look()
+            if at_once and not memory.word:
+                raise StateError(f"{verb} needs a command that holds, and another one does by now; start or stop first")
+            if memory.word:
+                self._must_still_run(verb, status)
+                word = memory.word & ~mask | bits
+                yield from self._talk.amend(word)
+                memory.word = word
+        memory.functions = memory.functions & ~mask | bits
 
     def freeze(self) -> Exchange[None]:
         """Hold the output frequency as it is, until the next start or stop."""
-        self._must_run("freeze")
-        self._talk.word &= ~(1 << words.HOLD_BIT)
-        yield from self._talk.process(self._talk.word, acts=True)
+        word = (yield from self._running_word("freeze")) & ~(1 << words.HOLD_BIT)
+        yield from self._talk.amend(word)
+        self._memory.word = word
 
     def pulse(self, bit: int, verb: str) -> Exchange[None]:
         """Set a bit once: a relative command, never repeated and never remembered."""
-        self._must_run(verb)
-        yield from self._talk.process(self._talk.word | 1 << bit, attempts=1, acts=True)
-        yield from self._talk.process(self._talk.word, acts=True)
+        word = yield from self._running_word(verb)
+        yield from self._talk.amend(word | 1 << bit, attempts=1)
+        yield from self._talk.amend(word)
 
     def control_word(self, word: int) -> Exchange[None]:
         """Send a control word as it is, once; it is repeated from then on, but for reset and relative commands."""
@@ -178,64 +204,73 @@ class Motion:
             kept &= ~(1 << words.CATCH_UP_BIT | 1 << words.SLOW_DOWN_BIT)
         if not words.lets_run(kept, profidrive=talk.profidrive):
             self._remember(kept)
-        yield from talk.process(word, attempts=1, acts=True)
+        yield from talk.command(word, attempts=1)
         self._remember(kept)
 
     def release(self) -> Exchange[None]:
         """Repeat nothing any more: the drive keeps its last command until its control word timeout. Sends nothing."""
-        self._talk.word = words.IGNORED
+        self._memory.command(words.IGNORED)
         yield from ()
 
-    def _run(self, bit: int | None) -> Exchange[None]:
-        talk = self._talk
-        more = talk.functions | (0 if bit is None else 1 << bit)
+    def _run(self, bit: int | None, *, runs: bool) -> Exchange[None]:
+        """Send the word that runs; in PROFIdrive after 047E, unless the motor runs by a command from here already."""
+        talk, memory = self._talk, self._memory
+        more = memory.functions | (0 if bit is None else 1 << bit)
         word = words.START
         if talk.profidrive:
             word = words.PROFIDRIVE_START
-            if not talk.runs:
-                talk.word = words.PROFIDRIVE_READY | talk.functions
-                yield from talk.process(talk.word, attempts=1, acts=True)
-        yield from talk.process(word | more, attempts=1, acts=True)
-        talk.word = word | more
-
-    def _take_over_word(self) -> Exchange[None]:
-        """Find out which control word the drive obeys, so that sending it again changes nothing."""
-        talk = self._talk
-        status, _ = yield from self.status_word()
-        if not words.has(status, words.RUNNING):
-            talk.word = talk.stop_word(words.PROFIDRIVE_STANDSTILL if talk.profidrive else words.RAMP_STOP)
-            return
-        word = None if self._control_word_pnu is None else (yield from talk.shown_word(self._control_word_pnu))
-        if word is None or not words.lets_run(word, profidrive=talk.profidrive):
-            raise StateError(
-                "the motor runs, and the drive does not show a control word of this port that made it run; set the "
-                "reference from the program that started it, or together with a start"
-            )
-        self._remember(word)
+            if not (runs and talk.runs):
+                memory.command(words.PROFIDRIVE_READY | memory.functions)
+                yield from talk.command(memory.word, attempts=1)
+        yield from talk.command(word | more, attempts=1)
+        memory.command(word | more)
 
     def _take_over_reference(self) -> Exchange[None]:
-        talk = self._talk
-        if talk.reference_known or self._reference_pnu is None:
+        memory = self._memory
+        if memory.reference_known:
             return
-        word = yield from talk.shown_word(self._reference_pnu)
-        if word is not None:
-            talk.reference, talk.reference_known = word - 0x10000 if word >= 0x8000 else word, True
+        shown = None if self._reference_pnu is None else (yield from self._talk.shown_word(self._reference_pnu))
+        if shown is None:
+            raise StateError(
+                "no reference was set from here, and the drive does not show the one that it has from the bus, so it "
+                "would start with 0; set the reference first, while the motor stands: 0 where it comes from elsewhere"
+            )
+        memory.reference, memory.reference_known = shown - 0x10000 if shown >= 0x8000 else shown, True
 
-    def _ready_to_start(self) -> Exchange[None]:
-        status, _ = yield from self.status_word()
+    def _ready_to_start(self) -> Exchange[bool]:
+        """Make sure that the drive can start; returns whether its motor runs already."""
+        status = yield from self._look()
         if self._tripped(status):
             raise StateError("the drive has tripped and cannot start; reset it first")
         if not words.has(status, words.BUS_CONTROL):
             raise StateError("the drive is in local operation, where bus commands have no effect; switch it to remote")
+        return words.has(status, words.RUNNING)
+
+    def _look(self) -> Exchange[int]:
+        """Ask for the status with a word that the drive ignores; a command that it contradicts is forgotten."""
+        return (yield from self._talk.look()).status_word
+
+    def _running_word(self, verb: str) -> Exchange[int]:
+        """Return the word that was commanded, if the motor runs by it."""
+        if not self._talk.runs:
+            raise UsageError(f"{verb} is for a motor that was started; call start() first")
+        status = yield from self._look()
+        self._must_still_run(verb, status)
+        return self._memory.word
+
+    def _must_still_run(self, verb: str, status: int) -> None:
+        """Make sure that to send the last command again, with something added, does not start the motor."""
+        if self._memory.word and not self._talk.runs:
+            return
+        if not self._memory.word or not words.has(status, words.RUNNING):
+            raise StateError(
+                f"{verb} would send the start again to a motor that does not run; start it anew, or stop it first"
+            )
 
     def _remember(self, word: int) -> None:
         mask = function_mask(profidrive=self._talk.profidrive)
-        self._talk.word = word
-        self._talk.functions = word & mask
-
-    def _must_run(self, verb: str) -> None:
-        if not self._talk.runs:
-            raise UsageError(f"{verb} is for a motor that was started; call start() first")
+        self._memory.command(word)
+        self._memory.functions = word & mask
 
     def _tripped(self, status: int) -> bool:
         return words.tripped(status, profidrive=self._talk.profidrive)

@@ -38,9 +38,8 @@ class DanfossFcOptions:
     early edition p. 288). output_minimum_hz, output_maximum_hz: those limits, 4-12 and 4-14 (201, 202); without the
     maximum a status shows no output frequency.
 
-    control_word_parameter, reference_parameter: where the drive shows the control word and the reference that it got
-    last over this port, 16-85 and 16-86; empty for drives that do not. A program that has not commanded the drive yet
-    reads them, so that it changes the reference alone, or starts with the one that is set.
+    reference_parameter: where the drive shows the reference that it got last over this port, 16-86; empty for drives
+    that do not. A program that has not set one reads it, so that it starts with the one that is set.
     fault_code_parameter: where a tripped drive keeps the code of its fault, empty for not asking. broadcast_parameters:
     let writes go to all drives at once; no manual says whether drives obey them. state_timeout_s: how long a reset may
     take to clear the trip.
@@ -61,7 +60,6 @@ class DanfossFcOptions:
     actual_scaling: Literal["reference", "limits"] = "reference"
     output_minimum_hz: Hertz = 0
     output_maximum_hz: Hertz | None = None
-    control_word_parameter: str = "16-85"
     reference_parameter: str = "16-86"
     fault_code_parameter: str = ""
     broadcast_parameters: bool = False

@@ -10,6 +10,7 @@ from drivecomm_danfoss_fc.conversation import BROADCAST
 from drivecomm_danfoss_fc.correlation import mismatch, only_asks
 from drivecomm_danfoss_fc.description import DEFAULT
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
+from drivecomm_danfoss_fc.memory import DanfossFcMemory
 from drivecomm_danfoss_fc.options import DanfossFcOptions
 from drivecomm_danfoss_fc.parameters import element_addresses
 from drivecomm_danfoss_fc.purposes import purpose
@@ -60,6 +61,7 @@ protocol = Protocol(
     message=message_from,
     mismatch=mismatch,
     operations=DanfossFcOperations,
+    memory=DanfossFcMemory,
     virtual=_virtual,
     blind_spots=blind_spots,
     forms=titled_forms,

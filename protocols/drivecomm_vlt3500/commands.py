@@ -32,18 +32,29 @@ _MOVING = words.START | words.JOG_1 | words.JOG_2
 _OBEYED = words.RUNNING | words.ENABLED
 
 
-class Commander:
-    """Sends control words to one drive, or to all at address 0, and remembers what a master must.
+class VltMemory:
+    """What a master remembers of one drive, shared by all who speak to it on one bus.
 
-    That is the last valid control word that the drive has confirmed (None while none was sent, and when it is open
-    whether one arrived), and the set-up that control words select.
+    commanded: the last valid control word that the drive has confirmed; None while none was sent, and when it is open
+    whether one arrived. setup: the set-up that control words select, as their bits.
     """
 
-    def __init__(self, address: int, options: VltOptions) -> None:
+    def __init__(self) -> None:
+        self.commanded: int | None = None
+        self.setup = 0
+
+    def forget(self) -> None:
+        """Forget the last control word, which further ones would build on."""
+        self.commanded = None
+
+
+class Commander:
+    """Sends control words to one drive, or to all at address 0, and remembers what a master must."""
+
+    def __init__(self, address: int, options: VltOptions, memory: VltMemory) -> None:
         self._address = address
         self._options = options
-        self._commanded: int | None = None
-        self._setup = 0
+        self._memory = memory
 
     def ask_idle(self, request: Any, *, attempts: int | None = None, acts: bool = False) -> Exchange[Any]:
         """Ask with the idle word; where only a copy of the request came, say that it may have been the reply."""
@@ -69,7 +80,7 @@ class Commander:
 
         urgent: for what stops the motor, see `Ask`.
         """
-        before, self._commanded = self._commanded, None
+        before, self._memory.commanded = self._memory.commanded, None
         request = Control(address=self._address, control_word=word, control_mask=None if mask == 0xFFFF else mask)
         status = 0
         if self._address == BROADCAST:
@@ -78,16 +89,12 @@ class Commander:
             reply: ControlReply = yield Ask(message=request, attempts=attempts, acts=True, nameless=True, urgent=urgent)
             status = reply.status_word
         if not word & words.VALID:
-            self._commanded = before
+            self._memory.commanded = before
         elif mask == 0xFFFF or before is not None:
-            self._commanded = (before or 0) & ~mask | word
+            self._memory.commanded = (before or 0) & ~mask | word
         if word & words.VALID and mask & _SETUP:
-            self._setup = word & _SETUP
+            self._memory.setup = word & _SETUP
         return status
-
-    def forget(self) -> None:
-        """Take it that somebody else has commanded the drive."""
-        self._commanded = None
 
     def run(self, word: int) -> Exchange[None]:
         """Send a word that makes the motor run, and wait until it does; a start that is not obeyed is taken back."""
@@ -97,8 +104,8 @@ class Commander:
         if not status & words.BUS_CONTROL:
             raise StateError("the drive is in local operation and cannot be started over the bus; set it to remote")
         if status & words.START_NOT_POSSIBLE:
-            yield from self.command(words.OFF1 | self._setup)
-        status = yield from self.command(word | self._setup, attempts=1)
+            yield from self.command(words.OFF1 | self._memory.setup)
+        status = yield from self.command(word | self._memory.setup, attempts=1)
         try:
             status = yield from self._await(_OBEYED, _OBEYED, status)
         except ReplyError as error:
@@ -106,7 +113,7 @@ class Commander:
         if status & _OBEYED == _OBEYED:
             return
         # Standing orders are accidents: it would run whenever its last start condition comes.
-        yield from self.command(words.RAMP_STOP | self._setup)
+        yield from self.command(words.RAMP_STOP | self._memory.setup)
         why = ", ".join(words.flags_of(status)) or "nothing"
         raise StateError(
             f"the drive did not run within {self._options.state_timeout_s:g} s after the start, which was taken back; "
@@ -115,7 +122,7 @@ class Commander:
 
     def stop(self, word: int, reported: int) -> Exchange[None]:
         """Send a word that stops the motor. reported: the status bits that show that the drive obeys."""
-        status = yield from self.command(word | self._setup, urgent=True)
+        status = yield from self.command(word | self._memory.setup, urgent=True)
         if self._address == BROADCAST:
             return
         status = yield from self._await(reported, reported, status)
@@ -134,7 +141,7 @@ class Commander:
         status = yield from self.status_word()
         if not status & words.TRIPPED:
             return
-        stopped = words.RAMP_STOP | self._setup
+        stopped = words.RAMP_STOP | self._memory.setup
         yield from self.command(stopped, attempts=1)
         yield from self.command(stopped | words.RESET, attempts=1)
         status = yield from self.command(stopped)
@@ -165,7 +172,7 @@ class Commander:
 
     def _confirmed(self, verb: str) -> Exchange[int]:
         """Return the last control word, if what it says still holds: a word sent again must not start a motor."""
-        word = self._commanded
+        word = self._memory.commanded
         if word is None:
             raise StateError(
                 f"{verb} changes the last control word, and this program has none that the drive has confirmed; "

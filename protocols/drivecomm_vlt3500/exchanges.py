@@ -22,7 +22,7 @@ from drivecomm.protocol import Capabilities
 from drivecomm.status import DriveStatus, Stop
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.causes import cause_text
-from drivecomm_vlt3500.commands import Commander
+from drivecomm_vlt3500.commands import Commander, VltMemory
 from drivecomm_vlt3500.messages import Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.parameters import Target, data_for, reading, target
 from drivecomm_vlt3500.telegrams import BROADCAST
@@ -48,11 +48,11 @@ class VltOperations:
     Reading, writing and asking for the status never command; what commands is in `Commander`.
     """
 
-    def __init__(self, address: int, options: VltOptions, model: Model | None) -> None:
+    def __init__(self, address: int, options: VltOptions, model: Model | None, memory: VltMemory | None = None) -> None:
         self._address = address
         self._options = options
         self._model = model
-        self._commander = Commander(address, options)
+        self._commander = Commander(address, options, memory or VltMemory())
         # Model and options of a drive do not change, so that an address always means the same.
         self._known = lru_cache(_KEPT)(lambda parameter: target(parameter, model))
         self._request = lru_cache(_KEPT, typed=True)(self._new_request)
@@ -87,10 +87,6 @@ class VltOperations:
             "set_up": self.set_up,
             "control_word": self.control_word,
         }
-
-    def commanded_elsewhere(self) -> None:
-        """Forget the last control word, which further ones would build on."""
-        self._commander.forget()
 
     def read(self, parameter: str, *, index: Any = None) -> Exchange[Reading]:
         """Read a parameter (R), or one element of an indexed one (I): `502[17]`, `602[13,5]`, or index=(13, 5)."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from drivecomm.line import LineFacts, LineSettings, Timing
 from drivecomm.protocol import Protocol
 from drivecomm_vlt3500.codec import VltCodec, blind_spots, message_from, mismatch, only_asks, titled_forms
+from drivecomm_vlt3500.commands import VltMemory
 from drivecomm_vlt3500.exchanges import VltOperations
 from drivecomm_vlt3500.options import VltOptions
 from drivecomm_vlt3500.parameters import element_addresses
@@ -57,6 +58,7 @@ protocol = Protocol(
     message=message_from,
     mismatch=mismatch,
     operations=VltOperations,
+    memory=VltMemory,
     virtual=_virtual,
     blind_spots=blind_spots,
     forms=titled_forms,

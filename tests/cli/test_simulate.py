@@ -102,7 +102,15 @@ def test_a_reference_from_one_program_and_a_start_from_the_next(simulated, tmp_p
     for drive, value in zip(EVERYBODY, ("20Hz", "50%", "50%", "20Hz"), strict=True):
         assert drivecomm("reference", drive, value, port=str(path)).returncode == 0
         assert drivecomm("start", drive, "--link-loss", "hold", port=str(path)).returncode == 0
-        assert drivecomm("reference", drive, value, port=str(path)).returncode == 0
+        again = drivecomm("reference", drive, value, port=str(path))
+        if drive.startswith("danfoss"):
+            # Its reference goes out with a control word, and this program has commanded none.
+            assert again.returncode == 5
+            assert "did not give" in again.stderr
+            given = ("--percent", value.removesuffix("%"))
+            assert drivecomm("start", drive, "--link-loss", "hold", *given, port=str(path)).returncode == 0
+        else:
+            assert again.returncode == 0
         assert json.loads(drivecomm("status", drive, "--json", port=str(path)).stdout)["running"] is True
 
 

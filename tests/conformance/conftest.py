@@ -27,8 +27,8 @@ def with_operations(in_place_of):
     def replaced(name, **verbs):
         real = installed[name].operations
 
-        def operations(address, options, model):
-            made = real(address, options, model)
+        def operations(*arguments):
+            made = real(*arguments)
             return Altered(made, **{verb: make(made) for verb, make in verbs.items()})
 
         return in_place_of(name, operations=operations)

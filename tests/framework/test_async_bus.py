@@ -26,7 +26,7 @@ AT_ONCE = {
     "drive",
     "poll",
     "broadcast",
-    "commanding",
+    "command",
     "now",
     "real_time",
     "wall_time",
@@ -39,7 +39,7 @@ AT_ONCE = {
     "bus",
     "capabilities",
     "check_write",
-    "commanded_elsewhere",
+    "forget_after",
 }
 """What returns at once on both faces; all else waits for the line."""
 

@@ -204,7 +204,7 @@ def test_while_waiting_for_the_turn(line):
         assert not thread.is_alive()
         # Who gave up waiting is not called any more.
         assert drive.read("481").raw == "000003E8"
-        assert not bus._turns._taken
+        assert not bus._turns._is_taken()
 
 
 def test_time_spent_waiting_for_the_turn_counts(line, recorder):

@@ -179,12 +179,19 @@ def test_a_verb_that_asks_is_carried_out_and_hears_what_goes_wrong():
         yield Ask(message="ask")
         yield Ask(message="go")
 
-    operations = SimpleNamespace(extra={"look": asking, "move": commanding})
-    ask_only = ReadOnly(operations, "no", lambda message: message == "ask")
+    def choosing():
+        yield from ()
+
+    operations = SimpleNamespace(extra={"look": asking, "move": commanding, "choose": choosing})
+    forgotten = []
+    ask_only = ReadOnly(operations, "no", lambda message: message == "ask", lambda: forgotten.append(True))
     assert play(ask_only.extra["look"](), [("ask", NoReplyError("silence")), ("ask", "here")]) == "here"
     with pytest.raises(UsageError, match="no"):
         play(ask_only.extra["move"](), [("ask", "here")])
-    unknown = ReadOnly(operations, "no", None)
+    with pytest.raises(UsageError, match="no"):
+        play(ask_only.extra["choose"](), [])
+    assert forgotten == [True] * 3, "nothing is left behind for later telegrams"
+    unknown = ReadOnly(operations, "no", None, lambda: None)
     with pytest.raises(UsageError, match="no"):
         play(unknown.extra["look"](), [])
 

@@ -5,13 +5,14 @@ from decimal import Decimal
 import pytest
 
 import drivecomm
-from drivecomm.errors import NoReplyError, NotSupported, StateError, UsageError, ValueRefusedError
+from drivecomm.errors import CommandTooOldError, NoReplyError, NotSupported, StateError, UsageError, ValueRefusedError
 from drivecomm.models.files import load_model
 from drivecomm.runners.script import play
 from drivecomm.status import DriveState, Stop
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_danfoss_fc import words
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
+from drivecomm_danfoss_fc.memory import DanfossFcMemory
 from drivecomm_danfoss_fc.messages import ParameterReply, ParameterRequest, ProcessReply, ProcessRequest
 from drivecomm_danfoss_fc.options import DanfossFcOptions
 
@@ -20,12 +21,12 @@ AT_3 = {"address_format": "1-126", "address": 3}
 READY, RUNNING, TRIPPED, LOCAL = 0x0607, 0x0F07, 0x0608, 0x0407
 
 
-ALONE = {"control_word_parameter": "", "reference_parameter": ""}
-
-
-def operations(model=None, **options):
-    """A master that asks the drive for nothing that it does not know itself."""
-    return DanfossFcOperations(3, DanfossFcOptions(**{**(model.options if model else {}), **ALONE, **options}), model)
+def operations(model=None, *, memory=None, reference=0, **options):
+    """A master that has set a reference already, in the way of somebody who stopped the drive first."""
+    if memory is None:
+        memory = DanfossFcMemory()
+        memory.reference, memory.reference_known = reference, True
+    return DanfossFcOperations(3, DanfossFcOptions(**{**(model.options if model else {}), **options}), model, memory)
 
 
 def sent(word, reference=0, status=READY, actual=0):
@@ -38,32 +39,47 @@ def unanswered(word, reference=0):
     return sent(word, reference)[0], NoReplyError("silence")
 
 
-def read(word, reference=0, status=RUNNING):
-    """A read of 16-14, with the process words that it must carry."""
+LOOK = sent(0, status=RUNNING)
+"""How a motor is looked at that runs."""
+
+
+def read(status=RUNNING):
+    """A read of 16-14: whatever was commanded, it carries no control word."""
     parameter = {"pnu": 1614, "ind": 0}
-    request = ParameterRequest(**AT_3, **parameter, ak=1, pwe=0, control_word=word, reference=reference)
+    request = ParameterRequest(**AT_3, **parameter, ak=1, pwe=0, control_word=0, reference=0)
     return request, ParameterReply(**AT_3, **parameter, ak=2, pwe=524, status_word=status, main_actual=0)
 
 
 def started(profile="fc", reference=0, **options):
-    drive = operations(profile=profile, **options)
+    """A master that has started the motor, and has seen it run."""
+    drive = operations(profile=profile, reference=reference, **options)
     steps = [sent(0x047E, reference), sent(0x047F, reference)] if profile == "profidrive" else [sent(0x047C, reference)]
     play(drive.start(), [sent(0), *steps])
+    play(drive.read("16-14"), [read()])
     return drive
+
+
+def repeats(drive, word, reference=0, status=RUNNING):
+    """Ask for the status: looked at first, then repeated."""
+    play(drive.status(), [sent(0, status=status), sent(word, reference, status)])
+
+
+def repeats_nothing(drive, status=RUNNING):
+    play(drive.status(), [sent(0, status=status)])
 
 
 class TestBeforeAnyCommand:
     def test_reading_carries_no_control_word(self):
-        play(operations().read("16-14"), [read(0)])
+        play(operations().read("16-14"), [read()])
 
     def test_status_carries_no_control_word(self):
-        play(operations().status(), [sent(0)])
+        repeats_nothing(operations())
 
     def test_a_reference_goes_to_a_drive_that_stands_with_the_ramp_stop_word(self):
         drive = operations()
         play(drive.set_reference_percent(50), [sent(0), sent(0x043C, 8192)])
-        play(drive.read("16-14"), [read(0x043C, 8192)])
-        play(drive.start(), [sent(0x043C, 8192), sent(0x047C, 8192)])
+        repeats(drive, 0x043C, 8192, status=READY)
+        play(drive.start(), [sent(0), sent(0x047C, 8192)])
 
 
 def shown(pnu, value, status=READY):
@@ -76,35 +92,28 @@ def shown(pnu, value, status=READY):
     return request, reply
 
 
-FRESH = {"control_word_parameter": "16-85", "reference_parameter": "16-86"}
+def fresh(**options):
+    """A program that comes anew, such as each call of the command line."""
+    return operations(memory=DanfossFcMemory(), **options)
 
 
 class TestTakingOver:
-    """A program that comes anew, such as each call of the command line."""
-
     def test_the_reference_that_is_set_is_started_with(self):
-        drive = operations(**FRESH)
-        play(drive.start(), [sent(0), shown(1686, 0xE000), sent(0x047C, -8192)])
+        play(fresh().start(), [sent(0), shown(1686, 0xE000), sent(0x047C, -8192)])
 
-    def test_a_drive_that_does_not_show_it_starts_at_zero(self):
-        play(operations(**FRESH).start(), [sent(0), shown(1686, None), sent(0x047C)])
+    def test_a_drive_that_does_not_show_it_is_not_started_at_zero(self):
+        with pytest.raises(StateError, match="no reference was set from here"):
+            play(fresh().start(), [sent(0), shown(1686, None)])
+        with pytest.raises(StateError, match="no reference was set from here"):
+            play(fresh(reference_parameter="").start(), [sent(0)])
 
-    def test_the_reference_of_a_running_drive_changes_and_nothing_else(self):
-        drive = operations(**FRESH)
-        script = [sent(0, status=RUNNING), shown(1685, 0x867C, RUNNING), sent(0x867C, 8192, RUNNING)]
-        play(drive.set_reference_percent(50), script)
-        play(drive.read("16-14"), [read(0x867C, 8192)])
-
-    @pytest.mark.parametrize("word", [None, 0, 0x043C, 0x007C])
-    def test_a_motor_that_runs_for_another_reason_is_left_alone(self, word):
-        drive = operations(**FRESH)
-        with pytest.raises(StateError, match="does not show a control word"):
-            play(drive.set_reference_percent(50), [sent(0, status=RUNNING), shown(1685, word, RUNNING)])
-        play(drive.read("16-14"), [read(0)])
-
-    def test_a_drive_without_these_parameters(self):
-        with pytest.raises(StateError):
-            play(operations().set_reference_percent(50), [sent(0, status=RUNNING)])
+    def test_a_motor_that_somebody_else_has_started_is_sent_no_word(self):
+        """Not even the one that it shows: by the time it arrives that other one may have stopped the motor."""
+        drive = fresh()
+        with pytest.raises(StateError, match="did not give"):
+            play(drive.set_reference_percent(50), [LOOK])
+        repeats_nothing(drive)
+        play(drive.start(), [LOOK, shown(1686, 0x1000), sent(0x047C, 4096, RUNNING)])
 
 
 class TestStart:
@@ -113,13 +122,38 @@ class TestStart:
         next(exchange)
         command = exchange.send(sent(0)[1])
         assert command.message.control_word == 0x047C
-        assert (command.attempts, command.acts) == (1, True)
+        assert (command.attempts, command.acts, command.command) == (1, True, "new")
 
-    def test_it_is_repeated_by_reads_from_then_on(self):
+    def test_it_is_repeated_by_the_status_while_the_motor_runs(self):
         drive = started()
-        play(drive.set_reference_percent(100), [sent(0x047C, 16384)])
-        play(drive.read("16-14"), [read(0x047C, 16384)])
-        play(drive.status(), [sent(0x047C, 16384, RUNNING)])
+        play(drive.set_reference_percent(100), [LOOK, sent(0x047C, 16384, RUNNING)])
+        play(drive.read("16-14"), [read()])
+        repeats(drive, 0x047C, 16384)
+
+    def test_what_repeats_it_says_so(self):
+        exchange = started().status()
+        assert next(exchange).command == ""
+        again = exchange.send(LOOK[1])
+        assert (again.command, again.acts, again.urgent) == ("repeated", False, False)
+
+    def test_it_is_not_repeated_before_the_motor_was_seen_to_run(self):
+        drive = operations()
+        play(drive.start(), [sent(0), sent(0x047C)])
+        repeats_nothing(drive, READY)
+        repeats(drive, 0x047C)
+
+    def test_it_is_forgotten_as_soon_as_the_motor_does_not_run(self):
+        """Stopped by its watchdog, by another master, by a dip of the mains."""
+        for find_out in (lambda drive: drive.status(), lambda drive: drive.probe()):
+            drive = started()
+            play(find_out(drive), [sent(0, status=READY)])
+            repeats_nothing(drive)
+        drive = started()
+        play(drive.read("16-14"), [read(READY)])
+        repeats_nothing(drive)
+
+    def test_a_command_that_is_too_old_is_not_repeated(self):
+        assert play(started().status(), [LOOK, (sent(0x047C)[0], CommandTooOldError("old"))]).running
 
     def test_reverse(self):
         play(operations().start(reverse=True), [sent(0), sent(0x847C)])
@@ -129,18 +163,18 @@ class TestStart:
         drive = operations()
         with pytest.raises(StateError, match=words):
             play(drive.start(), [sent(0, status=status)])
-        play(drive.read("16-14"), [read(0)])
+        repeats_nothing(drive)
 
-    def test_a_start_without_an_answer_is_not_repeated_by_reads(self):
+    def test_a_start_without_an_answer_is_not_repeated(self):
         drive = operations()
         with pytest.raises(NoReplyError):
             play(drive.start(), [sent(0), unanswered(0x047C)])
-        play(drive.read("16-14"), [read(0)])
+        repeats_nothing(drive)
 
-    def test_a_trip_ends_the_repetition(self):
+    def test_after_a_trip_a_stop_is_repeated_in_its_place(self):
         drive = started()
-        play(drive.read("16-14"), [read(0x047C, status=TRIPPED)])
-        play(drive.read("16-14"), [read(0x043C)])
+        play(drive.read("16-14"), [read(TRIPPED)])
+        repeats(drive, 0x043C, status=READY)
 
 
 class TestStop:
@@ -150,14 +184,21 @@ class TestStop:
     )
     def test_words(self, how, word):
         drive = started()
-        play(drive.stop(how), [sent(word)])
-        play(drive.read("16-14"), [read(word)])
+        play(drive.stop(how), [sent(word, status=RUNNING)])
+        play(drive.read("16-14"), [read()])
+        repeats(drive, word)
 
-    def test_a_stop_without_an_answer_is_repeated_by_reads(self):
+    def test_a_stop_without_an_answer_is_repeated_by_the_status(self):
         drive = started()
         with pytest.raises(NoReplyError):
             play(drive.stop(), [unanswered(0x043C)])
-        play(drive.read("16-14"), [read(0x043C)])
+        repeats(drive, 0x043C)
+
+    def test_a_stop_does_not_stop_what_somebody_else_has_started_since(self):
+        drive = started()
+        play(drive.stop(), [sent(0x043C)])
+        repeats(drive, 0x043C, status=READY)
+        repeats_nothing(drive, RUNNING)
 
     def test_a_stop_that_has_no_effect_is_an_error(self):
         with pytest.raises(StateError, match="local operation"):
@@ -166,8 +207,8 @@ class TestStop:
     def test_a_reference_for_a_stopped_drive_goes_out_with_its_stop_word(self):
         drive = started()
         play(drive.stop(), [sent(0x043C)])
-        play(drive.set_reference_percent(25), [sent(0x043C, 4096)])
-        play(drive.start(), [sent(0x043C, 4096), sent(0x047C, 4096)])
+        play(drive.set_reference_percent(25), [sent(0), sent(0x043C, 4096)])
+        play(drive.start(), [sent(0), sent(0x047C, 4096)])
 
 
 class TestReset:
@@ -186,19 +227,19 @@ class TestReset:
     def test_the_motor_stays_stopped(self):
         drive = started()
         script = [
-            sent(0x047C, status=TRIPPED),
+            sent(0, status=TRIPPED),
             sent(0x043C, status=TRIPPED),
             sent(0x04BC, status=TRIPPED),
             sent(0x043C, status=TRIPPED),
             sent(0x043C),
         ]
         play(drive.reset(), script)
-        play(drive.read("16-14"), [read(0x043C)])
+        repeats(drive, 0x043C, status=READY)
 
     def test_a_drive_without_a_trip_is_left_alone(self):
         drive = started()
-        play(drive.reset(), [sent(0x047C, status=RUNNING)])
-        play(drive.read("16-14"), [read(0x047C)])
+        play(drive.reset(), [LOOK])
+        repeats(drive, 0x047C)
 
     @pytest.mark.parametrize(("status", "words"), [(TRIPPED, "cause"), (TRIPPED | 0x40, "mains")])
     def test_a_trip_that_stays(self, status, words):
@@ -224,7 +265,7 @@ class TestReference:
         ],
     )
     def test_percent_to_the_nearest_step(self, percent, steps):
-        play(started().set_reference_percent(percent), [sent(0x047C, steps)])
+        play(started().set_reference_percent(percent), [LOOK, sent(0x047C, steps, RUNNING)])
 
     @pytest.mark.parametrize("percent", [200, "-200.01", 10**9, "-1e30", "x", float("nan")])
     def test_beyond_the_word(self, percent):
@@ -239,14 +280,14 @@ class TestReference:
     def test_hertz(self):
         drive = started(reference_maximum_hz=50)
         assert drive.capabilities.reference_hz
-        play(drive.set_reference_hz("25"), [sent(0x047C, 8192)])
-        play(drive.set_reference_hz(-50), [sent(0x047C, -16384)])
+        play(drive.set_reference_hz("25"), [LOOK, sent(0x047C, 8192, RUNNING)])
+        play(drive.set_reference_hz(-50), [LOOK, sent(0x047C, -16384, RUNNING)])
         with pytest.raises(ValueRefusedError, match="outside"):
             drive.set_reference_hz(50.1)
 
     def test_hertz_above_a_minimum(self):
         drive = started(reference_minimum_hz=10, reference_maximum_hz=50)
-        play(drive.set_reference_hz(30), [sent(0x047C, 8192)])
+        play(drive.set_reference_hz(30), [LOOK, sent(0x047C, 8192, RUNNING)])
         for beyond in (9, -30):
             with pytest.raises(ValueRefusedError):
                 drive.set_reference_hz(beyond)
@@ -254,77 +295,116 @@ class TestReference:
     def test_a_reference_that_gets_lost_is_repeated(self):
         drive = started()
         with pytest.raises(NoReplyError):
-            play(drive.set_reference_percent(25), [unanswered(0x047C, 4096)])
-        play(drive.read("16-14"), [read(0x047C, 4096)])
+            play(drive.set_reference_percent(25), [LOOK, unanswered(0x047C, 4096)])
+        repeats(drive, 0x047C, 4096)
+
+    @pytest.mark.parametrize("running", [True, False])
+    def test_a_motor_that_does_not_run_is_not_started_by_it(self, running):
+        """Whether it was seen to run since its start or not."""
+        drive = operations()
+        play(drive.start(), [sent(0), sent(0x047C)])
+        if running:
+            play(drive.read("16-14"), [read()])
+            play(drive.set_reference_percent(25), [sent(0), sent(0x043C, 4096)])
+        else:
+            with pytest.raises(StateError, match="would send the start again"):
+                play(drive.set_reference_percent(25), [sent(0)])
+            play(drive.set_reference_percent(25), [LOOK, sent(0x047C, 4096, RUNNING)])
+
+    def test_a_reference_that_is_not_sent_is_not_remembered(self):
+        drive = started()
+        with pytest.raises(CommandTooOldError):
+            play(drive.set_reference_percent(25), [LOOK, (sent(0x047C, 4096)[0], CommandTooOldError("old"))])
+        repeats(drive, 0x047C, 0)
 
 
 class TestFunctions:
     def test_jog_until_start_or_stop(self):
         drive = operations()
         play(drive.jog(), [sent(0), sent(0x057C)])
-        play(drive.read("16-14"), [read(0x057C)])
-        play(drive.start(), [sent(0x057C), sent(0x047C)])
+        repeats(drive, 0x057C)
+        play(drive.start(), [LOOK, sent(0x047C)])
 
     def test_presets(self):
         drive = operations()
         play(drive.preset(2), [])
         play(drive.start(), [sent(0), sent(0x047D)])
-        play(drive.preset(4), [sent(0x047F)])
-        play(drive.preset(1), [sent(0x047C)])
+        play(drive.preset(4), [LOOK, sent(0x047F, status=RUNNING)])
+        play(drive.preset(1), [LOOK, sent(0x047C, status=RUNNING)])
 
     def test_ramp_2(self):
         drive = started()
-        play(drive.ramp(2), [sent(0x067C)])
+        play(drive.ramp(2), [LOOK, sent(0x067C, status=RUNNING)])
         play(drive.stop(), [sent(0x063C)])
         play(drive.ramp(1), [])
-        play(drive.start(), [sent(0x043C), sent(0x047C)])
+        play(drive.start(), [sent(0), sent(0x047C)])
+
+    def test_a_function_for_a_motor_that_has_stopped_waits_for_its_next_start(self):
+        drive = started()
+        play(drive.ramp(2), [sent(0)])
+        play(drive.start(), [sent(0), sent(0x067C)])
 
     @pytest.mark.parametrize(("number", "word"), [(1, 0x047C), (2, 0x247C), (3, 0x447C), (4, 0x647C)])
     def test_set_ups(self, number, word):
-        play(started().set_up(number), [sent(word)])
+        play(started().set_up(number), [LOOK, sent(word, status=RUNNING)])
+
+    def test_a_set_up_starts_no_motor_that_somebody_has_stopped(self):
+        drive = started()
+        with pytest.raises(StateError, match="set_up needs a command that holds"):
+            play(drive.set_up(2), [sent(0)])
+        play(drive.stop(), [sent(0x043C)])
 
     def test_relays_while_stopped(self):
         drive = operations()
         play(drive.stop(), [sent(0x043C)])
-        play(drive.relays(relay_2=True), [sent(0x143C)])
-        play(drive.relays(relay_1=True), [sent(0x1C3C)])
-        play(drive.start(), [sent(0x1C3C), sent(0x1C7C)])
+        play(drive.relays(relay_2=True), [sent(0), sent(0x143C)])
+        play(drive.relays(relay_1=True), [sent(0), sent(0x1C3C)])
+        play(drive.start(), [sent(0), sent(0x1C7C)])
         play(drive.stop(Stop.COAST), [sent(0x1C74)])
-        play(drive.relays(relay_1=False, relay_2=False), [sent(0x0474)])
+        play(drive.relays(relay_1=False, relay_2=False), [sent(0), sent(0x0474)])
 
     @pytest.mark.parametrize("call", [lambda drive: drive.set_up(2), lambda drive: drive.relays(relay_1=True)])
     def test_what_acts_at_once_needs_a_valid_word(self, call):
         with pytest.raises(UsageError, match=r"start\(\) or stop\(\)"):
             play(call(operations()), [])
 
+    def test_what_is_not_answered_leaves_nothing_behind(self):
+        drive = operations()
+        play(drive.stop(), [sent(0x043C)])
+        with pytest.raises(NoReplyError):
+            play(drive.relays(relay_1=True), [sent(0), unanswered(0x0C3C)])
+        play(drive.start(), [sent(0), sent(0x047C)])
+
     def test_freeze(self):
         drive = started()
-        play(drive.freeze(), [sent(0x045C)])
-        play(drive.read("16-14"), [read(0x045C)])
-        play(drive.start(), [sent(0x045C), sent(0x047C)])
+        play(drive.freeze(), [LOOK, sent(0x045C, status=RUNNING)])
+        repeats(drive, 0x045C)
+        play(drive.start(), [LOOK, sent(0x047C)])
 
     def test_freeze_is_for_a_running_motor(self):
         with pytest.raises(UsageError, match="freeze"):
             play(operations().freeze(), [])
+        with pytest.raises(StateError, match="freeze would send the start again"):
+            play(started().freeze(), [sent(0)])
 
     def test_a_control_word_is_repeated_without_its_edges(self):
         drive = operations()
         play(drive.control_word(0x2CFC), [sent(0x2CFC)])
-        play(drive.read("16-14"), [read(0x2C7C)])
+        repeats(drive, 0x2C7C)
         play(drive.stop(), [sent(0x2C3C)])
         play(drive.control_word(0), [sent(0)])
-        play(drive.read("16-14"), [read(0)])
+        repeats_nothing(drive)
 
     def test_a_control_word_that_runs_is_not_repeated_unless_it_was_answered(self):
         drive = operations()
         with pytest.raises(NoReplyError):
             play(drive.control_word(0x047C), [unanswered(0x047C)])
-        play(drive.read("16-14"), [read(0)])
+        repeats_nothing(drive)
 
     def test_release(self):
         drive = started()
         play(drive.release(), [])
-        play(drive.read("16-14"), [read(0)])
+        repeats_nothing(drive)
 
     @pytest.mark.parametrize(
         "call",
@@ -377,13 +457,13 @@ class TestProfidrive:
 
     def test_a_running_drive_is_not_switched_off_to_be_started(self):
         drive = started("profidrive")
-        play(drive.start(reverse=True), [sent(0x047F), sent(0x847F)])
+        play(drive.start(reverse=True), [LOOK, sent(0x847F)])
 
     def test_a_second_step_that_gets_lost_leaves_the_drive_off(self):
         drive = operations(profile="profidrive")
         with pytest.raises(NoReplyError):
             play(drive.start(), [sent(0), sent(0x047E), unanswered(0x047F)])
-        play(drive.read("16-14"), [read(0x047E)])
+        repeats(drive, 0x047E, status=READY)
 
     @pytest.mark.parametrize(("how", "word"), [(Stop.RAMP, 0x043F), (Stop.COAST, 0x0477), (Stop.QUICK, 0x046F)])
     def test_stops(self, how, word):
@@ -399,33 +479,35 @@ class TestProfidrive:
         script = [sent(0, status=TRIPPED), sent(0x043E, status=TRIPPED), sent(0x04BE, status=TRIPPED), sent(0x043E)]
         play(operations(profile="profidrive").reset(), script)
 
-    def test_a_trip_ends_the_repetition(self):
+    def test_after_a_trip_a_stop_is_repeated_in_its_place(self):
         drive = started("profidrive")
-        play(drive.read("16-14"), [read(0x047F, status=TRIPPED)])
-        play(drive.read("16-14"), [read(0x043E)])
+        play(drive.read("16-14"), [read(TRIPPED)])
+        repeats(drive, 0x043E, status=READY)
 
     def test_start_not_possible_is_no_trip(self):
-        play(started("profidrive").status(), [sent(0x047F, status=0x0647)])
+        assert play(started("profidrive").status(), [sent(0, status=0x0647)]).fault is False
 
     def test_jogs(self):
         drive = operations(profile="profidrive")
         play(drive.jog(2), [sent(0), sent(0x047E), sent(0x067F)])
-        play(drive.jog(1), [sent(0x067F), sent(0x057F)])
+        play(drive.jog(1), [LOOK, sent(0x057F)])
 
     def test_relative_commands_are_sent_once_and_forgotten(self):
         drive = started("profidrive")
-        play(drive.catch_up(), [sent(0x147F), sent(0x047F)])
-        play(drive.slow_down(), [sent(0x0C7F), sent(0x047F)])
-        assert next(drive.catch_up()).attempts == 1
+        for verb, word in ((drive.catch_up, 0x147F), (drive.slow_down, 0x0C7F)):
+            play(verb(), [LOOK, sent(word, status=RUNNING), sent(0x047F, status=RUNNING)])
+        exchange = drive.catch_up()
+        next(exchange)
+        assert exchange.send(LOOK[1]).attempts == 1
         with pytest.raises(UsageError, match="catch_up"):
             play(operations(profile="profidrive").catch_up(), [])
 
     def test_set_up_freeze_and_control_word(self):
         drive = started("profidrive")
-        play(drive.set_up(3), [sent(0x447F)])
-        play(drive.freeze(), [sent(0x445F)])
+        play(drive.set_up(3), [LOOK, sent(0x447F, status=RUNNING)])
+        play(drive.freeze(), [LOOK, sent(0x445F, status=RUNNING)])
         play(drive.control_word(0x14FF), [sent(0x14FF)])
-        play(drive.read("16-14"), [read(0x047F)])
+        repeats(drive, 0x047F)
 
     @pytest.mark.parametrize(
         "call",

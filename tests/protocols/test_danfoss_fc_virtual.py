@@ -392,7 +392,9 @@ class TestMotor:
         bench.drive.start()
         assert not bench.drive.status().running
         bench.drive.write("8-53", 1)
-        bench.run()
+        bench.drive.start()
+        bench.drive.set_reference(percent=100)
+        bench.wait(10)
         bench.drive.write("8-50", 0)
         bench.drive.stop(Stop.COAST)
         bench.wait(1)
@@ -482,6 +484,10 @@ class TestControlWordTimeout:
         bench = self.timed_out(2, 5)
         assert bench.hz == 0
         bench.drive.read("16-13")
+        bench.drive.status()
+        bench.wait(1.9)
+        assert bench.hz == 0, "neither reading nor asking for the status is a command"
+        bench.drive.start()
         bench.wait(1.9)
         assert bench.hz > 0
         assert not bench.virtual.motor.warning

@@ -59,9 +59,6 @@ class AcmeOperations:
         """No verbs of its own."""
         return {}
 
-    def commanded_elsewhere(self) -> None:
-        """Do nothing: no telegram repeats or builds on an earlier control word."""
-
     def read(self, parameter: str) -> Exchange[Reading]:
         """Read a parameter, 000 to 999 or a name of the model."""
         number, info = number_of(parameter, self._model)

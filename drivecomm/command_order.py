@@ -1,0 +1,89 @@
+"""Whose command counts on a line: the rules by which a stop wins, stated here and nowhere else.
+
+1. There is one memory of what a drive was commanded last, for each drive and bus: whoever commands it, by whichever
+   object, writes into the same (`Protocol.memory`).
+2. A stop cancels every command for its drive that was called before it: what has not been sent by then is not sent any
+   more, and raises CommandCancelledError. A stop of all drives cancels the commands for each of them, and a stop of one
+   drive cancels commands to all drives, which would reach it too.
+3. A stop interrupts whatever waits on the line and does not stop anything itself: that ends with OvertakenError, at
+   once where the drive should have begun to answer already, otherwise by the time at which it should (`Link`).
+4. What was commanded is forgotten when a stop is called, once more when the stop goes out, and whenever the drive or
+   the line was away. A package forgets a run command as soon as a status says that the motor does not run.
+5. A run command is sent again only by what is meant to repeat it, right after a status in the same exchange that says
+   that the motor runs; and not when it is older than the drive's watchdog waits, which the link looks at when it goes
+   out (`Ask.command`).
+6. What this program did not command itself is never sent.
+7. Reading carries no command, and a verb that is refused leaves nothing behind.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from threading import Lock
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.protocol import Memory
+
+EVERYBODY = "*"
+"""The address of all drives of a protocol, in names such as "vabus:*"."""
+
+
+class Commands:
+    """The commands of one bus: what its drives were commanded last, and which calls a stop has cancelled."""
+
+    def __init__(self) -> None:
+        self._guard = Lock()
+        self._stops: Counter[str] = Counter()
+        self._memories: dict[str, Memory] = {}
+
+    def memory(self, name: str, new: Callable[[], Memory]) -> Memory:
+        """Return what is remembered of a drive, the same for all its objects."""
+        with self._guard:
+            if name not in self._memories:
+                self._memories[name] = new()
+            return self._memories[name]
+
+    def called(self, name: str) -> CommandCall:
+        """Take note that a drive, or all drives of a protocol, are to be commanded."""
+        return CommandCall(self, name, self._stops_for(name))
+
+    def stop_called(self, name: str) -> None:
+        """Cancel what was called before for a drive, or all drives of a protocol, and forget what they were told."""
+        with self._guard:
+            self._stops[name.partition(":")[0]] += 1
+            self._stops[name] += 1
+        self.forget(name)
+
+    def forget(self, name: str) -> None:
+        """Forget what a drive, or all drives of a protocol, were commanded."""
+        protocol, _, address = name.partition(":")
+        with self._guard:
+            memories = list(self._memories.items())
+        for drive, memory in memories:
+            if drive == name or (address == EVERYBODY and drive.partition(":")[0] == protocol):
+                memory.forget()
+
+    def _stops_for(self, name: str) -> int:
+        protocol, _, address = name.partition(":")
+        if address == EVERYBODY:
+            return self._stops[protocol]
+        return self._stops[name] + self._stops[f"{protocol}:{EVERYBODY}"]
+
+
+class CommandCall:
+    """A call that commands a drive. cancelled: whether a stop has been called since."""
+
+    __slots__ = ("_before", "_commands", "_name")
+
+    def __init__(self, commands: Commands, name: str, before: int) -> None:
+        self._commands = commands
+        self._name = name
+        self._before = before
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether it must not be sent any more."""
+        return self._commands._stops_for(self._name) != self._before  # noqa: SLF001 - two halves of one thing
