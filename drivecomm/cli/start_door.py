@@ -32,28 +32,28 @@ if TYPE_CHECKING:
 _ORDER_S = 2.0
 _LOOK_S = 0.2
 # For leaving: a stop with all its attempts, and the watchdog's parameters.
-_LONGEST_S = 15.0
+_LONGEST_S = 12.0
 _NOT_UNDERSTOOD = (KeyError, TypeError, ValueError)
 
 
 @contextmanager
-def door_of_start(drive: Drive, port: str, leave: Callable[[Stop], None], *, as_json: bool) -> Iterator[None]:
+def door_of_start(drive: Drive, port: str, leave: Callable[[Stop], None], *, as_json: bool) -> Iterator[Event]:
     """Let other programs have drives on this line stopped for the time of the block.
 
-    leave: ends the block by stopping its drive so. A door that cannot be opened is told of, and keeps nobody from
-    starting.
+    Gives what is set when the block's own drive is to be stopped. leave: ends the block by stopping it so. A door that
+    cannot be opened is told of, and keeps nobody from starting.
     """
     if not drive.bus.real_time:
-        yield
+        yield Event()
         return
     try:
         door = _Door(drive, Doorway(door_file(port)), leave)
     except (OSError, DriveCommError) as error:
         complain(f"stop from another program will not reach this one ({error}); use Ctrl-C", as_json=as_json)
-        yield
+        yield Event()
         return
     try:
-        yield
+        yield door.asked
     except BaseException as error:
         door.close(sentence(error) if isinstance(error, DriveCommError) else type(error).__name__)
         raise
@@ -66,6 +66,7 @@ class _Door:
         self._bus = cast("Bus", drive.bus)
         self._doorway = doorway
         self._leave = leave
+        self.asked = Event()
         self._left = Event()
         self._failure = ""
         self._guests: list[Thread] = []
@@ -119,20 +120,25 @@ class _Door:
         named = [name for name, *address, _ in drives if tuple(address) == own]
         if concerned or named:
             # First, so that it does not start what is being stopped.
-            self._leave(self._way(how))
+            self.asked.set()
         for name, options in protocols:
             tell(protocol=name, **_stopped(how, partial(self._bus.broadcast, name, **options)))
+        used = self._way(how)
+        # Ending has the watchdog's parameters to write, which a stop that comes meanwhile would go before.
+        told = _stopped(used, lambda: self._drive) if concerned or named else {}
         for name, kind, at, options in drives:
             if (kind, at) != own:
                 tell(drive=name, **_stopped(how, partial(self._bus.drive, kind, at, **options)))
-        if not (concerned or named):
+        if not told:
             tell(over=True, ended=False)
             return
-        ended = self._left.wait(_LONGEST_S)
-        failure = self._failure if ended else f"it did not end within {_LONGEST_S:.0f} s"
-        used = self._way(how)
+        self._leave(used)
+        ended = self._left.wait(_LONGEST_S) and not self._failure
+        if ended:
+            # It was stopped once more.
+            told = {**told, "error": "", "exit_code": 0}
         for name in named or [self._drive.name]:
-            tell(drive=name, how=used.value, error=failure, exit_code=DriveCommError.exit_code if failure else 0)
+            tell(drive=name, **told)
         tell(over=True, ended=ended)
 
     def _way(self, how: Stop) -> Stop:

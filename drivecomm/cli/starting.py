@@ -64,9 +64,9 @@ def start_and_stay(
             kept.stop_by(how)
             stop.set()
 
-        with door_of_start(drive, port, leave, as_json=as_json), kept:
+        with door_of_start(drive, port, leave, as_json=as_json) as asked, kept:
             watch.tell(done="watchdog set", text=f"watchdog: {kept.watchdog} without this program")
-            if not stop.is_set():
+            if not (stop.is_set() or asked.is_set()):
                 start()
             watch.tell(
                 done="started",
