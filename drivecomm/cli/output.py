@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import signal
 import sys
 from decimal import Decimal
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.cli import signals, streams
 from drivecomm.errors import DriveCommError
 from drivecomm.telegram import fields_of
 
@@ -63,6 +65,15 @@ def complain(error: Exception | str, *, as_json: bool, where: str = "") -> None:
         emit(error=text, kind=kind, exit_code=code)
     sys.stderr.write(f"drivecomm: {text}\n")
     sys.stderr.flush()
+
+
+def interrupted(*, as_json: bool) -> int:
+    """Say that a command was interrupted, unless what it says is not read any more, and return its exit code."""
+    number = signals.interrupted()
+    if not number and streams.is_lost():
+        return 0
+    complain("interrupted", as_json=as_json)
+    return 128 + (number or signal.SIGINT)
 
 
 def fields_text(message: Message) -> str:
