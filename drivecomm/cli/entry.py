@@ -19,12 +19,13 @@ def main(arguments: list[str] | None = None) -> int:
     from drivecomm.cli import signals, streams  # noqa: PLC0415
 
     given = sys.argv[1:]
+    streams.guard()
     if given[:1] == ["stop"]:
-        # A stop is carried through, and its exit code says what came of it.
+        # It is carried through, and its exit code says what came of it.
         signals.go_on()
+        streams.begin(reads=False)
     else:
         signals.interrupt()
-    streams.guard()
     try:
         code = _carry_out(given)
     except KeyboardInterrupt:

@@ -76,7 +76,7 @@ def _of_the_call(error: Any, *, as_json: bool) -> int:
     if details is not None:
         text = _wrong_value(error, details()[0])
     hint = f" (see {context.command_path} --help)" if context else ""
-    complain(f"{text}{hint}", as_json=as_json)
+    complain(f"{text}{hint}", as_json=as_json, exit_code=error.exit_code)
     return int(error.exit_code)
 
 

@@ -67,7 +67,7 @@ def _stop_again(drive: Drive, *, as_json: bool) -> None:
 
 
 def start_and_stay(drive: Drive, start: Callable[[], None], policy: LinkLoss, watchdog_s: str, *, as_json: bool) -> int:
-    """Start a motor and keep it in hand until Ctrl-C, SIGTERM or SIGHUP, or until it has a fault; returns the exit code."""
+    """Start a motor and keep it in hand until Ctrl-C or a signal like it, or until it has a fault; return the code."""
     with until_stopped() as stop:
         watch = _Watch(drive.name, stop, as_json=as_json)
         kept = keep(drive, policy, watchdog_s=watchdog_s, on_failure=watch.failed, on_status=watch.answered)
@@ -83,15 +83,6 @@ def start_and_stay(drive: Drive, start: Callable[[], None], policy: LinkLoss, wa
             kept.until(stop)
         watch.tell(done="stop commanded", text="stop commanded; watchdog as it was")
     return DriveError.exit_code if watch.fault else 0
-
-
-def _stop_again(drive: Drive, *, as_json: bool) -> None:
-    try:
-        drive.stop()
-    except DriveCommError as error:
-        complain(f"{drive.name} may be running, because its stop is not confirmed: {error}", as_json=as_json)
-    else:
-        complain(f"{drive.name} was told to stop, because its start was interrupted", as_json=as_json)
 
 
 class _Watch:

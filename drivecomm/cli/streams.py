@@ -23,7 +23,7 @@ class _Stream(io.TextIOWrapper):
     """A standard stream. lost: why what is written gets nowhere any more. reads: the command only reads."""
 
     lost: OSError | None = None
-    reads = False
+    reads = True
     _ended = False
 
     def write(self, text: str, /) -> int:
