@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm.cli.drive_names import DriveName, plant_file
 from drivecomm.cli.opened_drive import named_in_errors
-from drivecomm.errors import FileFormatError
+from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.line import LINE_FACT_NAMES
 
 if TYPE_CHECKING:
@@ -58,8 +58,11 @@ def _reached(line: LineOptions, text: str) -> tuple[LineOptions, DriveName, str]
         # Only a broken plant file takes the reader of such.
         from drivecomm.plant.salvage import salvaged  # noqa: PLC0415
 
-        plant, _ = salvaged(file)
-        drive = plant.drive(text.partition(",")[0])
+        try:
+            plant, _ = salvaged(file)
+            drive = plant.drive(text.partition(",")[0])
+        except UsageError:
+            raise error from None
         of = plant.line(drive.line)
         settings = {key: value for key, value in of.settings.items() if getattr(line, key) is None}
         reached = replace(line, port=line.port_of(of, str(file)), echo="expect" if of.echo else line.echo, **settings)

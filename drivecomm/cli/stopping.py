@@ -7,7 +7,7 @@ not confirmed once more with all the attempts that they may have.
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from queue import SimpleQueue
@@ -92,7 +92,7 @@ def stop_all(everything: Everything, *, as_json: bool) -> int:
         _without_a_plant(everything, as_json=as_json)
         complain(error, as_json=as_json)
         return error.exit_code
-    lines = list(_lines_of(plant, everything))
+    lines = list(_lines_of(plant, everything, whole=whole))
     if not lines:
         raise UsageError(f"{everything.plant}: there is no drive in this plant, so there is nothing to stop")
     if everything.opening.get("record") is not None and len(lines) > 1:
@@ -148,17 +148,20 @@ class _Line:
     port: str | None
     opening: Mapping[str, Any]
     drives: tuple[PlantDrive, ...]
+    also: tuple[str, ...]
+    """Protocols of drives that may be there besides."""
 
 
-def _lines_of(plant: Plant, everything: Everything) -> Iterator[_Line]:
+def _lines_of(plant: Plant, everything: Everything, *, whole: bool) -> Iterator[_Line]:
     for each in plant.lines:
         drives = plant.on_line(each.name)
-        if drives:
+        if drives or not whole:
             yield _Line(
                 name=each.name,
                 port=each.reached_at or (everything.port if len(plant.lines) == 1 else None),
                 opening={**everything.opening, **each.opening},
                 drives=drives,
+                also=() if whole else tuple(installed),
             )
 
 
@@ -211,6 +214,7 @@ def _stop_line(line: _Line, how: Stop, news: SimpleQueue[_News], hurry: Event) -
         with _bus(line.port, line.opening) as bus:
             _broadcast(bus, line, how, tell)
             _each(bus, line, how, tell, hurry)
+            _broadcast_to_others(bus, line, how, tell)
     except DriveCommError as error:
         for name in list(left):
             tell(Outcome(line=line.name, drive=name, how=how, error=error))
@@ -237,6 +241,13 @@ def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
             continue
         except DriveCommError as error:
             tell(Told(line=line.name, protocol=drive.protocol, how=how, error=error))
+
+
+def _broadcast_to_others(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
+    for protocol in line.also:
+        if protocol not in {drive.protocol for drive in line.drives}:
+            with suppress(NotSupported):
+                tell(_tell_all(line.name, bus.broadcast(protocol), protocol, how))
 
 
 def _tell_all(line: str, everybody: Broadcast, protocol: str, how: Stop) -> Told:

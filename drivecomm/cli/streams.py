@@ -66,6 +66,7 @@ def guard() -> None:
     # Their originals hold nothing any more, and would be asked to write it at the end.
     sys.stdout = sys.__stdout__ = _guarded(sys.stdout, 1)  # type: ignore[misc]
     sys.stderr = sys.__stderr__ = _guarded(sys.stderr, 2)  # type: ignore[misc]
+    sys.stderr.reads = False
 
 
 def begin(*, reads: bool) -> None:

@@ -40,7 +40,9 @@ def salvaged(path: Path) -> tuple[Plant, list[str]]:
         drive = _drive(entry, next(iter(lines)) if len(lines) == 1 else "")
         if drive is None or drive.line not in lines:
             name = entry.get("name", entry.get("drive", ""))
-            lost.append(f"{path}: drive {number}{f' ({name})' if name else ''} cannot be read, so it is not reached")
+            lost.append(
+                f"{path}: drive {number}{f' ({name})' if name else ''} cannot be read, so it is not stopped by itself"
+            )
             continue
         if drive.name in drives:
             drive = PlantDrive(
@@ -58,11 +60,10 @@ def salvaged(path: Path) -> tuple[Plant, list[str]]:
 
 def _entries(text: str) -> Iterator[tuple[str, dict[str, Any]]]:
     heads = list(_ENTRY.finditer(text))
-    for head, end in zip(heads, [*(each.start() for each in heads[1:]), len(text)], strict=True):
-        entry = _content(text[head.end() : end])
+    ends = [*(head.start() for head in heads[1:]), len(text)]
+    for head, end in zip(heads, ends, strict=False):
         # A table of its own, such as [drive.options], belongs to the entry above it.
-        entry.update(inner if isinstance(inner := entry.pop(head[1], {}), dict) else {})
-        yield head[1], entry
+        yield head[1], _content(re.sub(rf"(?m)^[ \t]*\[{head[1]}\.", "[", text[head.end() : end]))
 
 
 def _content(text: str) -> dict[str, Any]:
@@ -70,6 +71,8 @@ def _content(text: str) -> dict[str, Any]:
         return tomllib.loads(text)
     entry: dict[str, Any] = {}
     for line in text.splitlines():
+        if line.lstrip().startswith("["):
+            break
         with suppress(ValueError, RecursionError):
             entry.update(tomllib.loads(line))
     return entry
