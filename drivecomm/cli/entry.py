@@ -28,12 +28,13 @@ def main(arguments: list[str] | None = None) -> int:
         signals.interrupt()
     try:
         code = _carry_out(given)
+        signals.go_on()
     except KeyboardInterrupt:
-        # While another error was told.
+        # While another error was told, or when all was done.
         from drivecomm.cli.output import interrupted  # noqa: PLC0415
 
         code = interrupted(as_json="--json" in given)
-    signals.go_on()
+        signals.go_on()
     code = streams.finished(code)
     signals.leave()
     return code

@@ -42,6 +42,7 @@ def interrupt() -> None:
     Until `loaded` the first one ends the process: an exception does not get out of all that happens in an import, and
     nothing has been opened or sent.
     """
+    _State.loading = True
     _take(_interrupt)
 
 
