@@ -14,7 +14,16 @@ import subprocess
 import sys
 import tempfile
 import time
-from pathlib import Path
+
+# All that commands load by themselves.
+import drivecomm.cli.starting
+import drivecomm.cli.stop_at_once
+import drivecomm.cli.stop_only
+import drivecomm.cli.stopping
+import drivecomm.plant.files  # noqa: F401
+from drivecomm.cli.run import run
+from drivecomm.registry import installed
+from drivecomm_command import main
 
 PATIENCE_S = 30
 
@@ -54,14 +63,6 @@ class Done:
 def _serve():
     # A fork begins as any process does, with the usual end by Ctrl-C.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    import drivecomm.cli.starting
-    import drivecomm.cli.stop_at_once
-    import drivecomm.cli.stop_only
-    import drivecomm.cli.stopping
-    import drivecomm.plant.files  # noqa: F401
-    from drivecomm.cli.run import run
-    from drivecomm.registry import installed
-
     list(installed.working())
     jobs, answers = os.fdopen(os.dup(0), "r"), os.fdopen(os.dup(1), "w")
     with contextlib.redirect_stdout(io.StringIO()):
@@ -117,16 +118,13 @@ def _become(job, *files):
             os.dup2(place, descriptor)
             os.close(place)
         # The interpreter's own, so that nothing of the parent's is written twice.
-        stream = None if way == "closed" else open(descriptor, mode, encoding=job["encoding"], closefd=False)
+        stream = None if way == "closed" else os.fdopen(descriptor, mode, encoding=job["encoding"], closefd=False)
         name = ("stdin", "stdout", "stderr")[descriptor]
         setattr(sys, name, stream)
         setattr(sys, f"__{name}__", stream)
     sys.argv = ["drivecomm", *job["arguments"]]
-    from drivecomm_command import main
-
     sys.exit(main())
 
 
 if __name__ == "__main__":
-    sys.path.remove(str(Path(__file__).parent))
     _serve()
