@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from drivecomm.cli.door_places import Doorway, door_file
 from drivecomm.cli.output import complain, sentence
+from drivecomm.cli.stoppable import as_far_as_possible
 from drivecomm.errors import DriveCommError, NotSupported
 from drivecomm.status import Stop
 
@@ -122,13 +123,13 @@ class _Door:
             # First, so that it does not start what is being stopped.
             self.asked.set()
         for name, options in protocols:
-            tell(protocol=name, **_stopped(how, partial(self._bus.broadcast, name, **options)))
+            tell(protocol=name, **_stopped(how, partial(self._bus.broadcast, name), options))
         used = self._way(how)
         # Ending has the watchdog's parameters to write, which a stop that comes meanwhile would go before.
-        told = _stopped(used, lambda: self._drive) if concerned or named else {}
+        told = _stopped(used, lambda: self._drive, {}) if concerned or named else {}
         for name, kind, at, options in drives:
             if (kind, at) != own:
-                tell(drive=name, **_stopped(how, partial(self._bus.drive, kind, at, **options)))
+                tell(drive=name, **_stopped(how, partial(self._bus.drive, kind, at), options))
         if not told:
             tell(over=True, ended=False)
             return
@@ -145,11 +146,11 @@ class _Door:
         return how if how in self._drive.capabilities.stops else Stop.RAMP
 
 
-def _stopped(how: Stop, whom: Callable[[], Drive | Broadcast]) -> dict[str, Any]:
+def _stopped(how: Stop, whom: Callable[..., Drive | Broadcast], options: dict[str, Any]) -> dict[str, Any]:
     """Stop a drive, or all of a protocol, by the ramp where they cannot otherwise; return what became of it."""
     used = how
     try:
-        one = whom()
+        one, _ = as_far_as_possible(whom, options)
         try:
             one.stop(how)
         except NotSupported:

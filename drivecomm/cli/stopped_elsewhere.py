@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.cli.asking_start import WhatToStop, stopped_by_its_keeper
 from drivecomm.cli.output import emit, say
+from drivecomm.cli.stoppable import reached_for_stopping
 
 if TYPE_CHECKING:
     from drivecomm.cli.asking_start import Answer
@@ -23,7 +24,7 @@ def stopped_elsewhere(line: LineOptions, drive: str, model: str | None, how: Sto
     if colon and address == "*":
         reached, what = line, WhatToStop(how=how, protocols=((protocol, chosen),))
     else:
-        reached, name = line.reaching(drive)
+        reached, name, _ = reached_for_stopping(line, drive)
         one = (str(name), name.protocol, name.address, {**name.options, **chosen})
         what = WhatToStop(how=how, drives=(one,))
     answers: list[Answer] = []
