@@ -65,17 +65,27 @@ def stopped_by_its_keeper(
     connection = None
     try:
         connection = reached(door_file(port), _GREETING_S)
-        return None if connection is None else _asked(connection, what, tell, opening or {})
+    except (TimeoutError, BlockingIOError) as error:
+        raise _hangs(port, None, error) from error
+    except (OSError, ValueError):
+        # Whatever is wrong with the door keeps nobody from opening the port.
+        pass
+    if connection is None:
+        return None
+    try:
+        return _asked(connection, what, tell, opening or {})
     except (OSError, ValueError, KeyError, TypeError) as error:
-        pid = connection.pid if connection is not None else None
-        which = f" (pid {pid})" if pid else ""
-        raise PortError(
-            f"port {port} is held by drivecomm start{which}, which does not answer ({error}); end it, and its drive's "
-            "watchdog stops the motor"
-        ) from error
+        raise _hangs(port, connection.pid, error) from error
     finally:
-        if connection is not None:
-            connection.close()
+        connection.close()
+
+
+def _hangs(port: str, pid: int | None, error: Exception) -> PortError:
+    which = f" (pid {pid})" if pid else ""
+    return PortError(
+        f"port {port} is held by drivecomm start{which}, which does not answer ({error}); end it, and its drive's "
+        "watchdog stops the motor"
+    )
 
 
 def _asked(

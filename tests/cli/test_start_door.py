@@ -227,6 +227,15 @@ def test_without_a_door_or_with_one_that_was_left_behind_nobody_is_asked(folder)
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.parametrize("error", [PermissionError("no"), ValueError("no JSON")])
+def test_whatever_is_wrong_with_a_door_keeps_no_stop_from_going_out(monkeypatch, error):
+    def broken(*_):
+        raise error
+
+    monkeypatch.setattr("drivecomm.cli.asking_start.reached", broken)
+    assert asked("/dev/ttyUSB9", drives=(FAN,)) == (None, [])
+
+
 def test_one_that_hangs_is_named(folder, monkeypatch):
     monkeypatch.setattr("drivecomm.cli.asking_start._GREETING_S", 0.05)
     door = Doorway(door_file("/dev/ttyUSB9"))
