@@ -9,7 +9,6 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -358,14 +357,12 @@ def test_the_commands(plant, capsys):
     where, _ = plant
     with started("pump", "--link-loss", "trip", *where) as start:
         by = f"by drivecomm start vabus:1 (pid {start.pid})"
-        began = time.monotonic()
         assert main(["start", "fan", "--link-loss", "hold", *where]) == 3
         assert f"drivecomm start (pid {start.pid})" in capsys.readouterr().err
         assert main(["stop", "fan", *where]) == 0
         assert f"stop (ramp) commanded, {by}\n" in capsys.readouterr().out
         assert main(["stop", "pump", "--json", *where]) == 0
         assert json.loads(capsys.readouterr().out)["by"].endswith("which has ended, its watchdog as it was")
-        assert time.monotonic() - began < 5
         assert start.wait(5) == 0
         assert "stop commanded; watchdog as it was" in start.stdout.read()
 
