@@ -113,6 +113,10 @@ class Kept:
         """How the drive's watchdog is set inside the block; None where its model knows none."""
         return self._hand.setting
 
+    def stop_by(self, how: Stop) -> None:
+        """Stop so when the block is left, whatever its policy says."""
+        self._hand.stop_by(how)
+
     def sleep(self, seconds: float) -> None:
         """Let time pass on the line's clock. Raises the error of a refresh that has failed, unless on_failure is told.
 
@@ -330,6 +334,10 @@ class _Hand:
                     f"the watchdog of {self._name} is on ({self.setting}), which is not hold; choose its policy, or "
                     "switch it off first"
                 )
+
+    def stop_by(self, how: Stop) -> None:
+        """Stop so on leaving."""
+        self._stop = how
 
     def pause_after_s(self, took_s: float) -> float:
         """Return how long to wait after a refresh that took so long; the line is left to others for some time."""

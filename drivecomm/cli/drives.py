@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from decimal import Decimal, InvalidOperation
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -11,6 +12,7 @@ from drivecomm.cli.drive_names import parse_settings, plant_file
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.opened_drive import drive_named, opened_drive
 from drivecomm.cli.output import complain, emit, plain, say
+from drivecomm.cli.stoppable import as_far_as_possible, stoppable_drive
 from drivecomm.errors import DriveCommError, LinkError, UsageError
 from drivecomm.status import Stop
 
@@ -128,7 +130,8 @@ def start(
                 one.set_reference(percent=_number(percent), hz=_number(hz))
 
         if policy != "hold":
-            return starting.start_and_stay(one, run, policy, watchdog or usual_s, as_json=line.json)
+            port = line.reaching(drive)[0].named_port
+            return starting.start_and_stay(one, run, policy, watchdog or usual_s, port=port, as_json=line.json)
         if watchdog is not None:
             raise UsageError("hold is without a watchdog; leave --watchdog out, or choose another policy")
         starting.start_and_leave(one, run, as_json=line.json)
@@ -164,19 +167,27 @@ def stop(
         return stopping.stop_all(wanted, as_json=line.json)
     if drive is None:
         raise UsageError("no drive named; write PROTOCOL:ADDRESS, or --all to stop everything")
+    # Who holds the port for a drive that was started from here stops others on its line, too.
+    from drivecomm.cli.stopped_elsewhere import stopped_elsewhere  # noqa: PLC0415 - with --all it goes another way
+
+    if stopped_elsewhere(line, drive, model, chosen):
+        return 0
     protocol, colon, address = drive.partition(":")
     if colon and address == "*":
         with line.bus() as bus:
-            bus.broadcast(protocol, **({"model": model} if model else {})).stop(chosen)
+            everybody, _ = as_far_as_possible(partial(bus.broadcast, protocol), {"model": model} if model else {})
+            everybody.stop(chosen)
         told = f"stop ({chosen.value}) sent to all; nobody confirms a broadcast"
         if line.json:
             emit(drive=drive, done=told)
         else:
             say(f"{drive}  {told}")
         return 0
-    with drive_named(line, drive, model) as one:
+    with stoppable_drive(line, drive, model) as (one, without):
         one.stop(chosen)
         done(one, line, f"stop ({chosen.value}) commanded")
+        if without:
+            complain(without, as_json=line.json)
     return 0
 
 

@@ -28,9 +28,16 @@ def opened_drive(line: LineOptions, name: DriveName, model: str | None) -> Itera
     """Open the line of a drive and yield it; errors within the block then name both."""
     with line.bus() as bus:
         drive = bus.drive(name.protocol, name.address, **{**name.options, **({"model": model} if model else {})})
-        try:
+        with named_in_errors(drive):
             yield drive
-        except DriveCommError as error:
-            if drive.name not in str(error):
-                error.args = (f"{drive.name}: {error}", *error.args[1:])
-            raise
+
+
+@contextmanager
+def named_in_errors(drive: Drive) -> Iterator[None]:
+    """Name a drive in the errors of the block."""
+    try:
+        yield
+    except DriveCommError as error:
+        if drive.name not in str(error):
+            error.args = (f"{drive.name}: {error}", *error.args[1:])
+        raise

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import signal
 import sys
 from decimal import Decimal
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.cli import signals, streams
 from drivecomm.errors import DriveCommError
 from drivecomm.telegram import fields_of
 
@@ -54,15 +56,28 @@ def sentence(error: Exception | str, *, where: str = "") -> str:
     return (f"{place}: " if place else "") + text + (f"; {remedy}" if remedy else "")
 
 
-def complain(error: Exception | str, *, as_json: bool, where: str = "") -> None:
-    """Print an error: as a sentence on standard error, and with --json as an object on standard output."""
+def complain(error: Exception | str, *, as_json: bool, where: str = "", exit_code: int = 1) -> None:
+    """Print an error: as a sentence on standard error, and with --json as an object on standard output.
+
+    exit_code: of an error that is not one of the tree's.
+    """
     text = sentence(error, where=where)
     if as_json:
-        code = error.exit_code if isinstance(error, DriveCommError) else 1
+        code = error.exit_code if isinstance(error, DriveCommError) else exit_code
         kind = type(error).__name__ if isinstance(error, Exception) else "Error"
         emit(error=text, kind=kind, exit_code=code)
     sys.stderr.write(f"drivecomm: {text}\n")
     sys.stderr.flush()
+
+
+def interrupted(*, as_json: bool) -> int:
+    """Say that a command was interrupted, unless what it says is not read any more, and return its exit code."""
+    number = signals.interrupted()
+    if not number and streams.is_lost():
+        return 0
+    code = 128 + (number or signal.SIGINT)
+    complain("interrupted", as_json=as_json, exit_code=code)
+    return code
 
 
 def fields_text(message: Message) -> str:

@@ -17,7 +17,7 @@ from drivecomm.capture.requests import described
 from drivecomm.capture.telling_apart import telling_apart
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
-from drivecomm.cli.until_stopped import until_stopped
+from drivecomm.cli.signals import until_stopped
 from drivecomm.errors import UsageError
 from drivecomm.line import LineSettings
 from drivecomm.registry import installed

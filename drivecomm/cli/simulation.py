@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.cli.drive_names import parse_drive
 from drivecomm.cli.output import emit, say
-from drivecomm.cli.until_stopped import until_stopped
+from drivecomm.cli.signals import until_stopped
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
 from drivecomm.plant import Plant, PlantDrive, PlantLine
 from drivecomm.plant.files import read_plant

@@ -6,8 +6,9 @@ import time
 from typing import TYPE_CHECKING, get_args
 
 from drivecomm.cli.output import complain, emit, say
-from drivecomm.cli.until_stopped import until_stopped
-from drivecomm.errors import DriveError, UsageError
+from drivecomm.cli.signals import until_stopped
+from drivecomm.cli.start_door import door_of_start
+from drivecomm.errors import DriveCommError, DriveError, UsageError
 from drivecomm.keeping import keep
 from drivecomm.models import LinkLoss
 from drivecomm.watchdog import policies
@@ -17,8 +18,7 @@ if TYPE_CHECKING:
     from threading import Event
 
     from drivecomm.drive import Drive
-    from drivecomm.errors import DriveCommError
-    from drivecomm.status import DriveStatus
+    from drivecomm.status import DriveStatus, Stop
 
 
 def chosen_policy(drive: Drive, text: str | None) -> LinkLoss:
@@ -35,27 +35,57 @@ def chosen_policy(drive: Drive, text: str | None) -> LinkLoss:
 
 
 def start_and_leave(drive: Drive, start: Callable[[], None], *, as_json: bool) -> None:
-    """Start a motor that nobody watches from here; its own watchdog, where its model knows one, must be off."""
-    with keep(drive, "hold") as kept:
-        start()
-    watchdog = kept.watchdog
-    if as_json:
-        emit(drive=drive.name, done="started", link_loss="hold", watchdog_s=None)
-        return
-    say(f"{drive.name}  started, and goes on without this program")
-    if watchdog is None:
-        why = "no model is named" if drive.model is None else f"the model {drive.model.name} knows no watchdog"
-        say(f"  its own watchdog was not looked at, because {why}; {drive.capabilities.link_loss}")
+    """Start a motor that nobody watches from here; its own watchdog, where its model knows one, must be off.
+
+    Whoever interrupts this before it says that the motor was started does not want it to turn: it is stopped again.
+    """
+    with until_stopped() as stop:
+        with keep(drive, "hold") as kept:
+            if stop.is_set():
+                raise KeyboardInterrupt
+            try:
+                start()
+            finally:
+                if stop.is_set():
+                    _stop_again(drive, as_json=as_json)
+                    raise KeyboardInterrupt
+        if as_json:
+            emit(drive=drive.name, done="started", link_loss="hold", watchdog_s=None)
+            return
+        say(f"{drive.name}  started, and goes on without this program")
+        if kept.watchdog is None:
+            why = "no model is named" if drive.model is None else f"the model {drive.model.name} knows no watchdog"
+            say(f"  its own watchdog was not looked at, because {why}; {drive.capabilities.link_loss}")
 
 
-def start_and_stay(drive: Drive, start: Callable[[], None], policy: LinkLoss, watchdog_s: str, *, as_json: bool) -> int:
-    """Start a motor and keep it in hand until Ctrl-C or SIGTERM, or until it has a fault; returns the exit code."""
+def _stop_again(drive: Drive, *, as_json: bool) -> None:
+    try:
+        drive.stop()
+    except DriveCommError as error:
+        complain(f"{drive.name} may be running, because its stop is not confirmed: {error}", as_json=as_json)
+    else:
+        complain(f"{drive.name} was told to stop, because its start was interrupted", as_json=as_json)
+
+
+def start_and_stay(
+    drive: Drive, start: Callable[[], None], policy: LinkLoss, watchdog_s: str, *, port: str, as_json: bool
+) -> int:
+    """Start a motor and keep it in hand until Ctrl-C or a signal like it, or until it has a fault; return the code.
+
+    A stop from another program ends it, too, and other drives of its line are stopped for it.
+    """
     with until_stopped() as stop:
         watch = _Watch(drive.name, stop, as_json=as_json)
         kept = keep(drive, policy, watchdog_s=watchdog_s, on_failure=watch.failed, on_status=watch.answered)
-        with kept:
+
+        def leave(how: Stop) -> None:
+            kept.stop_by(how)
+            stop.set()
+
+        with door_of_start(drive, port, leave, as_json=as_json) as asked, kept:
             watch.tell(done="watchdog set", text=f"watchdog: {kept.watchdog} without this program")
-            start()
+            if not (stop.is_set() or asked.is_set()):
+                start()
             watch.tell(
                 done="started",
                 text="started; Ctrl-C stops it and sets the watchdog as it was",

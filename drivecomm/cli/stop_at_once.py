@@ -12,7 +12,6 @@ from pathlib import Path
 from drivecomm.status import Stop
 
 _WITH_A_VALUE = {"--port": "port", "-p": "port", "--plant": "plant", "--how": "how"}
-_INTERRUPTED = 130
 
 
 def stop_at_once(arguments: list[str]) -> int | None:
@@ -21,7 +20,7 @@ def stop_at_once(arguments: list[str]) -> int | None:
     if given is None:
         return None
     from drivecomm.cli.drive_names import plant_file  # noqa: PLC0415 - not before the arguments are known
-    from drivecomm.cli.output import complain  # noqa: PLC0415 - not before the arguments are known
+    from drivecomm.cli.output import complain, interrupted  # noqa: PLC0415 - not before the arguments are known
     from drivecomm.cli.stopping import Everything, stop_all  # noqa: PLC0415
     from drivecomm.errors import DriveCommError  # noqa: PLC0415
 
@@ -39,8 +38,7 @@ def stop_at_once(arguments: list[str]) -> int | None:
         complain(error, as_json=as_json)
         return error.exit_code
     except KeyboardInterrupt:
-        complain("interrupted", as_json=as_json)
-        return _INTERRUPTED
+        return interrupted(as_json=as_json)
 
 
 def given_in_haste(arguments: list[str]) -> dict[str, str] | None:

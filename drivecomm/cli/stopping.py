@@ -7,16 +7,27 @@ not confirmed once more with all the attempts that they may have.
 
 from __future__ import annotations
 
-from collections import deque
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from queue import SimpleQueue
 from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm import bus as buses
+from drivecomm.cli.asking_start import WhatToStop, broadcasts, stopped_by_its_keeper
 from drivecomm.cli.output import complain, emit, say, sentence
-from drivecomm.errors import DriveCommError, DriveError, NotSupported, ReplyError, UsageError
+from drivecomm.cli.signals import until_stopped
+from drivecomm.cli.stoppable import as_far_as_possible
+from drivecomm.errors import (
+    DriveCommError,
+    DriveError,
+    FileFormatError,
+    LinkError,
+    NotSupported,
+    ReplyError,
+    UsageError,
+)
 from drivecomm.line import LINE_FACT_NAMES
 from drivecomm.registry import installed
 from drivecomm.status import Stop
@@ -24,8 +35,10 @@ from drivecomm.status import Stop
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
+    from threading import Event
 
     from drivecomm.bus import Bus
+    from drivecomm.cli.asking_start import Answer
     from drivecomm.drive import Broadcast
     from drivecomm.plant import Plant, PlantDrive
 
@@ -56,15 +69,16 @@ class Told:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What became of one drive: confirmed, or why not."""
+    """What became of one drive: confirmed, or why not. without: what was left out, because it could not be."""
 
     line: str
     drive: str
     how: Stop
-    error: DriveCommError | None = None
+    error: Exception | None = None
+    without: str = ""
 
 
-_News: TypeAlias = Told | Outcome | BaseException | None
+_Item: TypeAlias = Told | Outcome | BaseException | None
 _Tell: TypeAlias = "Callable[[Told | Outcome], None]"
 
 
@@ -72,15 +86,20 @@ def stop_all(everything: Everything, *, as_json: bool) -> int:
     """Stop everything that is known, and say what was confirmed; returns the exit code."""
     if everything.plant is None:
         return _without_a_plant(everything, as_json=as_json)
-    # Only who has a plant file needs the reader of it.
-    from drivecomm.plant.files import read_plant  # noqa: PLC0415
-
-    lines = list(_lines_of(read_plant(everything.plant), everything))
+    try:
+        plant, whole = _plant(everything.plant, as_json=as_json)
+    except FileFormatError as error:
+        if everything.port is None:
+            raise
+        _without_a_plant(everything, as_json=as_json)
+        complain(error, as_json=as_json)
+        return error.exit_code
+    lines = list(_lines_of(plant, everything, whole=whole))
     if not lines:
         raise UsageError(f"{everything.plant}: there is no drive in this plant, so there is nothing to stop")
     if everything.opening.get("record") is not None and len(lines) > 1:
         raise UsageError("--record is for one line, and this plant has several; leave it out")
-    confirmed = True
+    confirmed = whole
     for news in _at_once(lines, everything.how):
         if isinstance(news, Outcome):
             confirmed = confirmed and news.error is None
@@ -88,7 +107,33 @@ def stop_all(everything: Everything, *, as_json: bool) -> int:
     return 0 if confirmed else DriveError.exit_code
 
 
+def _plant(path: Path, *, as_json: bool) -> tuple[Plant, bool]:
+    """Return the plant of a file, and whether it is all of it. Raises FileFormatError when nothing can be read."""
+    # Only who has a plant file needs the reader of it.
+    from drivecomm.plant.files import read_plant  # noqa: PLC0415
+
+    try:
+        return read_plant(path), True
+    except FileFormatError as error:
+        from drivecomm.plant.salvage import salvaged  # noqa: PLC0415 - only who has a broken one needs this
+
+        try:
+            plant, lost = salvaged(path)
+        except FileFormatError:
+            raise error from None
+        complain(f"{error}; what else can be read of it is stopped", as_json=as_json)
+        for sentence_of_one in lost:
+            complain(sentence_of_one, as_json=as_json)
+        return plant, False
+
+
 def _without_a_plant(everything: Everything, *, as_json: bool) -> int:
+    def tell(answer: Answer) -> None:
+        _show(_news("", answer), everything.how, as_json=as_json)
+
+    all_of_them = WhatToStop(how=everything.how, protocols=tuple((name, {}) for name in installed), everything=True)
+    if stopped_by_its_keeper(everything.port, all_of_them, tell, everything.opening) is not None:
+        return DriveError.exit_code
     with _bus(everything.port, everything.opening) as bus:
         for name in installed:
             try:
@@ -111,17 +156,20 @@ class _Line:
     port: str | None
     opening: Mapping[str, Any]
     drives: tuple[PlantDrive, ...]
+    also: tuple[str, ...]
+    """Protocols of drives that may be there besides."""
 
 
-def _lines_of(plant: Plant, everything: Everything) -> Iterator[_Line]:
+def _lines_of(plant: Plant, everything: Everything, *, whole: bool) -> Iterator[_Line]:
     for each in plant.lines:
         drives = plant.on_line(each.name)
-        if drives:
+        if drives or not whole:
             yield _Line(
                 name=each.name,
                 port=each.reached_at or (everything.port if len(plant.lines) == 1 else None),
                 opening={**everything.opening, **each.opening},
                 drives=drives,
+                also=() if whole else tuple(installed),
             )
 
 
@@ -139,23 +187,30 @@ def _bus(port: str | None, opening: Mapping[str, Any]) -> Iterator[Bus]:
 
 
 def _at_once(lines: Iterable[_Line], how: Stop) -> Iterator[Told | Outcome]:
-    """Stop all lines at the same time, and yield what comes of it as it comes."""
-    news: SimpleQueue[_News] = SimpleQueue()
-    threads = [Thread(target=_stop_line, args=(line, how, news), daemon=True) for line in lines]
-    for thread in threads:
-        thread.start()
-    working = len(threads)
-    while working:
-        item = news.get()
-        if item is None:
-            working -= 1
-        elif isinstance(item, BaseException):
-            raise item
-        else:
-            yield item
+    """Stop all lines at the same time, and yield what comes of it as it comes.
+
+    A signal does not break it off: then those that are silent are not asked again.
+    """
+    news: SimpleQueue[_Item] = SimpleQueue()
+    fallen: list[BaseException] = []
+    with until_stopped() as hurry:
+        threads = [Thread(target=_stop_line, args=(line, how, news, hurry), daemon=True) for line in lines]
+        for thread in threads:
+            thread.start()
+        working = len(threads)
+        while working:
+            item = news.get()
+            if item is None:
+                working -= 1
+            elif isinstance(item, BaseException):
+                fallen.append(item)
+            else:
+                yield item
+    if fallen:
+        raise fallen[0]
 
 
-def _stop_line(line: _Line, how: Stop, news: SimpleQueue[_News]) -> None:
+def _stop_line(line: _Line, how: Stop, news: SimpleQueue[_Item], hurry: Event) -> None:
     left = {drive.name: drive for drive in line.drives}
 
     def tell(item: Told | Outcome) -> None:
@@ -163,17 +218,30 @@ def _stop_line(line: _Line, how: Stop, news: SimpleQueue[_News]) -> None:
             left.pop(item.drive, None)
         news.put(item)
 
+    drives = tuple((drive.name, drive.protocol, drive.address, drive.options) for drive in line.drives)
+    what = WhatToStop(
+        how=how, drives=drives, protocols=(*broadcasts(drives), *((name, {}) for name in line.also)), everything=True
+    )
     try:
+        if stopped_by_its_keeper(line.port, what, lambda each: tell(_news(line.name, each)), line.opening) is not None:
+            return
         with _bus(line.port, line.opening) as bus:
             _broadcast(bus, line, how, tell)
-            _each(bus, line, how, tell)
+            _each(bus, line, how, tell, hurry)
+            _broadcast_to_others(bus, line, how, tell)
     except DriveCommError as error:
         for name in list(left):
             tell(Outcome(line=line.name, drive=name, how=how, error=error))
-    except BaseException as error:  # noqa: BLE001 - handed to the thread that waits, which raises it
+    except BaseException as error:  # noqa: BLE001 - handed to the thread that waits, which raises it after all others
         news.put(error)
     finally:
         news.put(None)
+
+
+def _news(line: str, answer: Answer) -> Told | Outcome:
+    if answer.drive:
+        return Outcome(line=line, drive=answer.drive, how=answer.how, error=answer.error)
+    return Told(line=line, protocol=answer.protocol, how=answer.how, error=answer.error)
 
 
 def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
@@ -182,7 +250,7 @@ def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
     for drive in line.drives:
         own = {key: value for key, value in drive.options.items() if key not in {*LINE_FACT_NAMES, "model"}}
         try:
-            everybody = bus.broadcast(drive.protocol, **drive.options)
+            everybody, _ = as_far_as_possible(partial(bus.broadcast, drive.protocol), drive.options)
             key = (drive.protocol, everybody.party.facts.settings, own)
             if key in sent:
                 continue
@@ -195,6 +263,13 @@ def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
             tell(Told(line=line.name, protocol=drive.protocol, how=how, error=error))
 
 
+def _broadcast_to_others(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
+    for protocol in line.also:
+        if protocol not in {drive.protocol for drive in line.drives}:
+            with suppress(NotSupported):
+                tell(_tell_all(line.name, bus.broadcast(protocol), protocol, how))
+
+
 def _tell_all(line: str, everybody: Broadcast, protocol: str, how: Stop) -> Told:
     able = everybody.capabilities.stops
     used = next((each for each in (how, Stop.RAMP, Stop.COAST) if each in able), how)
@@ -202,35 +277,39 @@ def _tell_all(line: str, everybody: Broadcast, protocol: str, how: Stop) -> Told
     return Told(line=line, protocol=protocol, how=used)
 
 
-def _each(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
+def _each(bus: Bus, line: _Line, how: Stop, tell: _Tell, hurry: Event) -> None:
     """Stop each drive by itself: in the first round once, in the second with all its attempts."""
-    rounds: tuple[Mapping[str, Any], ...] = ({"attempts": 1}, {})
-    waiting = deque(line.drives)
-    for attempts in rounds:
-        silent = []
-        for drive in waiting:
-            try:
-                one = bus.drive(drive.protocol, drive.address, **{**drive.options, **attempts})
-                used = how if how in one.capabilities.stops else Stop.RAMP
-                one.stop(used)
-            except ReplyError as error:
-                if attempts is rounds[0]:
-                    silent.append(drive)
-                else:
-                    tell(Outcome(line=line.name, drive=drive.name, how=how, error=error))
-            except (DriveError, UsageError) as error:
-                tell(Outcome(line=line.name, drive=drive.name, how=how, error=error))
-            else:
-                tell(Outcome(line=line.name, drive=drive.name, how=used))
-        waiting = deque(silent)
+    silent = {}
+    for drive in line.drives:
+        try:
+            tell(_stop_one(bus, drive, how, attempts=1))
+        except (ReplyError, LinkError) as error:
+            silent[drive.name] = drive, error
+        except Exception as error:  # noqa: BLE001 - nothing that is wrong with one drive keeps the others running
+            tell(Outcome(line=line.name, drive=drive.name, how=how, error=error))
+    for drive, first in silent.values():
+        try:
+            if hurry.is_set():
+                raise first
+            tell(_stop_one(bus, drive, how))
+        except (ReplyError, DriveError, UsageError) as error:
+            tell(Outcome(line=line.name, drive=drive.name, how=how, error=error))
+
+
+def _stop_one(bus: Bus, drive: PlantDrive, how: Stop, **attempts: int) -> Outcome:
+    one, without = as_far_as_possible(partial(bus.drive, drive.protocol, drive.address), {**drive.options, **attempts})
+    used = how if how in one.capabilities.stops else Stop.RAMP
+    one.stop(used)
+    return Outcome(line=drive.line, drive=drive.name, how=used, without=without)
 
 
 def _show(news: Told | Outcome, wanted: Stop, *, as_json: bool) -> None:
     who = f"{news.protocol}:*" if isinstance(news, Told) else news.drive
     confirmed = isinstance(news, Outcome) and news.error is None
+    without = news.without if isinstance(news, Outcome) else ""
     if as_json:
         error = "" if news.error is None else str(news.error)
-        emit(line=news.line, drive=who, stop=news.how, confirmed=confirmed, error=error)
+        emit(line=news.line, drive=who, stop=news.how, confirmed=confirmed, error=error, without=without)
         return
     where = f"{news.line}: " if news.line else ""
     if news.error is not None:
@@ -238,4 +317,4 @@ def _show(news: Told | Outcome, wanted: Stop, *, as_json: bool) -> None:
         return
     instead = "" if news.how is wanted else f", because it cannot by {wanted.value}"
     what = "confirmed" if confirmed else "sent to all"
-    say(f"{where}{who}  stop ({news.how.value}{instead}) {what}")
+    say(f"{where}{who}  stop ({news.how.value}{instead}) {what}{f', {without}' if without else ''}")

@@ -9,6 +9,10 @@ Requests and replies of some protocols look alike. Then these count, each with a
 - after a silence longer than the reply time, a request is due;
 - in the bytes that were always different in this drive's requests and its replies lately, it is like one of them.
 
+A telegram that repeats the request before it, or was heard both ways lately, says nothing by its bytes: a drive may
+answer a request with just the same. It is a reply when it comes as soon as this line's replies do, as far as that is
+known by others.
+
 What may be the late answer to a request that had none is judged by its bytes alone: whether it comes after silence says
 nothing then. Where they say nothing either, its direction stays open.
 """
@@ -42,6 +46,9 @@ _MOST_DOUBTS = 3
 _KEPT_REQUESTS = 8
 _KEPT_EXAMPLES = 6
 _KEPT_ENDS = 4
+_KEPT_DELAYS = 9
+# A reply comes as usual between half and twice the usual time; many adapters delay it by some milliseconds.
+_AS_USUAL, _STEP_S = 2, 0.005
 _CLEARLY_BETTER = 2
 # An odd number: where requests and replies alternate, the next beginning is the other one.
 _LONGEST_DOUBT = 15
@@ -99,6 +106,7 @@ class Conversation:
     _just_answered: type[Message] | None = None
     _misheard_s: float = -inf
     _doubts: dict[object, int] = field(default_factory=dict)
+    _delays: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT_DELAYS))
 
     def copy(self) -> Conversation:
         """Return one that goes its own way from here."""
@@ -114,6 +122,7 @@ class Conversation:
             self._just_answered,
             self._misheard_s,
             dict(self._doubts),
+            deque(self._delays, maxlen=_KEPT_DELAYS),
         )
 
     def direction_of(self, heard: Heard) -> Direction | None:
@@ -121,6 +130,8 @@ class Conversation:
         request, reply = heard.reading("request"), heard.reading("reply")
         if request is None or reply is None:
             return "reply" if request is None else "request"
+        if (told := self._by_its_time(heard, reply)) is not None:
+            return told
         balance = _REPEATED * (reply.data in self._known(reply)) - _REPEATED * (request.data in self._known(request))
         balance -= self._likeness(request)
         if not self._may_be_late(heard, reply):
@@ -134,7 +145,7 @@ class Conversation:
         address = getattr(heard.readings[0].message, "address", None)
         self._doubts[address] = self._doubts.get(address, 0) + 1
 
-    def take(self, reading: Reading, ended_s: float) -> None:
+    def take(self, reading: Reading, began_s: float, ended_s: float) -> None:
         """Note what was said."""
         self.spoken = True
         if reading.short and reading.direction == "request":
@@ -156,7 +167,10 @@ class Conversation:
         self._doubts.pop(address, None)
         self._just_answered = type(self._asked[-1].message) if self._asked else None
         if (place := self._answered_by(reading.message, ended_s)) is not None:
-            self._asked[place] = replace(self._asked[place], answered=True)
+            asked = self._asked[place]
+            self._asked[place] = replace(asked, answered=True)
+            if place == len(self._asked) - 1 and asked.data != reading.data:
+                self._delays.append(began_s - asked.ended_s)
 
     def awaits(self, reply: Message, began_s: float) -> bool:
         """Whether this is what the last request waits for."""
@@ -236,6 +250,19 @@ class Conversation:
                 continue
             return passed_s > timeout_s or asked is not self._asked[-1]
         return False
+
+    def _by_its_time(self, heard: Heard, reply: Reading) -> Direction | None:
+        """Return the direction of a telegram whose bytes say nothing; None when they do, or no usual time is known."""
+        last = self._asked[-1] if self._asked else None
+        repeats = last is not None and not last.answered and last.data == reply.data
+        both_ways = reply.data in self._known(reply) and reply.data in self._known(replace(reply, direction="request"))
+        usual_s = sorted(self._delays)[len(self._delays) // 2] if self._delays else 0.0
+        # Without any time in between, a telegram is one that was sent twice, or all of it came in one step.
+        if last is None or usual_s <= 0 or not (repeats or both_ways):
+            return None
+        if usual_s / _AS_USUAL <= heard.began_s - last.ended_s <= _AS_USUAL * usual_s + _STEP_S:
+            return "reply" if self.awaits(reply.message, heard.began_s) else "request"
+        return None if self._may_be_late(heard, reply) else "request"
 
     def _timeliness(self, heard: Heard, reply: Reading) -> int:
         """Return what the pauses say, above 0 for a reply and below 0 for a request."""
@@ -339,5 +366,5 @@ class Beginning:
                     score += 1 if due else -1
             elif state.leaves_unanswered(reading):
                 score -= 1
-            state.take(reading, heard.ended_s)
+            state.take(reading, heard.began_s, heard.ended_s)
         return score, directions

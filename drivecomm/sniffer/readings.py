@@ -79,6 +79,10 @@ class Reader:
         """Whether a telegram can begin with this byte."""
         return self._codec.measure(bytes([byte]), self.direction) != 0
 
+    def ends_with_first(self, byte: int) -> bool:
+        """Whether what begins with this byte twice is no telegram, or one of a single character."""
+        return self._codec.measure(self._text(bytes([byte, byte]), 0, 2), self.direction) <= 1
+
     def look(self, data: bytes, start: int, limit: int) -> Look:
         """Return what begins at `start` when nothing from `limit` on can belong to it, but more may come there."""
         head = self._text(data, start, min(limit, start + _HEAD))

@@ -40,6 +40,8 @@ _LONGEST_RIDDLE = 4096
 _TOGETHER = 16
 # What a pause inside a telegram says against it, see drivecomm.sniffer.choosing.
 _TORN = 6
+# So often in a row a single character is noise.
+_MANY = 4
 
 
 @dataclass(slots=True)
@@ -74,6 +76,7 @@ class Sniffer:
         readers = [reader for protocol in known for reader in _readers(protocol, (options or {}).get(protocol.name))]
         self._readers = readers
         self._by_first_byte: dict[int, list[Reader]] = {}
+        self._single: dict[int, bool] = {}
         self._longest_gap_s = max((protocol.facts.gap_s for protocol in known), default=0.0)
         self._place = 0
         self._spoken_last = ""
@@ -122,6 +125,9 @@ class Sniffer:
         if not self._readers_for(stretch.data[place]):
             self._place += 1
             return True
+        if place and (behind := self._behind_repetitions(place)) > place:
+            self._place = behind
+            return True
         readings, waiting = self._readings_at(place)
         if long := [reading for reading in readings if not reading.short and self._may_begin_here(reading, readings)]:
             self._take_first_of(self._sharing_bytes(long))
@@ -147,6 +153,20 @@ class Sniffer:
         if found is None:
             found = self._by_first_byte[byte] = [reader for reader in self._readers if reader.begins_with(byte)]
         return found
+
+    def _behind_repetitions(self, place: int) -> int:
+        """Return the last place of a byte that is said again and again: before it nothing but single characters begins.
+
+        A flood of them would otherwise cost more than all else.
+        """
+        stretch, byte = self._stretch, self._stretch.data[place]
+        if byte not in self._single:
+            self._single[byte] = all(reader.ends_with_first(byte) for reader in self._readers_for(byte))
+        if not self._single[byte] or stretch.data[place + 1 : place + 2] != stretch.data[place : place + 1]:
+            return place
+        same = len(stretch.data) - len(stretch.data[place:].lstrip(stretch.data[place : place + 1])) - 1
+        pause_s = min(stretch.quiet_s(place), self._longest_gap_s)
+        return min(same, stretch.unbroken_until(place, pause_s) - 1)
 
     def _readings_at(self, place: int) -> tuple[list[Reading], bool]:
         """Return the sound telegrams that begin at a place, and whether there may be more when more bytes come."""
@@ -256,7 +276,9 @@ class Sniffer:
             return "yes"
         following, waiting = self._readings_at(end)
         if following:
-            return "yes"
+            # The same again and again is no telegram behind another.
+            same = stretch.data[end - 1 : end] * _MANY == stretch.data[end - 1 : end - 1 + _MANY]
+            return "no" if same and all(reading.short for reading in following) else "yes"
         return "wait" if waiting else "no"
 
     # Taking telegrams
@@ -319,7 +341,7 @@ class Sniffer:
         if reading is None:
             conversation.doubt(heard)
             return ambiguous_of(heard)
-        conversation.take(reading, heard.ended_s)
+        conversation.take(reading, heard.began_s, heard.ended_s)
         return telegram_of(reading, heard)
 
     # What is no telegram

@@ -3,6 +3,8 @@
 A terminal is opened for reading only (O_RDONLY), so that the operating system itself refuses every write, and RTS,
 which switches the transmitter of simple RS-485 adapters, is taken back. Of a serial server's raw connection
 (`socket://`) nothing is used but what comes from it. RFC 2217 cannot be done without sending and is refused.
+
+Two programs that read from one terminal each get a part of the bytes, so a port that another one has open is refused.
 """
 
 from __future__ import annotations
@@ -11,16 +13,16 @@ import array
 import contextlib
 import errno
 import os
-import socket
 import sys
 import time
 from typing import TYPE_CHECKING, Any, Protocol
-from urllib.parse import urlsplit
 
 from drivecomm.errors import LinkDownError, PortError, UsageError
+from drivecomm.transport.holders import holder_of_port
 from drivecomm.transport.opening import cannot_open, error_number
 from drivecomm.transport.pseudo_terminal import is_pseudo
 from drivecomm.transport.readiness import Readable
+from drivecomm.transport.server_connection import connected
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,8 +33,9 @@ if sys.platform != "win32":
     import fcntl
     import termios
 
+    from drivecomm.transport.exclusive import keep_others_out, let_others_in, lock
+
 _CHUNK = 4096
-_CONNECT_S = 5.0
 # Linux, asm-generic/termbits.h; termios has no name for it.
 _STICK_PARITY = 0o10000000000
 _ESCAPE, _SPOILT = 0xFF, 0x00
@@ -61,9 +64,10 @@ class ListeningPort(Protocol):
 
 
 def listening_port(name: str, settings: LineSettings) -> ListeningPort:
-    """Open a port for listening: a terminal's name or `socket://HOST:PORT`.
+    """Open a port for listening, for this program alone: a terminal's name or `socket://HOST:PORT`.
 
-    Raises PortError when it does not open, UsageError for a port that cannot be listened to without sending.
+    Raises PortError when it does not open, or another program uses it, and UsageError for a port that cannot be
+    listened to without sending.
     """
     if name.startswith("socket://"):
         return SocketListener(name)
@@ -71,9 +75,24 @@ def listening_port(name: str, settings: LineSettings) -> ListeningPort:
         raise UsageError(
             f"{name} cannot be listened to without sending; use the port's own name, or socket://HOST:PORT"
         )
+    _refuse_on_windows(name)
+    return TtyListener(name, settings)
+
+
+def shared_listening_port(name: str, settings: LineSettings) -> ListeningPort:
+    """Open a terminal for listening that another program uses, too: each of the two gets a part of the bytes.
+
+    Raises PortError when it does not open, UsageError for a server's port.
+    """
+    if "://" in name:
+        raise UsageError(f"{name} is shared by its server, or not at all; only a port of this machine can be shared")
+    _refuse_on_windows(name)
+    return SharedTtyListener(name, settings)
+
+
+def _refuse_on_windows(name: str) -> None:
     if sys.platform == "win32":
         raise UsageError(f"{name} cannot be opened for listening only on Windows; use socket://HOST:PORT")
-    return TtyListener(name, settings)
 
 
 class TtyListener:
@@ -86,19 +105,17 @@ class TtyListener:
     def __init__(self, name: str, settings: LineSettings) -> None:
         self._name = name
         self.spoilt = 0
-        self._marks = MarkedCharacters()
+        self._marks, self._marked = MarkedCharacters(), False
         try:
             self.descriptor = os.open(name, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
         except OSError as error:
             raise cannot_open(name, error) from error
         try:
             self._pseudo = is_pseudo(self.descriptor)
-            self.configure(settings)
+            self._take(settings)
         except BaseException:
             os.close(self.descriptor)
             raise
-        with contextlib.suppress(OSError):
-            fcntl.ioctl(self.descriptor, termios.TIOCMBIC, array.array("i", [termios.TIOCM_RTS]))
         self._readable = Readable(self.descriptor)
 
     def configure(self, settings: LineSettings) -> str:
@@ -109,6 +126,7 @@ class TtyListener:
         except termios.error as error:
             raise self._refused(settings, error) from error
         self._marks = MarkedCharacters()
+        self._marked = not self._pseudo
         return "pseudo-terminal: settings are not carried, characters pass as they are" if self._pseudo else ""
 
     def read(self, until: float) -> bytes:
@@ -123,7 +141,7 @@ class TtyListener:
             raise self._gone() from error
         if not data:
             raise self._gone()
-        if self._pseudo:
+        if not self._marked:
             return data
         plain, spoilt = self._marks.feed(data)
         self.spoilt += spoilt
@@ -135,7 +153,22 @@ class TtyListener:
 
     def close(self) -> None:
         """Give the port back."""
+        let_others_in(self.descriptor)
         os.close(self.descriptor)
+
+    def _take(self, settings: LineSettings) -> None:
+        """Keep the port to this program, and set it up."""
+        try:
+            lock(self.descriptor)
+        except OSError as error:
+            raise cannot_open(self._name, error) from error
+        # A program that locks nothing is known by having the port open.
+        if holder_of_port(self._name) is not None:
+            raise cannot_open(self._name, OSError(errno.EBUSY, os.strerror(errno.EBUSY)))
+        keep_others_out(self.descriptor)
+        self.configure(settings)
+        with contextlib.suppress(OSError):
+            fcntl.ioctl(self.descriptor, termios.TIOCMBIC, array.array("i", [termios.TIOCM_RTS]))
 
     def _attributes(self, settings: LineSettings) -> list[Any]:
         attributes: list[Any] = termios.tcgetattr(self.descriptor)
@@ -161,19 +194,28 @@ class TtyListener:
         return LinkDownError(f"port {self._name} is gone: it was unplugged, or its other end was closed")
 
 
+class SharedTtyListener(TtyListener):
+    """A terminal that another program uses, too: its settings are left as they are. Each gets a part of the bytes."""
+
+    def configure(self, settings: LineSettings) -> str:
+        """Change nothing."""
+        return f"shared: {settings} is not set, the other program's line settings hold"
+
+    def close(self) -> None:
+        """Give the port back, and leave the other program's marks on it."""
+        os.close(self.descriptor)
+
+    def _take(self, settings: LineSettings) -> None:
+        """Touch nothing."""
+
+
 class SocketListener:
     """A connection to a serial server of which only the receiving half is used; the server has its own settings."""
 
     def __init__(self, url: str) -> None:
         self._url = url
         self.spoilt = 0
-        try:
-            parts = urlsplit(url)
-            self._socket = socket.create_connection((parts.hostname or "", parts.port or 0), timeout=_CONNECT_S)
-        except (OSError, ValueError) as error:
-            raise cannot_open(url, error) from error
-        self._socket.setblocking(False)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        self._socket, self._first = connected(url)
         self._readable = Readable(self._socket.fileno())
 
     def configure(self, settings: LineSettings) -> str:
@@ -182,6 +224,9 @@ class SocketListener:
 
     def read(self, until: float) -> bytes:
         """Return what has come, see `ListeningPort`."""
+        if self._first:
+            first, self._first = self._first, b""
+            return first
         if not self._readable.wait(until):
             return b""
         try:

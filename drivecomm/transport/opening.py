@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import socket
 import stat
 from urllib.parse import urlsplit
@@ -17,6 +18,18 @@ _EMPTY = frozenset({errno.ENXIO, errno.ENODEV, errno.EIO})
 _FORBIDDEN = frozenset({errno.EACCES, errno.EPERM})
 _TAKEN = frozenset({errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK})
 _OTHER_FILE = frozenset({errno.ENOTTY, errno.EISDIR, errno.EINVAL})
+
+
+_SAID = re.compile(rb"[ -~]{3,60}")
+
+
+class HungUpError(ConnectionError):
+    """A server closed the connection before anything was asked of it. said: what it sent until then."""
+
+    def __init__(self, said: bytes) -> None:
+        words = _SAID.search(said)
+        self.words = words[0].decode().strip() if words else ""
+        super().__init__(self.words)
 
 
 def cannot_open(url: str, error: BaseException) -> PortError:
@@ -45,7 +58,7 @@ def _local_reason(name: str, error: BaseException) -> str:
     if number in _ABSENT or "FileNotFoundError" in text:
         return f"port {name} does not exist; {_present()}"
     if number in _TAKEN or "PermissionError" in text:
-        return f"port {name} is in use by another program; end that program, or use another port"
+        return f"port {name} is in use by {_holder(name) or 'another program'}; end that program, or use another port"
     if number in _FORBIDDEN:
         return f"port {name} may not be opened by this user; {_membership(name)}"
     if number in _EMPTY:
@@ -53,6 +66,18 @@ def _local_reason(name: str, error: BaseException) -> str:
     if number in _OTHER_FILE:
         return f"{name} is not a serial port; {_present()}"
     return f"port {name} cannot be opened ({text}); check its name and its driver"
+
+
+def _somebody_else(url: str) -> str:
+    return _holder(url) or "somebody else"
+
+
+def _holder(url: str) -> str:
+    # It looks through all processes of the machine, which is for those only who cannot open their port.
+    from drivecomm.transport.holders import holder_of_port  # noqa: PLC0415
+
+    holder = holder_of_port(url)
+    return "" if holder is None else str(holder)
 
 
 def _present() -> str:
@@ -100,9 +125,16 @@ def _network_reason(url: str, error: BaseException) -> str:
     if isinstance(cause, TimeoutError):
         return f"port {url} cannot be reached: {host} does not answer; check the address, the network and its firewall"
     if "support RFC2217" in str(error):
-        return f"port {url} does not speak RFC 2217; use socket://, or switch RFC 2217 on at the server"
+        return (
+            f"port {url} took the connection and negotiates nothing: either it does not speak RFC 2217, so use "
+            f"socket://, or switch RFC 2217 on at the server; or it serves {_somebody_else(url)} at present"
+        )
     if isinstance(cause, ConnectionError):
-        return f"port {url} closed the connection at once; check whether somebody else is connected to it"
+        words = f' and said "{cause.words}"' if isinstance(cause, HungUpError) and cause.words else ""
+        return (
+            f"port {url} serves {_somebody_else(url)} at present: it closed the connection at once{words}; "
+            "end that connection, or wait until it is over"
+        )
     return f"port {url} cannot be reached ({cause}); check the address and the network"
 
 

@@ -14,12 +14,14 @@ from serial.rfc2217 import (
     Serial,
 )
 
+from drivecomm.transport.opening import HungUpError
+
 if TYPE_CHECKING:
     from queue import Queue
     from socket import socket
     from threading import Thread
 
-_ACTIVE = "ACTIVE"
+_ACTIVE, _INACTIVE = "ACTIVE", "INACTIVE"
 _LOOK_S = 0.001
 # The server has confirmed the line settings by then, so it is there and answers what it knows.
 _CONTROL_S = 1.0
@@ -45,11 +47,12 @@ class Rfc2217Client(Serial):
     _ignore_set_control_answer: bool
     _rfc2217_port_settings: dict[str, Any]
     _rfc2217_options: dict[str, Any]
+    _telnet_options: list[Any] | None
 
     def __init__(self, *args: Any, **options: Any) -> None:
         self.controls_unconfirmed = False
         """The server did not confirm a control line or the absence of flow control."""
-        self._flow_settled = False
+        self._flow_settled = self._hung_up = False
         super().__init__(*args, **options)
 
     def close(self) -> None:
@@ -71,6 +74,8 @@ class Rfc2217Client(Serial):
             self.controls_unconfirmed = True
 
     def _reconfigure_port(self) -> None:
+        if self._hung_up and not self._flow_settled:
+            raise HungUpError(self._come_by_now())
         wanted = {
             "baudrate": struct.pack("!I", self._baudrate),
             "datasize": struct.pack("!B", self._bytesize),
@@ -94,9 +99,19 @@ class Rfc2217Client(Serial):
                 raise SerialException("the server does not confirm line settings")
             time.sleep(_LOOK_S)
 
+    def _come_by_now(self) -> bytes:
+        come = []
+        while not self._read_buffer.empty():
+            come.append(self._read_buffer.get_nowait() or b"")
+        return b"".join(come)
+
     def _telnet_read_loop(self) -> None:
         try:
             super()._telnet_read_loop()  # type: ignore[misc]
         except OSError:
             # The connection broke while the thread was answering; readers notice that it has ended.
             self._read_buffer.put(None)
+        self._hung_up = True
+        for option in self._telnet_options or ():
+            # Opening waits for these, and would do so for 3 s although nobody is there to agree any more.
+            option.active = option.state != _INACTIVE

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import socket
 import time
 from typing import TYPE_CHECKING
-from urllib.parse import urlsplit
 
 from drivecomm.transport.channel import ChannelGoneError
-from drivecomm.transport.opening import cannot_open
 from drivecomm.transport.readiness import Readable, send_all
+from drivecomm.transport.server_connection import connected
 
 if TYPE_CHECKING:
     from drivecomm.line import LineSettings
 
-_CONNECT_S = 5.0
 _CHUNK = 4096
 # Far below what any receive buffer holds, and above the length of a reply.
 _LONGEST_HOLD = 255
@@ -29,16 +28,9 @@ class SocketChannel:
     paced = False
 
     def __init__(self, url: str) -> None:
-        try:
-            parts = urlsplit(url)
-            # Without a port number this is port 0, where nobody ever listens.
-            self._socket = socket.create_connection((parts.hostname or "", parts.port or 0), timeout=_CONNECT_S)
-        except (OSError, ValueError) as error:
-            raise cannot_open(url, error) from error
-        self._socket.setblocking(False)
+        # What comes before the first request answers nothing.
+        self._socket, _ = connected(url)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        # Of a server that was switched off nothing would ever be heard otherwise.
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         self.descriptor: int = self._socket.fileno()
         self._readable = Readable(self.descriptor)
         self._held = 1
@@ -50,6 +42,7 @@ class SocketChannel:
     def send(self, data: bytes, limit_s: float) -> None:
         """Hand over all bytes within this time."""
         try:
+            self._look_for_the_end()
             if send_all(self._socket.send, self.descriptor, data, limit_s):
                 return
         except OSError as error:
@@ -98,6 +91,12 @@ class SocketChannel:
             while self._socket.recv(_CHUNK):
                 pass
         self._socket.close()
+
+    def _look_for_the_end(self) -> None:
+        """Notice a server that has closed the connection: it would take these bytes, and throw them away."""
+        with contextlib.suppress(BlockingIOError):
+            if not self._socket.recv(1, socket.MSG_PEEK):
+                raise BrokenPipeError(errno.EPIPE, "the server has closed it")
 
 
 def _broke(error: OSError) -> ChannelGoneError:

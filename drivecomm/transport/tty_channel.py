@@ -17,6 +17,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
+from drivecomm.transport.exclusive import keep_others_out, let_others_in
 from drivecomm.transport.opening import error_number
 from drivecomm.transport.pseudo_terminal import is_pseudo
 from drivecomm.transport.pyserial_channel import release, set_at_once
@@ -51,6 +52,7 @@ class TtyChannel:
     def __init__(self, port: Serial) -> None:
         self._port: Any = port
         self.descriptor: int = port.fileno()
+        keep_others_out(self.descriptor)
         self._pseudo = is_pseudo(self.descriptor)
         self._readable = Readable(self.descriptor)
         # Longer than it must be: for a short one Python lets other threads run meanwhile, and gets its turn back late.
@@ -143,6 +145,7 @@ class TtyChannel:
 
     def close(self) -> None:
         """Give the port back; what was sent still goes out."""
+        let_others_in(self.descriptor)
         release(self._port)
 
     def _write(self, data: bytes) -> int:

@@ -21,6 +21,7 @@ LONGEST_ORDER = 65536
 _MOST_GUESTS = 64
 # A little at a time, so that somebody with many orders cannot keep the server from its lines.
 _CHUNK = 512
+_ANSWERS_S = 0.5
 _FORMS = "HOST:PORT or unix:PATH"
 
 
@@ -168,6 +169,8 @@ def _unix_door(path: str) -> socket.socket:
     with contextlib.suppress(FileNotFoundError):
         if not stat.S_ISSOCK(os.stat(path).st_mode):  # noqa: PTH116 - mode of whatever is there
             raise PortError(f"{path} exists and is no socket; choose another path, or remove it")
+        if _is_served(path):
+            raise PortError(f"another plant is steered at {path}; end it, or choose another path")
         # Left behind by a plant that was killed.
         os.unlink(path)  # noqa: PTH108
     door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -178,3 +181,14 @@ def _unix_door(path: str) -> socket.socket:
         door.close()
         raise
     return door
+
+
+def _is_served(path: str) -> bool:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as guest:
+        guest.settimeout(_ANSWERS_S)
+        try:
+            guest.connect(path)
+        except OSError as error:
+            # Somebody who is too busy to let us in is there, too.
+            return isinstance(error, TimeoutError | BlockingIOError)
+    return True

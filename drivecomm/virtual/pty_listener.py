@@ -38,6 +38,8 @@ class PtyListener:
     def open(self) -> None:
         """Make the pseudo-terminal and the link. Raises PortError."""
         try:
+            # A new terminal may get the number of the one that a link left behind leads to.
+            self._make_room()
             self._ours, self._theirs = os.openpty()
             # Held open, so that a master that closes it does not end it, and raw, for masters that never set it up.
             tty.setraw(self._theirs)
@@ -45,7 +47,7 @@ class PtyListener:
             os.set_blocking(self._ours, False)
             self._selector = selectors.DefaultSelector()
             self._selector.register(self._ours, selectors.EVENT_READ)
-            self._link()
+            self._path.symlink_to(self._terminal)
         except OSError as error:
             self.close()
             raise PortError(
@@ -86,10 +88,18 @@ class PtyListener:
                 os.close(descriptor)
         self._ours = self._theirs = -1
 
-    def _link(self) -> None:
-        if self._path.is_symlink():
-            # Left behind by a server that was killed.
-            self._path.unlink()
-        elif self._path.exists():
+    def _make_room(self) -> None:
+        """Remove a link that a server left behind when it was killed: what it leads to has gone."""
+        if not self._path.exists():
+            self._path.unlink(missing_ok=True)
+            return
+        if not self._path.is_symlink():
             raise PortError(f"{self._path} exists and is no symbolic link; choose another path, or remove it")
-        self._path.symlink_to(self._terminal)
+        # Only those who find the place taken load what looks through the processes of the machine.
+        from drivecomm.transport.holders import server_of_terminal  # noqa: PLC0415
+
+        server = server_of_terminal(str(self._path)) or "another program"
+        raise PortError(
+            f"{self._path} leads to {self._path.resolve()}, which {server} serves; choose another path, or end that "
+            "program"
+        )

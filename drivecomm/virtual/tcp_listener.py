@@ -16,10 +16,13 @@ if TYPE_CHECKING:
 _CHUNK = 512
 
 _AHEAD = 16384
+# No master that waits for replies has so much on its way.
+_FLOOD = 4096
+_MOST_THROWN_AWAY = 64_000_000
 
 
 class TcpListener:
-    """Raw bytes over TCP, for one master after the other: the next one waits until the present one has gone."""
+    """Raw bytes over TCP, for one master at a time: who comes meanwhile finds the connection closed at once."""
 
     scheme = "socket"
 
@@ -43,9 +46,16 @@ class TcpListener:
 
     @property
     def descriptor(self) -> int | None:
-        """The master's connection; the door while there is none."""
-        watched = self._master or self._door
-        return None if watched is None else watched.fileno()
+        """The master's connection, and the door where the next one comes."""
+        if self._selector is None:
+            return None
+        try:
+            # What waits for several descriptors has one of its own.
+            return self._selector.fileno()  # type: ignore[attr-defined, no-any-return]
+        except AttributeError:
+            # Not so on Windows: there the next one waits until the present one has gone.
+            watched = self._master or self._door
+            return None if watched is None else watched.fileno()
 
     def open(self) -> None:
         """Listen. Raises PortError."""
@@ -65,11 +75,13 @@ class TcpListener:
         self._selector.register(self._door, selectors.EVENT_READ)
 
     def receive(self, wait_s: float) -> bytes:
-        """Return what the master sent; let one in if there is none."""
-        if self._selector is None or not self._selector.select(wait_s):
+        """Return what the master sent; let one in if there is none, and turn others away."""
+        if self._selector is None:
             return b""
-        if self._master is None:
-            self._let_in()
+        ready = [key.fileobj for key, _ in self._selector.select(wait_s)]
+        if self._door in ready:
+            self._answer_door()
+        if self._master is None or self._master not in ready:
             return b""
         try:
             data = self._master.recv(_CHUNK)
@@ -102,29 +114,70 @@ class TcpListener:
             self._door.close()
             self._door = None
 
-    def _let_in(self) -> None:
-        if self._door is None or self._selector is None:
+    def _answer_door(self) -> None:
+        """Let the next master in, or turn it away; while the present one's bytes hide whether it has gone, do neither.
+
+        A flood is thrown away: on a line with a speed its end would come minutes after the master has gone.
+        """
+        if self._master is not None:
+            ahead = self._sent_ahead(self._master)
+            if ahead > _FLOOD:
+                ahead = self._throw_away(self._master)
+            if ahead > 0:
+                return
+            if ahead == 0:
+                self._let_go()
+        newcomer = self._accepted()
+        if newcomer is None:
             return
+        if self._master is None:
+            self._let_in(newcomer)
+        else:
+            newcomer.close()
+
+    def _sent_ahead(self, master: socket.socket) -> int:
+        """Return how many bytes wait to be taken, 0 when it has gone and -1 when it is there and silent."""
         try:
-            master, _ = self._door.accept()
+            return len(master.recv(_AHEAD, socket.MSG_PEEK))
+        except BlockingIOError:
+            return -1
+        except OSError:
+            return 0
+
+    def _throw_away(self, master: socket.socket) -> int:
+        """Take all bytes that have been sent ahead; return 0 when the master has gone and -1 when it is there."""
+        left = _MOST_THROWN_AWAY
+        try:
+            while left > 0 and (taken := len(master.recv(_AHEAD))):
+                left -= taken
+        except BlockingIOError:
+            return -1
+        except OSError:
+            return 0
+        return 0 if left > 0 else -1
+
+    def _accepted(self) -> socket.socket | None:
+        try:
+            return None if self._door is None else self._door.accept()[0]
         except OSError:
             # It has given up already.
-            return
+            return None
+
+    def _let_in(self, master: socket.socket) -> None:
         master.setblocking(False)
         master.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         # A master that was switched off would keep the next ones out for ever otherwise.
         master.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        self._selector.unregister(self._door)
-        self._selector.register(master, selectors.EVENT_READ)
+        if self._selector is not None:
+            self._selector.register(master, selectors.EVENT_READ)
         self._master = master
         self._arrived()
 
     def _let_go(self) -> None:
         if self._master is None:
             return
-        if self._selector is not None and self._door is not None:
+        if self._selector is not None:
             self._selector.unregister(self._master)
-            self._selector.register(self._door, selectors.EVENT_READ)
         with contextlib.suppress(OSError):
             self._master.shutdown(socket.SHUT_WR)
         self._master.close()

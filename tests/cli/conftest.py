@@ -3,11 +3,14 @@
 import json
 
 import pytest
+import running_plant
 
 import drivecomm.bus
 from drivecomm.cli import main
 from drivecomm.errors import PortError
 from drivecomm.virtual import VirtualLine, virtual_drive
+
+plant = running_plant.plant
 
 
 class Shell:

@@ -1,5 +1,6 @@
 """protocols, decode, encode, scan, vectors, demo, and the command line itself."""
 
+import errno
 import subprocess
 import sys
 
@@ -198,6 +199,37 @@ class TestCommandLine:
         shell.line()
         monkeypatch.setattr(VirtualLine, "receive", gone)
         assert shell("status", "vabus:1") == 0
+
+    @pytest.mark.parametrize("group", [(), ("models",), ("plant",), ("vectors",)])
+    def test_a_group_alone_says_what_there_is_and_nothing_else(self, shell, group):
+        assert shell(*group, port=None) == 2
+        assert f"Usage: {' '.join(('drivecomm', *group))} [OPTIONS] COMMAND" in shell.out
+        assert shell.err == ""
+
+    @pytest.mark.parametrize(
+        ("arguments", "sentence"),
+        [
+            (
+                ["plant", "trip", "exhaust", "OC1"],
+                "CODE cannot be 'OC1'; write a whole number (see drivecomm plant trip",
+            ),
+            (["read", "vabus:1", "481", "--baudrate", "fast"], "--baudrate cannot be 'fast'; write a whole number"),
+            (["poll", "vabus:1", "481", "--for", "ever"], "--for cannot be 'ever'; write a number"),
+        ],
+    )
+    def test_what_is_no_number_is_said_in_words(self, shell, arguments, sentence):
+        assert shell(*arguments, "--json", port=None) == 2
+        assert sentence in shell.err
+        assert shell.objects[0]["exit_code"] == 2
+
+    def test_an_error_of_the_machine_is_one_sentence(self, shell, monkeypatch):
+        def full(*_):
+            raise OSError(errno.ENOSPC, "No space left on device", "values.csv")
+
+        shell.line()
+        monkeypatch.setattr(VirtualLine, "receive", full)
+        assert shell("status", "vabus:1") == 1
+        assert shell.err == "drivecomm: values.csv: No space left on device\n"
 
     def test_what_is_our_fault_is_not_hidden(self, shell, monkeypatch):
         def broken(*_):

@@ -10,6 +10,7 @@ import time
 import pytest
 
 import drivecomm
+from drivecomm.drive import Drive
 from drivecomm.virtual import virtual_drive
 from drivecomm.virtual.plant_control import PlantControl
 from drivecomm.watchdog import read_watchdog
@@ -60,9 +61,58 @@ def test_hold_against_a_watchdog_that_is_on(shell):
 
 
 @posix
-def test_it_stays_until_it_is_told_to_stop(shell):
+@pytest.mark.parametrize(("number", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
+def test_hold_that_is_interrupted_stops_the_motor_again_and_says_so(shell, monkeypatch, number, code):
+    line = shell.line(virtual_drive("vabus", 1))
+    start = Drive.start
+
+    def interrupted(drive, **how):
+        start(drive, **how)
+        assert line.drives[0].motor.running
+        os.kill(os.getpid(), signal.Signals[number])
+
+    monkeypatch.setattr(Drive, "start", interrupted)
+    assert shell("start", "vabus:1", "--link-loss", "hold") == code
+    assert shell.out == ""
+    assert shell.err.splitlines() == [
+        "drivecomm: vabus:1 was told to stop, because its start was interrupted",
+        "drivecomm: interrupted",
+    ]
+    line.advance(60)
+    line.drives[0].motor.advance(line.time)
+    assert not line.drives[0].motor.running
+
+
+@posix
+def test_hold_that_is_interrupted_says_when_the_stop_is_not_confirmed(shell, monkeypatch):
+    line = shell.line(virtual_drive("vabus", 1))
+
+    def interrupted(*_, **__):
+        line.power_off(line.drives[0])
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(Drive, "start", interrupted)
+    assert shell("start", "vabus:1", "--link-loss", "hold") == 130
+    assert "vabus:1 may be running, because its stop is not confirmed: vabus:1 did not answer" in shell.err
+
+
+@posix
+def test_hold_that_is_interrupted_before_the_start_commands_nothing(shell):
     line = shell.line(virtual_drive("vabus", 1, model="agile"))
-    line.call_at(100, lambda: os.kill(os.getpid(), signal.SIGTERM))
+    heard = []
+    line.monitor = lambda sent: heard.append(sent.data)
+    line.call_at(0.001, lambda: os.kill(os.getpid(), signal.SIGINT))
+    assert shell("start", "vabus:1", "--link-loss", "hold", "-m", "agile") == 130
+    assert shell.err == "drivecomm: interrupted\n"
+    # Reading the watchdog is all that was done.
+    assert not any(data[:1] == b"\x04" and b"\x02" in data for data in heard)
+
+
+@posix
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_it_stays_until_it_is_told_to_stop(shell, number):
+    line = shell.line(virtual_drive("vabus", 1, model="agile"))
+    line.call_at(100, lambda: os.kill(os.getpid(), signal.Signals[number]))
     given = ("start", "vabus:1", "--link-loss", "trip", "--watchdog", "3", "-m", "agile", "--hz", "10")
     assert shell(*given) == 0
     assert shell.out.splitlines() == [

@@ -50,7 +50,7 @@ def simulated():
 
 
 @posix
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_it_stops_cleanly(simulated, tmp_path, number):
     path = tmp_path / "line"
     process, _ = simulated(f"pty:{path}")

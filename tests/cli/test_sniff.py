@@ -3,6 +3,7 @@
 import json
 import os
 import socket
+import subprocess
 import sys
 import threading
 from collections import defaultdict
@@ -207,6 +208,35 @@ def test_a_port_that_is_lost_is_an_error_after_the_summary(run, at_port):
     assert any(one.get("what") == "statistics" for one in objects(output))
 
 
+@pytest.mark.parametrize("seconds", [(), ("--for", "2")])
+def test_a_line_on_which_nobody_talks_is_said_to_be_silent(run, at_port, seconds):
+    at_port(Played([] if not seconds else [(100.0, b"too late")]))
+    code, output = run("/dev/ttyUSB9", *seconds)
+    assert code == 1
+    assert "/dev/ttyUSB9: nothing was heard; check that somebody talks" in output.err
+    at_port(Played([]))
+    code, output = run("/dev/ttyUSB9", "--json")
+    assert (code, objects(output)[-1]["exit_code"]) == (1, 1)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells who holds a port")
+def test_a_line_that_another_command_uses_is_left_to_it_unless_it_is_shared_on_purpose(run):
+    near, far = os.openpty()
+    name = os.ttyname(far)
+    program = [sys.executable, "-m", "drivecomm", "sniff", name]
+    with subprocess.Popen(program, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL) as other:
+        assert b"listening" in other.stderr.readline()
+        code, output = run(name, "--for", "0.1")
+        assert code == 3
+        assert output.err.startswith(f"drivecomm: port {name} is in use by drivecomm sniff (pid {other.pid}); end")
+        code, output = run(name, "--for", "0.01", "--shared")
+        assert code == 1
+        assert "shared: 9600 8N1 is not set, the other program's line settings hold" in output.err
+        other.kill()
+    os.close(near)
+    os.close(far)
+
+
 def test_the_line_settings_are_found_by_listening(run, at_port):
     talk = [(number * 0.1 + part, data) for number in range(60) for part, data in ((0.0, ENQUIRY), (0.03, VALUE))]
     at_port(Played([(time_s + 0.5, data) for time_s, data in talk]))
@@ -269,6 +299,7 @@ def test_a_serial_server_is_listened_to_and_gets_nothing(run):
         (["/dev/ttyUSB9", "--drive", "vabus:1,model=none"], "no model 'none'"),
         (["/dev/ttyUSB9", "--drive", "vabus:1,colour=red"], "no option 'colour'"),
         (["rfc2217://127.0.0.1:1"], "without sending"),
+        (["socket://127.0.0.1:1", "--shared"], "shared by its server"),
     ],
 )
 def test_what_cannot_be_is_one_sentence(run, arguments, text):

@@ -1,15 +1,19 @@
 """stop --all: broadcasts first, then every drive by itself, all lines at once, and no word more than was confirmed."""
 
 import os
+import signal
 import subprocess
 import sys
+from contextlib import nullcontext
+from threading import Event
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from running_plant import motors
 
 from drivecomm.bus import Bus
-from drivecomm.cli import drives, entry, run
+from drivecomm.cli import drives, entry, run, stopping
 from drivecomm.cli.stop_at_once import given_in_haste
 from drivecomm.cli.stopping import Everything
 from drivecomm.errors import NotSupported, UsageError
@@ -17,66 +21,6 @@ from drivecomm.status import Stop
 from drivecomm.virtual import virtual_drive
 
 posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
-
-PLANT = """
-format = 1
-[[line]]
-name = "hall"
-port = "hall"
-[[line]]
-name = "yard"
-port = "yard"
-echo = true
-baudrate = 4800
-[[line]]
-name = "spare"
-[[drive]]
-name = "pump"
-drive = "vabus:1"
-line = "hall"
-options = { model = "agile" }
-[[drive]]
-name = "lift"
-drive = "vabus:2"
-line = "hall"
-[[drive]]
-name = "fan"
-drive = "danfoss-fc:3"
-line = "hall"
-[[drive]]
-name = "mill"
-drive = "fuji:7"
-line = "yard"
-"""
-
-
-@pytest.fixture
-def plant(shell, tmp_path):
-    """Two lines with running drives; gives the plant file, the lines, and what is heard on them."""
-    lines = {
-        "hall": shell.line(
-            virtual_drive("vabus", 1), virtual_drive("vabus", 2), virtual_drive("danfoss-fc", 3), name="hall"
-        ),
-        "yard": shell.line(virtual_drive("fuji", 7, baudrate=4800), name="yard", echo=True),
-    }
-    for name in ("vabus:1", "vabus:2", "danfoss-fc:3"):
-        assert shell("start", name, "--link-loss", "hold", port="hall") == 0
-    assert shell("start", "fuji:7", "--link-loss", "hold", "--echo", "--baudrate", "4800", port="yard") == 0
-    heard = []
-    for name, line in lines.items():
-        line.advance(20)
-        line.monitor = lambda sent, name=name: heard.append((name, sent.source, sent.data))
-    path = tmp_path / "plant.toml"
-    path.write_text(PLANT, encoding="utf-8")
-    return path, lines, heard
-
-
-def motors(lines):
-    for line in lines.values():
-        line.advance(60)
-        for drive in line.drives:
-            drive.motor.advance(line.time)
-    return [drive.motor.running for line in lines.values() for drive in line.drives]
 
 
 def test_a_plant(shell, plant):
@@ -231,15 +175,47 @@ def test_ctrl_c(shell, monkeypatch):
     assert "interrupted" in shell.err
 
 
-def test_a_mistake_of_ours_in_a_thread_is_not_swallowed(shell, plant, monkeypatch):
-    path, _, _ = plant
+@posix
+def test_a_signal_does_not_break_off_the_first_round(shell, plant):
+    path, lines, _ = plant
+    hall = lines["hall"]
+    hall.power_off(hall.drives[0])
+    hall.call_at(hall.time + 0.5, lambda: signal.raise_signal(signal.SIGTERM))
+    assert shell("stop", "--all", "--plant", str(path), port=None) == 5
+    assert "hall: pump has not confirmed its stop: vabus:1 did not answer" in shell.err
+    assert shell.out.count("confirmed") == 3
+    assert motors(lines)[1:] == [False] * 3
 
-    def fall(*_):
-        raise ZeroDivisionError
 
-    monkeypatch.setattr("drivecomm.cli.stopping._each", fall)
+def test_after_a_signal_there_is_no_second_round(shell, plant, monkeypatch):
+    path, lines, heard = plant
+    hall = lines["hall"]
+    hall.power_off(hall.drives[0])
+    signalled = Event()
+    signalled.set()
+    monkeypatch.setattr(stopping, "until_stopped", lambda: nullcontext(signalled))
+    assert shell("stop", "--all", "--plant", str(path), port=None) == 5
+    assert shell.out.count("confirmed") == 3
+    to_pump = [data for name, source, data in heard if (name, source, data[:2]) == ("hall", "master", b"\x04A")]
+    assert len(to_pump) == 1
+
+
+def test_a_mistake_of_ours_in_a_thread_is_not_swallowed(shell, plant, monkeypatch, capsys):
+    path, lines, _ = plant
+
+    each = stopping._each
+
+    def fall(bus, line, *others):
+        if line.name == "hall":
+            raise ZeroDivisionError
+        each(bus, line, *others)
+
+    monkeypatch.setattr(stopping, "_each", fall)
     with pytest.raises(ZeroDivisionError):
         shell("stop", "--all", "--plant", str(path), port=None)
+    # Nor does it keep the other lines from being stopped.
+    assert "yard: mill  stop (ramp) confirmed" in capsys.readouterr().out
+    assert motors({"yard": lines["yard"]}) == [False]
 
 
 # The short way and the usual way are one

@@ -1,6 +1,7 @@
 """The page about errors names every class of the tree with its exit code, in the tree's own order."""
 
 import re
+import signal
 
 import pytest
 from pages import ROOT
@@ -8,6 +9,7 @@ from pages import ROOT
 import drivecomm
 from drivecomm import errors
 from drivecomm.cli.run import INTERRUPTED
+from drivecomm.cli.streams import NOT_READ
 
 PAGE = (ROOT / "docs" / "errors.md").read_text(encoding="utf-8")
 
@@ -41,4 +43,5 @@ def test_drawing_and_docstring_show_the_whole_tree():
 
 def test_exit_codes():
     shown = {int(code) for code in re.findall(r"^\| (\d+) \|", PAGE, re.MULTILINE)}
-    assert shown == {0, INTERRUPTED} | {kind.exit_code for kind in KINDS}
+    by_signals = {128 + number for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)}
+    assert shown == {0, INTERRUPTED, NOT_READ, *by_signals} | {kind.exit_code for kind in KINDS}

@@ -109,3 +109,20 @@ def test_many_readings_that_share_bytes_are_chosen_from_without_trying_all_choic
     with counted() as lines:
         assert choose(chain) is None
     assert lines[0] < 1_000_000
+
+
+@pytest.mark.parametrize("flood", ["start of VABus", "start of 7E1"])
+def test_a_flood_of_single_characters_costs_no_more_than_others(flood):
+    assert effort(FLOODS[flood], 20_000, 512) < effort(FLOODS["noise"], 20_000, 512)
+
+
+def test_a_single_character_said_a_few_times_is_still_taken_for_what_it_may_be():
+    def kinds(number):
+        sniffer, found = Sniffer(PROTOCOLS, settings=SETTINGS), []
+        for at, data in enumerate((ENQUIRY, VALUE, b"\x04" * number)):
+            found += sniffer.feed(Piece(time_s=0.05 * at, data=data))
+        return [len(each.data) for each in found + sniffer.finish()][2:]
+
+    assert kinds(1) == [1]
+    assert kinds(2) == [1, 1]
+    assert kinds(30) == [30]

@@ -14,7 +14,7 @@ from drivecomm.capture.pieces import Piece
 from drivecomm.decoding import encode
 from drivecomm.line import LineSettings
 from drivecomm.registry import installed
-from drivecomm.sniffer import AmbiguousTelegram, HeardTelegram, Sniffer, UnknownBytes
+from drivecomm.sniffer import AmbiguousTelegram, HeardTelegram, Sniffer, UnknownBytes, Watch
 from drivecomm.virtual.uart import heard as as_heard
 
 
@@ -327,3 +327,62 @@ def test_the_traffic_marks_what_happened_to_it():
     spoilt = [one for one in traffic.sent if not isinstance(one.data, Meant)]
     assert spoilt
     assert {one.source for one in traffic.sent} == set(DIRECTIONS)
+
+
+# A reply that equals its request in everything
+
+
+def fc(direction, ak, pnu, pwe, word):
+    words = ("control_word", "reference") if direction == "request" else ("status_word", "main_actual")
+    fields = {"kind": "parameter", "address_format": "1-126", "address": 1, "ind": 0, "ak": ak, "pnu": pnu, "pwe": pwe}
+    return encode("danfoss-fc", {**fields, words[0]: word, words[1]: 0}, direction=direction)
+
+
+FC_SETTINGS = LineSettings()
+VOLTAGE = (fc("request", 1, 1630, 0, 0), fc("reply", 1, 1630, 560, 0x607))
+CURRENT = (fc("request", 1, 1614, 0, 0), fc("reply", 1, 1614, 0, 0x607))
+NOTHING = (fc("request", 0, 0, 0, 0), fc("reply", 0, 0, 0, 0))
+ROUND = (*VOLTAGE, *CURRENT, *NOTHING)
+
+
+def said(*talk, pause_s=0.02):
+    """Let a master talk with its drive; None stands for what was missed. Returns the directions and the outcomes."""
+    watch, now, events = Watch(PROTOCOLS), 0.0, []
+    for number, data in enumerate(talk):
+        now += (0.01 if number % 2 else pause_s) + 16 * FC_SETTINGS.character_s
+        if data is not None:
+            events += watch.feed(Piece(time_s=now, data=data))
+    events += watch.finish()
+    directions = [event.finding.direction for event in events if isinstance(event.finding, HeardTelegram)]
+    return directions, [event.pair.outcome for event in events if event.pair]
+
+
+def test_a_reply_that_equals_its_request_is_known_by_its_time():
+    assert NOTHING[0] == NOTHING[1]
+    directions, outcomes = said(*ROUND * 4)
+    assert directions == ["request", "reply"] * 12
+    assert outcomes == ["answered"] * 12
+
+
+@pytest.mark.parametrize("missed", range(6))
+def test_also_after_an_exchange_of_which_one_half_was_missed(missed):
+    talk = [*ROUND, *ROUND, *ROUND, *ROUND, *ROUND]
+    talk[12 + missed] = None
+    directions, outcomes = said(*talk)
+    assert len(directions) == 29
+    assert len(outcomes) - outcomes.count("answered") == 1
+    assert directions[18:] == (["request", "reply"] * 15)[19:]
+
+
+def test_what_is_said_again_without_a_pause_or_after_the_time_of_a_reply_is_no_reply():
+    again = [*ROUND, *ROUND, CURRENT[0]]
+    watch, now, events = Watch(PROTOCOLS), 0.0, []
+    for number, data in enumerate(again):
+        now += (0.01 if number % 2 else 0.02) + 16 * FC_SETTINGS.character_s
+        events += watch.feed(Piece(time_s=now, data=data))
+    for pause_s in (0.0, 0.08):
+        now += pause_s + 16 * FC_SETTINGS.character_s
+        events += watch.feed(Piece(time_s=now, data=CURRENT[0]))
+    events += watch.finish()
+    assert [event.finding.direction for event in events if event.finding][-3:] == ["request"] * 3
+    assert [event.retries for event in events if event.finding][-3:] == [0, 1, 2]

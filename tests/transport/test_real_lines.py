@@ -216,3 +216,14 @@ def test_ser2net_in_between(kind, examples, serving, ser2net):
             for example, virtual in list(zip(examples, drives, strict=True)) * 2:
                 reading = example.on(bus).read(example.parameter)
                 assert reading.raw == virtual.peek(example.parameter, server.now())
+
+
+@pytest.mark.parametrize("kind", ["socket", "rfc2217"])
+def test_ser2net_serves_one_client_and_says_so_to_the_next(kind, serving, ser2net):
+    with serving([virtual_drive("vabus", 1)]) as virtual:
+        url = ser2net(virtual.address, kind)
+        with opened_when_it_listens(url) as bus:
+            bus.drive("vabus", 1).probe()
+            with pytest.raises(drivecomm.PortError, match="serves somebody else at present: it closed the connection"):
+                drivecomm.open_bus(url)
+            bus.drive("vabus", 1).probe()

@@ -284,6 +284,15 @@ class TestControl:
         with running(control=f"unix:{path}"), PlantControl(f"unix:{path}") as control:
             assert control.order("show")
 
+    @posix
+    def test_a_unix_socket_of_another_plant_is_not_taken_over(self, tmp_path):
+        place = f"unix:{tmp_path / 'control'}"
+        with running(control=place):
+            with pytest.raises(PortError, match="another plant is steered at"):
+                PlantServer(plant_of(), control=place).__enter__()
+            with PlantControl(place) as control:
+                assert control.order("show")
+
     @pytest.mark.parametrize("text", ["", "here", "host:", "host:x", "host:70000", "unix:"])
     def test_what_is_no_place(self, text):
         with pytest.raises(UsageError, match=r"write HOST:PORT or unix:PATH|write unix:PATH"):

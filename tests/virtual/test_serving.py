@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import random
 import select
 import socket
 import struct
+import subprocess
 import sys
 import threading
 import time
@@ -59,6 +61,27 @@ def connected(server):
 def answered(master, request=ENQUIRY):
     master.sendall(request)
     return received(master, len(VALUE) + 1)
+
+
+def until_answered(master):
+    """Read until the value has come; with RFC 2217 there is negotiation before it."""
+    data = b""
+    while VALUE not in data:
+        piece = master.recv(1000)
+        assert piece
+        data += piece
+
+
+def closed(master):
+    """Tell whether the server closes the connection; what it says before that is dropped."""
+    try:
+        while master.recv(1000):
+            pass
+    except ConnectionResetError:
+        return True
+    except TimeoutError:
+        return False
+    return True
 
 
 def received(master, length):
@@ -144,14 +167,57 @@ class TestTcp:
                 with connected(server) as master:
                     assert answered(master)[:-1] == VALUE
 
-    def test_the_next_master_waits_for_the_present_one(self):
-        with running("tcp::0") as server, connected(server) as first:
-            assert answered(first)[:-1] == VALUE
+    @pytest.mark.parametrize("kind", ["tcp", "rfc2217"])
+    def test_a_second_master_is_turned_away_at_once(self, kind):
+        with running(f"{kind}::0") as server, connected(server) as first:
+            first.sendall(ENQUIRY)
+            until_answered(first)
+            began = time.monotonic()
             with connected(server) as second:
-                second.sendall(ENQUIRY)
-                assert answered(first)[:-1] == VALUE
-                first.close()
-                assert received(second, len(VALUE) + 1)[:-1] == VALUE
+                assert closed(second)
+            assert time.monotonic() - began < 0.5
+            first.sendall(ENQUIRY)
+            until_answered(first)
+            first.close()
+            with connected(server) as third:
+                third.sendall(ENQUIRY)
+                until_answered(third)
+
+    def test_what_a_master_sent_before_it_went_still_goes_out_before_the_next_one_is_served(self):
+        with running("tcp::0") as server:
+            heard = []
+            server.line.monitor = lambda sent: heard.append(sent.data)
+            for _ in range(20):
+                with connected(server) as master:
+                    master.sendall(ENQUIRY)
+                with connected(server) as master:
+                    time.sleep(0.01)
+                    assert answered(master)[:-1] == VALUE
+            assert heard.count(ENQUIRY) == 40
+
+    def test_a_flood_ends_with_the_master_who_sent_it(self):
+        with running("tcp::0", paced=True) as server:
+            with connected(server) as master:
+                master.settimeout(0.2)
+                with pytest.raises(TimeoutError):
+                    master.sendall(bytes(16_000_000))
+            began = time.monotonic()
+            data = b""
+            while not data and time.monotonic() - began < 5:
+                # Until the flood has been thrown away somebody may be turned away.
+                with connected(server) as master, contextlib.suppress(ConnectionError, TimeoutError):
+                    master.settimeout(1)
+                    time.sleep(0.6)
+                    data = answered(master)
+            assert data[:-1] == VALUE
+
+    def test_a_flood_of_a_master_who_stays_lets_nobody_else_in(self):
+        with running("tcp::0", paced=True) as server, connected(server) as master:
+            master.settimeout(0.2)
+            with pytest.raises(TimeoutError):
+                master.sendall(bytes(16_000_000))
+            with connected(server) as second:
+                assert closed(second)
 
     def test_a_master_that_breaks_off(self):
         with running("tcp::0") as server:
@@ -349,6 +415,26 @@ class TestPseudoTerminal:
     def test_a_link_left_behind_is_replaced(self, tmp_path):
         path = tmp_path / "drive"
         path.symlink_to(tmp_path / "nowhere")
+        with running(f"pty:{path}") as server:
+            assert self.ask(server.address)[:-1] == VALUE
+
+    def test_a_link_in_use_is_not_taken_over(self, tmp_path):
+        path = tmp_path / "drive"
+        with running(f"pty:{path}") as server:
+            with pytest.raises(PortError, match=rf"{path} leads to /dev/.*, which another program serves; choose"):
+                parse_listen(f"pty:{path}").open()
+            assert self.ask(server.address)[:-1] == VALUE
+
+    def test_what_serves_a_link_is_named(self, tmp_path):
+        path = tmp_path / "drive"
+        program = [sys.executable, "-m", "drivecomm", "simulate", "-d", "vabus:1", "-l", f"pty:{path}", "--json"]
+        with subprocess.Popen(program, stdout=subprocess.PIPE) as simulator:
+            simulator.stdout.readline()
+            with pytest.raises(PortError, match=rf"which drivecomm simulate \(pid {simulator.pid}\) serves"):
+                parse_listen(f"pty:{path}").open()
+            simulator.kill()
+        # Now it is left behind.
+        assert path.is_symlink()
         with running(f"pty:{path}") as server:
             assert self.ask(server.address)[:-1] == VALUE
 

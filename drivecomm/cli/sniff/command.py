@@ -13,10 +13,10 @@ import typer
 from drivecomm.capture.files import CaptureWriter, read_capture
 from drivecomm.capture.pieces import Provenance
 from drivecomm.cli.drive_names import parse_drive
-from drivecomm.cli.output import emit, say
+from drivecomm.cli.output import complain, emit, say
 from drivecomm.cli.sniff.lines import emit_event, say_event
 from drivecomm.cli.sniff.naming import Naming
-from drivecomm.cli.sniff.sources import Ear, is_file, opened, pieces_from, with_settings
+from drivecomm.cli.sniff.sources import Ear, is_file, opened, opened_shared, pieces_from, with_settings
 from drivecomm.cli.sniff.table import LiveTable, emit_summary, print_summary
 from drivecomm.errors import LinkError, UsageError
 from drivecomm.line import LineSettings
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from drivecomm.transport.listening import ListeningPort
 
 _LINE = "Line"
+_NOTHING_HEARD = 1
 
 
 def sniff(
@@ -60,6 +61,9 @@ def sniff(
     find: Annotated[
         bool, typer.Option("--detect", help="Find baud rate, parity and protocol first, by listening.")
     ] = False,
+    shared: Annotated[
+        bool, typer.Option("--shared", help="Listen at a port that another program has open; each gets half the bytes.")
+    ] = False,
     seconds: Annotated[float | None, typer.Option("--for", metavar="SECONDS", help="End after this time.")] = None,
     baudrate: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="Bits per second.")] = None,
     bytesize: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="Data bits, 7 or 8.")] = None,
@@ -67,7 +71,10 @@ def sniff(
     stopbits: Annotated[float | None, typer.Option(rich_help_panel=_LINE, help="1, 1.5 or 2.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
 ) -> int:
-    """Listen to a line on which others talk, without ever sending, or read a capture; Ctrl-C ends with a summary."""
+    """Listen to a line on which others talk, without ever sending, or read a capture; Ctrl-C ends with a summary.
+
+    The port is this program's alone unless --shared is given. Exit code 1 when nothing was heard.
+    """
     if table and as_json:
         raise UsageError("--table is for people and --json for scripts; choose one")
     naming = Naming([parse_drive(text) for text in drives or []], everybody=names)
@@ -81,13 +88,20 @@ def sniff(
     )
     output = _output(job, table=table, as_json=as_json)
     if is_file(place):
-        if find or seconds is not None:
-            raise UsageError("--detect and --for are for ports; a capture holds what was heard with its settings")
+        if find or shared or seconds is not None:
+            raise UsageError(
+                "--detect, --shared and --for are for ports; a capture holds what was heard with its settings"
+            )
         job.read(place, write, output)
-    else:
-        tell = _emit_detected if as_json else _say_detected
-        job.listen(place, write, output, told=tell if find else None, seconds=seconds)
-    return 0
+        return 0
+    tell = _emit_detected if as_json else _say_detected
+    open_port = opened_shared if shared else opened
+    heard = job.listen(place, write, output, open_port=open_port, told=tell if find else None, seconds=seconds)
+    if heard:
+        return 0
+    served = ", and that its server serves nobody else" if "://" in place else ""
+    complain(f"{place}: nothing was heard; check that somebody talks on this line, its wiring{served}", as_json=as_json)
+    return _NOTHING_HEARD
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,6 +123,7 @@ class Job:
     chosen: frozenset[str]
     errors_only: bool
     _watches: dict[str, Watch] = field(default_factory=dict)
+    _heard: bool = False
 
     def counted(self) -> Mapping[str, Mapping[str, Statistics]]:
         """Return what was counted by now, by line."""
@@ -129,12 +144,16 @@ class Job:
         write: str | None,
         output: Output,
         *,
+        open_port: Callable[[str, LineSettings], ListeningPort],
         told: Callable[[str, Detected], None] | None,
         seconds: float | None,
-    ) -> None:
-        """Show what is said at a port. told: the line settings are found by listening, and it is told."""
+    ) -> bool:
+        """Show what is said at a port; return whether anything was.
+
+        told: the line settings are found by listening, and it is told.
+        """
         settings = self._settings(self.naming.settings)
-        with closing(opened(place, settings)) as port:
+        with closing(open_port(place, settings)) as port:
             if told is not None:
                 settings = _found_settings(place, port, self.protocols, told)
             note = port.configure(settings)
@@ -144,6 +163,7 @@ class Job:
                 began=datetime.now(UTC), tool=f"drivecomm {__version__}", port=place, settings=settings
             )
             self._show(pieces_from(port, settings, seconds), settings, write, provenance, output)
+        return self._heard
 
     def _settings(self, of_drives: LineSettings | None) -> LineSettings:
         facts = self.protocols[0].facts if len(self.protocols) == 1 else None
@@ -177,6 +197,7 @@ class Job:
             for piece in pieces:
                 if writer is not None:
                     writer.add(piece)
+                self._heard = self._heard or bool(piece.data)
                 watch = self._watch(piece.line, settings)
                 yield from watch.feed(piece) if piece.data else watch.flush(piece.time_s)
         finally:

@@ -64,10 +64,17 @@ class Ear:
 
 
 def opened(name: str, settings: LineSettings) -> ListeningPort:
-    """Open a port that can only listen, see `listening_port`."""
+    """Open a port that can only listen, and keep it to this program, see `listening_port`."""
     from drivecomm.transport.listening import listening_port  # noqa: PLC0415 - loads pyserial's list of ports
 
     return listening_port(name, settings)
+
+
+def opened_shared(name: str, settings: LineSettings) -> ListeningPort:
+    """Open a port that can only listen, and that another program uses, see `shared_listening_port`."""
+    from drivecomm.transport.listening import shared_listening_port  # noqa: PLC0415 - as above
+
+    return shared_listening_port(name, settings)
 
 
 def with_settings(piece: Piece, settings: LineSettings | None) -> Piece:

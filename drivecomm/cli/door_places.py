@@ -1,0 +1,190 @@
+"""Where the door of a port is that a program holds: a socket in its owner's runtime folder, named by the port.
+
+Only who owns the folder can reach it. Where there are no Unix sockets, it is a port of this machine, and a file beside
+it holds its number and two secrets, by which either side knows the other.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import socket
+import struct
+import sys
+import warnings
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote, urlsplit
+
+LONGEST_LINE = 1 << 16
+_HAS_UNIX_SOCKETS = hasattr(socket, "AF_UNIX") and os.name == "posix"
+_CHUNK = 4096
+
+
+def door_file(port: str) -> Path:
+    """Return the place of a port's door, by whatever name or link the port is called."""
+    # It takes some milliseconds to load, which only those need who look for a door.
+    from platformdirs import user_runtime_path  # noqa: PLC0415
+
+    with warnings.catch_warnings():
+        # Without a session, as in a service, the folder is another one, and that is no news.
+        warnings.simplefilter("ignore")
+        return user_runtime_path("drivecomm", appauthor=False) / f"{quote(_one_name(port), safe='')}.door"
+
+
+def _one_name(port: str) -> str:
+    if "://" not in port:
+        return port.upper() if os.name == "nt" else os.path.realpath(port)
+    parts = urlsplit(port)
+    # Raw TCP and RFC 2217 lead to the same line.
+    host = (parts.hostname or "").replace("localhost", "127.0.0.1")
+    return f"{host}:{parts.port}"
+
+
+def is_private(folder: Path) -> bool:
+    """Whether nobody else can put anything into this folder; False, too, where there is none."""
+    try:
+        found = folder.stat()
+    except OSError:
+        return False
+    return os.name != "posix" or (found.st_uid == os.getuid() and not found.st_mode & 0o077)
+
+
+class Doorway:
+    """A door that is open: programs of the same user can come in until it is closed. Raises OSError."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not is_private(file.parent):
+            raise PermissionError(f"{file.parent} belongs to somebody else, or is open to others")
+        other = reached(file)
+        if other is not None:
+            other.close()
+            raise FileExistsError("another program has a door for this port")
+        file.unlink(missing_ok=True)
+        self._secrets = ("", "")
+        if _HAS_UNIX_SOCKETS:
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        else:
+            self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+            self._secrets = (secrets.token_hex(16), secrets.token_hex(16))
+        try:
+            self._bind()
+        except OSError:
+            self._socket.close()
+            raise
+
+    def let_in(self, wait_s: float) -> Connection | None:
+        """Return the next program that comes within this time; None when none does."""
+        self._socket.settimeout(wait_s)
+        try:
+            connection = Connection(self._socket.accept()[0])
+        except OSError:
+            return None
+        asked, answered = self._secrets
+        if asked:
+            with suppress(OSError, ValueError):
+                if secrets.compare_digest(str(connection.read(1.0).get("secret")), asked):
+                    connection.write(secret=answered)
+                    return connection
+            connection.close()
+            return None
+        return connection
+
+    def close(self) -> None:
+        """Let nobody in any more, and leave nothing behind."""
+        self._file.unlink(missing_ok=True)
+        self._socket.close()
+
+    def _bind(self) -> None:
+        if _HAS_UNIX_SOCKETS:
+            # Nobody can come in before the socket listens.
+            self._socket.bind(str(self._file))
+            self._file.chmod(0o600)
+            self._socket.listen()
+            return
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.listen()
+        descriptor = os.open(self._file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            json.dump([self._socket.getsockname()[1], *self._secrets], file)
+
+
+def reached(file: Path, limit_s: float = 1.0) -> Connection | None:
+    """Return the connection to the program behind a door; None when there is none, and what one has left is removed.
+
+    Raises OSError when somebody is there who lets nobody in.
+    """
+    if not file.exists() or not is_private(file.parent):
+        return None
+    try:
+        if _HAS_UNIX_SOCKETS:
+            connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            try:
+                connection.settimeout(limit_s)
+                connection.connect(str(file))
+            except OSError:
+                connection.close()
+                raise
+            return Connection(connection)
+        return _recognised(file, limit_s)
+    except (ConnectionRefusedError, FileNotFoundError):
+        # The program was killed.
+        file.unlink(missing_ok=True)
+        return None
+
+
+def _recognised(file: Path, limit_s: float) -> Connection:
+    number, asked, answered = json.loads(file.read_text(encoding="utf-8"))
+    connection = Connection(socket.create_connection(("127.0.0.1", number), timeout=limit_s))
+    try:
+        connection.write(secret=asked)
+        if secrets.compare_digest(str(connection.read(limit_s).get("secret")), answered):
+            return connection
+    except (OSError, ValueError):
+        pass
+    connection.close()
+    # Somebody else has the number now.
+    raise ConnectionRefusedError
+
+
+class Connection:
+    """Objects of JSON, one a line, in either direction; no line is longer than `LONGEST_LINE`."""
+
+    def __init__(self, connected: socket.socket) -> None:
+        self._socket = connected
+        self._pending = b""
+
+    @property
+    def pid(self) -> int | None:
+        """The process at the other end, where the system tells; a hung one, too."""
+        if sys.platform == "linux" and self._socket.family == socket.AF_UNIX:
+            return int(struct.unpack("3i", self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))[0])
+        return None
+
+    def write(self, **content: Any) -> None:
+        """Send an object. Raises OSError."""
+        self._socket.sendall(json.dumps(content).encode() + b"\n")
+
+    def read(self, limit_s: float) -> dict[str, Any]:
+        """Return the next object, or raise TimeoutError, ConnectionError, or ValueError for what is none."""
+        self._socket.settimeout(limit_s)
+        while b"\n" not in self._pending:
+            if len(self._pending) > LONGEST_LINE:
+                raise ValueError("a line without end")
+            piece = self._socket.recv(_CHUNK)
+            if not piece:
+                raise ConnectionResetError("the other program has gone")
+            self._pending += piece
+        line, _, self._pending = self._pending.partition(b"\n")
+        content = json.loads(line)
+        if not isinstance(content, dict):
+            raise TypeError("no object")
+        return content
+
+    def close(self) -> None:
+        """End it."""
+        self._socket.close()

@@ -1,0 +1,106 @@
+"""Ctrl-C, and SIGTERM and SIGHUP, which are treated as Ctrl-C is: by every command, from its first moment to its last.
+
+They raise KeyboardInterrupt; what must not be broken off is only told of them. SIGHUP stays ignored where it was at the
+start, as nohup wants it.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from contextlib import contextmanager
+from threading import Event
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+_ALL = tuple(signal.Signals[name] for name in _NAMES if name in signal.Signals.__members__)
+
+# A terminal that is closed sends more than one, and people press Ctrl-C twice: that is the same wish.
+_ONE_WISH_S = 1.0
+
+
+class _State:
+    """The first signal that came to the command, and when; loading: the command has not begun."""
+
+    loading = True
+    number = 0
+    at = 0.0
+
+
+def interrupted() -> int:
+    """Return the number of the first signal that came to the command, 0 for none."""
+    return _State.number
+
+
+def interrupt() -> None:
+    """Let the first signal raise KeyboardInterrupt, and later ones end what does not come to its end by that.
+
+    Until `loaded` the first one ends the process: an exception does not get out of all that happens in an import, and
+    nothing has been opened or sent.
+    """
+    _State.loading = True
+    _take(_interrupt)
+
+
+def loaded() -> None:
+    """Say that the command begins."""
+    _State.loading, _State.number = False, 0
+
+
+def go_on() -> None:
+    """Let signals do nothing."""
+    _take(_nothing)
+
+
+def leave() -> None:
+    """Let signals end the process as they end any other."""
+    _take(signal.SIG_DFL)
+
+
+@contextmanager
+def until_stopped() -> Iterator[Event]:
+    """Give an event that signals set, and do nothing else within the block: for what must not be broken off."""
+    stop = Event()
+
+    def tell(number: int, _: object) -> None:
+        _remember(number)
+        stop.set()
+
+    previous = _take(tell)
+    try:
+        yield stop
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def _take(handler: Any) -> dict[signal.Signals, Any]:
+    """Return what was there before."""
+    taken = (number for number in _ALL if not (number.name == "SIGHUP" and signal.getsignal(number) == signal.SIG_IGN))
+    return {number: signal.signal(number, handler) for number in taken}
+
+
+def _nothing(*_: object) -> None:
+    pass
+
+
+def _interrupt(number: int, _: object) -> None:
+    if _State.loading or (_State.number and time.monotonic() - _State.at > _ONE_WISH_S):
+        try:
+            os.write(2, b"drivecomm: interrupted\n")
+        finally:
+            os._exit(128 + number)
+    if _remember(number):
+        raise KeyboardInterrupt
+
+
+def _remember(number: int) -> bool:
+    """Remember the first signal; returns whether it is."""
+    if _State.number:
+        return False
+    _State.number, _State.at = number, time.monotonic()
+    return True

@@ -1,0 +1,109 @@
+"""What can be read of a plant file that is wrong somewhere: the drives that can be stopped all the same.
+
+Only what stopping takes is read: where a line is reached, and which drive is on it. Whatever else is wrong does not
+matter, and an entry that cannot be read does not keep the others from being read.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.line import LineSettings
+from drivecomm.plant.plant import Plant, PlantDrive, PlantLine
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+_ENTRY = re.compile(r"^[ \t]*\[\[[ \t]*(\w+)[ \t]*\]\].*$", re.MULTILINE)
+_SETTINGS = ("baudrate", "bytesize", "parity", "stopbits")
+
+
+def salvaged(path: Path) -> tuple[Plant, list[str]]:
+    """Return the lines and drives that a plant file has as far as it can be read, and a sentence for each that is lost.
+
+    Raises FileFormatError where the file cannot be opened, or has no line or drive that can be read.
+    """
+    try:
+        text = path.read_bytes().decode("utf-8-sig", errors="replace")
+    except OSError as error:
+        raise FileFormatError(f"{path}: {error.strerror or error}") from error
+    entries = list(_entries(text))
+    lines = {line.name: line for kind, entry in entries if kind == "line" and (line := _line(entry))}
+    drives: dict[str, PlantDrive] = {}
+    lost = []
+    for number, entry in enumerate((entry for kind, entry in entries if kind == "drive"), start=1):
+        drive = _drive(entry, next(iter(lines)) if len(lines) == 1 else "")
+        if drive is None or drive.line not in lines:
+            name = entry.get("name", entry.get("drive", ""))
+            lost.append(
+                f"{path}: drive {number}{f' ({name})' if name else ''} cannot be read, so it is not stopped by itself"
+            )
+            continue
+        if drive.name in drives:
+            drive = PlantDrive(
+                protocol=drive.protocol,
+                address=drive.address,
+                line=drive.line,
+                name=f"{drive.protocol}:{drive.address} on {drive.line}",
+                options=drive.options,
+            )
+        drives[drive.name] = drive
+    if not drives:
+        raise FileFormatError(f"{path}: no drive of it can be read")
+    return Plant(lines=tuple(lines.values()), drives=tuple(drives.values())), lost
+
+
+def _entries(text: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    heads = list(_ENTRY.finditer(text))
+    ends = [*(head.start() for head in heads[1:]), len(text)]
+    for head, end in zip(heads, ends, strict=False):
+        # A table of its own, such as [drive.options], belongs to the entry above it.
+        yield head[1], _content(re.sub(rf"(?m)^[ \t]*\[{head[1]}\.", "[", text[head.end() : end]))
+
+
+def _content(text: str) -> dict[str, Any]:
+    with suppress(ValueError, RecursionError):
+        return tomllib.loads(text)
+    entry: dict[str, Any] = {}
+    for line in text.splitlines():
+        if line.lstrip().startswith("["):
+            break
+        with suppress(ValueError, RecursionError):
+            entry.update(tomllib.loads(line))
+    return entry
+
+
+def _line(entry: dict[str, Any]) -> PlantLine | None:
+    name, port, listen = (_text(entry, key) for key in ("name", "port", "listen"))
+    if not name:
+        return None
+    settings: dict[str, Any] = {}
+    for key in _SETTINGS:
+        with suppress(UsageError):
+            LineSettings(**{key: entry[key]} if key in entry else {})
+            settings.update({key: entry[key]} if key in entry else {})
+    return PlantLine(name=name, port=port, listen=listen, echo=entry.get("echo") is True, settings=settings)
+
+
+def _drive(entry: dict[str, Any], only_line: str) -> PlantDrive | None:
+    protocol, _, address = _text(entry, "drive").partition(":")
+    if not protocol or not address.isascii() or not address.isdigit():
+        return None
+    options = entry.get("options")
+    return PlantDrive(
+        protocol=protocol,
+        address=int(address),
+        line=_text(entry, "line") or only_line,
+        name=_text(entry, "name"),
+        options=options if isinstance(options, dict) else {},
+    )
+
+
+def _text(entry: dict[str, Any], key: str) -> str:
+    value = entry.get(key)
+    return value if isinstance(value, str) else ""

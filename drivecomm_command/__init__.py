@@ -1,0 +1,32 @@
+"""The console script. It loads nothing but the rest of it, so that Ctrl-C ends it with one sentence from here on."""
+
+import os
+import sys
+
+
+def main() -> int:
+    """Run the command line and return its exit code."""
+    try:
+        import signal  # noqa: PLC0415 - loading this takes long enough to be interrupted
+
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, None)
+            if number is not None and signal.getsignal(number) != signal.SIG_IGN:
+                signal.signal(number, _go_on if sys.argv[1:2] == ["stop"] else _end)
+    except KeyboardInterrupt:
+        _end(2, None)
+    from drivecomm.cli import main as run  # noqa: PLC0415 - what takes long to load
+
+    return run()
+
+
+def _end(number: int, _: object) -> None:
+    # Not by an exception, which does not get out of everything that happens while modules are loaded.
+    try:
+        os.write(2, b"drivecomm: interrupted\n")
+    finally:
+        os._exit(128 + number)
+
+
+def _go_on(number: int, _: object) -> None:
+    """Let a stop be carried through."""

@@ -1,0 +1,207 @@
+"""Every command with an output that nobody reads, that is full or closed, without input, in ASCII, and interrupted."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer.main
+from forked_commands import Commands
+
+from drivecomm.cli.app import app
+from drivecomm.cli.run import READING
+
+LONG = os.environ.get("DRIVECOMM_LONG") == "1"
+
+pytestmark = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+
+PLANT = """
+format = 1
+[[line]]
+name = "hall"
+listen = "tcp:127.0.0.1:0"
+paced = false
+[[drive]]
+name = "Lüfter"
+drive = "vabus:1"
+options = { model = "agile" }
+armed = true
+[[drive]]
+name = "fan"
+drive = "danfoss-fc:3"
+options = { model = "fc300" }
+armed = true
+"""
+
+MODEL = """
+format = 1
+protocol = "vabus"
+name = "small"
+source = "this test"
+[[parameter]]
+address = "480"
+name = "reference"
+type = "int"
+access = "rw"
+"""
+
+# What makes each command do something and end soon. PORT and CONTROL are those of the plant that is served.
+CALLS = {
+    "demo": "--port nowhere",
+    "protocols": "",
+    "decode": "0441303034383105",
+    "encode": "vabus kind=enquiry address=1 parameter=481",
+    "scan": "--port PORT --protocol vabus --addresses 1 --write found.toml --force",
+    "doctor": "--port nowhere",
+    "stats": "vabus:1 --port PORT --for 0.05",
+    "read": "Lüfter 481",
+    "write": "Lüfter 480 500",
+    "status": "",
+    "start": "Lüfter --link-loss hold",
+    "stop": "--all",
+    "reset": "Lüfter",
+    "reference": "Lüfter 10Hz",
+    "wait": "Lüfter ready",
+    "call": "fan relays relay_1=true",
+    "backup": "Lüfter set.toml --model small.toml",
+    "compare": "factory.toml factory.toml",
+    "restore": "Lüfter factory.toml --model small.toml",
+    "poll": "Lüfter output_frequency --period 0.01 --cycles 3",
+    "watch": "",
+    "plot": "nowhere.csv -o values.png",
+    "forecast": "Lüfter output_frequency@1",
+    "cohabit": "--drive vabus:1",
+    "simulate": "nowhere.toml",
+    "replay": "heard.jsonl --port PORT --faster 100",
+    "sniff": "heard.jsonl",
+    "conformance": "vabus --only no_such_check",
+    "plant trip": "fan 14 --control CONTROL",
+    "plant power": "fan on --control CONTROL",
+    "plant set": "Lüfter 480 500 --control CONTROL",
+    "plant inject": "hall 00 --control CONTROL",
+    "plant fault": "fault.toml --control CONTROL",
+    "plant show": "--control CONTROL",
+    "models list": "vabus",
+    "models show": "agile --quantities",
+    "models check": "nowhere.toml",
+    "models names": "",
+    "models grow": "vabus:1 grown.toml --port nowhere",
+    "vectors check": "nowhere.toml",
+    "vectors from-capture": "heard.jsonl --protocol vabus",
+}
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder with a plant that is served, and with what else the calls name; gives their places."""
+    folder = tmp_path_factory.mktemp("plant")
+    (folder / "served.toml").write_text(PLANT, encoding="utf-8")
+    (folder / "small.toml").write_text(MODEL, encoding="utf-8")
+    (folder / "fault.toml").write_text('line = "hall"\ninject = { data = "00", at_s = 1e6 }\n', encoding="utf-8")
+    command = [sys.executable, "-m", "drivecomm", "simulate", "served.toml", "--json"]
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as served:
+        told = json.loads(served.stdout.readline())
+        places = {"PORT": told["lines"][0]["listening"], "CONTROL": told["control"]}
+        text = PLANT.replace("listen = ", "port = ").replace("tcp:127.0.0.1:0", places["PORT"])
+        (folder / "plant.toml").write_text(text, encoding="utf-8")
+        yield folder, places
+        served.send_signal(signal.SIGTERM)
+
+
+@pytest.fixture(scope="module")
+def run(place):
+    """Runs a call of the table above, under the conditions that are given."""
+    folder, places = place
+    commands = Commands(folder)
+
+    def call(command, **conditions):
+        words = f"{command} {CALLS[command]}".split()
+        done = commands(*(places.get(word, word) for word in words), **conditions)
+        assert "Traceback" not in done.err, (command, conditions, done.err)
+        assert "Exception ignored" not in done.err, (command, conditions, done.err)
+        return done
+
+    commands("read", "Lüfter", "481", "--record", "heard.jsonl")
+    assert commands("backup", "Lüfter", "factory.toml", "--model", "small.toml").code == 0
+    yield call
+    commands.close()
+
+
+def names(command=None, before=""):
+    group = typer.main.get_command(app) if command is None else command
+    for name, each in group.commands.items():
+        if hasattr(each, "commands"):
+            yield from names(each, f"{before}{name} ")
+        else:
+            yield f"{before}{name}"
+
+
+def test_every_command_is_tried():
+    assert set(CALLS) == set(names())
+    assert {name.partition(" ")[0] for name in CALLS} >= READING
+
+
+@pytest.mark.parametrize("command", CALLS)
+def test_broken_output(run, command):
+    usual = run(command)
+    reads = command.partition(" ")[0] in READING
+
+    def allowed(when_lost):
+        if not (reads and usual.out):
+            return {usual.code}
+        # It may end before it knows what else is wrong.
+        return {when_lost, usual.code} - {0}
+
+    gone = run(command, stdout="gone")
+    assert gone.code in allowed(141)
+    assert gone.err == usual.err
+    full = run(command, stdout="full")
+    assert full.code in allowed(1)
+    assert ("standard output cannot be written: No space left" in full.err) == bool(usual.out)
+    assert run(command, stdin="closed", stdout="closed", stderr="closed").code == usual.code
+    ascii_only = run(command, stdin="closed", encoding="ascii")
+    assert ascii_only.code == usual.code
+    assert ascii_only.out.isascii()
+    if LONG:
+        assert run(command, stdout="closed").code == usual.code
+        assert run(command, stdout="full", stderr="full").code == full.code
+        assert run(command, stdout="gone", stderr="gone").code == gone.code
+
+
+@pytest.mark.parametrize("command", CALLS)
+def test_early_ctrl_c(run, command):
+    usual = run(command).code
+    # A stop is carried through, and what has come to its end before is not interrupted.
+    codes = {usual} if command == "stop" else {usual, 130}
+    for milliseconds in (1, 2, 5, 10, 20, 40, 80) if LONG else (2, 20):
+        done = run(command, signal_after_s=milliseconds / 1000)
+        # A process that has not begun is ended by the system.
+        assert done.code in {*codes, -signal.SIGINT}
+        if done.code == 130:
+            assert "drivecomm: interrupted" in done.err
+
+
+# The imports are what takes long, so a signal at each of them, from the first that is ours, is the earliest there is.
+INTERRUPTED_IMPORT = """
+import os, signal, sys
+count = int(sys.argv.pop(1))
+def importing(event, arguments):
+    global count
+    if event == "import" and "drivecomm_command" in sys.modules:
+        count -= 1
+        if not count:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.addaudithook(importing)
+from drivecomm_command import main
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize("number", range(1, 300, 7) if LONG else (1, 5, 60, 200))
+def test_ctrl_c_while_modules_are_loaded(number):
+    command = [sys.executable, "-c", INTERRUPTED_IMPORT, str(number), "protocols"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "drivecomm: interrupted\n")

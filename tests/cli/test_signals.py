@@ -1,0 +1,90 @@
+"""SIGTERM and SIGHUP are Ctrl-C by other names; SIGHUP is left ignored; missing descriptors are filled."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from drivecomm.cli import signals
+from drivecomm.virtual import virtual_drive
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are POSIX")
+
+CODES = {"SIGINT": 130, "SIGTERM": 143, "SIGHUP": 129}
+
+
+@pytest.fixture
+def interruptible():
+    """As in a process of its own."""
+    before = {number: signal.getsignal(number) for number in map(signal.Signals.__getitem__, CODES)}
+    signals.interrupt()
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures("interruptible")
+@pytest.mark.parametrize("name", CODES)
+def test_a_scan_keeps_what_was_found(shell, tmp_path, name):
+    line = shell.line(virtual_drive("vabus", 1), virtual_drive("vabus", 2))
+    path = tmp_path / "plant.toml"
+    line.call_at(3, lambda: signal.raise_signal(signal.Signals[name]))
+    given = ("--wide", "--protocol", "vabus", "-a", "1-30", "--write", str(path))
+    assert shell("scan", *given) == CODES[name]
+    assert shell.err.endswith("drivecomm: interrupted\n")
+    assert 'drive = "vabus:1"' in path.read_text(encoding="utf-8")
+
+
+@pytest.mark.usefixtures("interruptible")
+@pytest.mark.parametrize("name", CODES)
+def test_a_reading_is_interrupted(shell, name):
+    line = shell.line()
+    line.power_off(line.drives[0])
+    line.call_at(0.1, lambda: signal.raise_signal(signal.Signals[name]))
+    assert shell("read", "vabus:1", "481", "--json") == CODES[name]
+    assert shell.err == "drivecomm: interrupted\n"
+    assert shell.objects == [{"error": "interrupted", "kind": "Error", "exit_code": CODES[name]}]
+    assert line.time < 0.2
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_two_signals_at_once_are_one_wish(shell):
+    line = shell.line()
+    line.call_at(0.001, lambda: (signal.raise_signal(signal.SIGHUP), signal.raise_signal(signal.SIGTERM)))
+    assert shell("read", "vabus:1", "481") == CODES["SIGHUP"]
+    assert shell.err == "drivecomm: interrupted\n"
+
+
+POLL = [sys.executable, "-m", "drivecomm", "poll", "vabus:1", "481", "--port", "loop://", "--period", "0"]
+
+
+@pytest.mark.parametrize("name", CODES)
+def test_a_process_is_interrupted(name):
+    with subprocess.Popen(POLL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as polling:
+        polling.stdout.readline()
+        polling.send_signal(signal.Signals[name])
+        _, told = polling.communicate()
+    assert (polling.returncode, told) == (CODES[name], "drivecomm: interrupted\n")
+
+
+def test_what_nohup_started_goes_on_without_its_terminal():
+    command = ["sh", "-c", 'trap "" HUP; exec "$@"', "sh", *POLL]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as polling:
+        polling.stdout.readline()
+        polling.send_signal(signal.SIGHUP)
+        assert polling.stdout.readline()
+        polling.send_signal(signal.SIGTERM)
+        polling.communicate()
+    assert polling.returncode == CODES["SIGTERM"]
+
+
+def test_nothing_is_opened_in_the_place_of_a_stream_that_is_missing():
+    program = (
+        "import os, sys; [os.close(number) for number in (0, 1, 2)]; sys.stdin = sys.stdout = sys.stderr = None;"
+        "from drivecomm.cli import streams; streams.guard();"
+        "opened = os.open(os.devnull, os.O_RDONLY); sys.stdout.write('lost'); sys.stderr.write('lost');"
+        "sys.exit(opened if sys.stdin.read() == '' else 1)"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode >= 3

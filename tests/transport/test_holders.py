@@ -1,0 +1,249 @@
+"""Who holds a port: other programs are kept out of ours, and named where they keep us out of theirs."""
+
+import contextlib
+import fcntl
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import termios
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+import drivecomm
+from drivecomm.line import LineSettings
+from drivecomm.transport import exclusive
+from drivecomm.transport.holders import Holder, holder_of_port, server_of_terminal
+from drivecomm.transport.listening import listening_port, shared_listening_port
+from drivecomm.transport.serial_port import SerialPort
+from drivecomm.virtual import virtual_drive
+
+SETTINGS = LineSettings()
+HOLDS = "import sys, fcntl, os, socket; %s; print(flush=True); sys.stdin.read()"
+OPENS = "descriptor = os.open(sys.argv[1], os.O_RDONLY | os.O_NOCTTY)"
+LOCKS = f"{OPENS}; fcntl.flock(descriptor, fcntl.LOCK_EX)"
+CONNECTS = "connection = socket.create_connection(('127.0.0.1', int(sys.argv[1])))"
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells who holds a port")
+
+
+@pytest.fixture
+def terminal():
+    near, far = os.openpty()
+    yield os.ttyname(far)
+    os.close(near)
+    os.close(far)
+
+
+@contextlib.contextmanager
+def other_program(does, where):
+    """Run a program that holds something until the block ends; gives its process."""
+    words = [sys.executable, "-c", HOLDS % does, str(where)]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        process.stdout.readline()
+        yield process
+        process.stdin.close()
+
+
+def refused(open_port):
+    with pytest.raises(drivecomm.PortError) as caught:
+        open_port()
+    return str(caught.value)
+
+
+@linux
+@pytest.mark.parametrize("opens", [SerialPort, lambda name: listening_port(name, SETTINGS)])
+def test_a_port_that_another_program_has_locked_is_refused_with_its_name(terminal, opens):
+    with other_program(LOCKS, terminal) as process:
+        text = refused(lambda: opens(terminal))
+    assert text.startswith(f"port {terminal} is in use by python")
+    assert f"(pid {process.pid}); end that program" in text
+    opens(terminal).close()
+
+
+@linux
+def test_listening_refuses_a_port_that_a_program_without_a_lock_has_open(terminal):
+    with other_program(OPENS, terminal) as process:
+        assert f"(pid {process.pid})" in refused(lambda: listening_port(terminal, SETTINGS))
+
+
+@linux
+def test_the_program_that_serves_a_terminal_holds_it_not(terminal, tmp_path):
+    program = "near, far = os.openpty(); os.symlink(os.ttyname(far), sys.argv[1])"
+    with other_program(program, tmp_path / "line") as process:
+        assert holder_of_port(str(tmp_path / "line")) is None
+        assert server_of_terminal(str(tmp_path / "line")).pid == process.pid
+        listening_port(str(tmp_path / "line"), SETTINGS).close()
+    assert server_of_terminal(terminal) is None
+
+
+def test_who_listens_keeps_others_out_and_gives_the_port_back(terminal):
+    port = listening_port(terminal, SETTINGS)
+    assert "in use" in refused(lambda: SerialPort(terminal))
+    assert "in use" in refused(lambda: listening_port(terminal, SETTINGS))
+    port.close()
+    SerialPort(terminal).close()
+
+
+def test_a_line_shared_on_purpose_is_left_as_the_other_program_has_set_it(terminal):
+    used = SerialPort(terminal)
+    used.configure(LineSettings(baudrate=19200))
+    looker = os.open(terminal, os.O_RDWR | os.O_NOCTTY)
+    before = termios.tcgetattr(looker)
+    port = shared_listening_port(terminal, SETTINGS)
+    assert "the other program's line settings hold" in port.configure(SETTINGS)
+    assert termios.tcgetattr(looker) == before
+    port.close()
+    used.write(b"still there")
+    used.close()
+    os.close(looker)
+
+
+def test_only_a_port_of_this_machine_can_be_shared():
+    with pytest.raises(drivecomm.UsageError, match="shared by its server"):
+        shared_listening_port("socket://127.0.0.1:1", SETTINGS)
+
+
+def test_a_real_port_is_marked_for_the_kernel_as_long_as_it_is_open(terminal, monkeypatch):
+    """The kernel then refuses plain programs that look at no lock, unless they administrate the machine."""
+    monkeypatch.setattr("drivecomm.transport.exclusive.is_pseudo", lambda _: False)
+    looker = os.open(terminal, os.O_RDWR | os.O_NOCTTY)
+
+    def marked():
+        # Linux, include/uapi/asm-generic/ioctls.h: TIOCGEXCL, for which termios has no name.
+        return fcntl.ioctl(looker, 0x80045440, bytes(4)) != bytes(4)
+
+    for opens in (SerialPort, lambda name: listening_port(name, SETTINGS)):
+        port = opens(terminal)
+        assert marked()
+        port.close()
+        assert not marked()
+    os.close(looker)
+
+
+def test_a_pseudo_terminal_is_not_marked_because_nobody_could_take_the_mark_off_again(terminal, monkeypatch):
+    asked = []
+    monkeypatch.setattr(exclusive.fcntl, "ioctl", lambda _, request: asked.append(request))
+    descriptor = os.open(terminal, os.O_RDWR | os.O_NOCTTY)
+    exclusive.keep_others_out(descriptor)
+    os.close(descriptor)
+    assert asked == []
+
+
+@linux
+def test_a_program_without_rights_is_kept_out_by_the_mark(terminal, monkeypatch):
+    if os.getuid() != 0 or shutil.which("setpriv") is None:
+        pytest.skip("needs somebody who may become somebody else")
+    monkeypatch.setattr("drivecomm.transport.exclusive.is_pseudo", lambda _: False)
+    Path(terminal).chmod(0o666)
+    plain = ["setpriv", "--reuid=65534", "--clear-groups", "sh", "-c", f": <{terminal}"]
+    assert subprocess.run(plain, check=False).returncode == 0
+    port = SerialPort(terminal)
+    kept_out = subprocess.run(plain, check=False, capture_output=True, text=True)
+    assert kept_out.returncode != 0
+    assert "busy" in kept_out.stderr
+    port.close()
+    assert subprocess.run(plain, check=False).returncode == 0
+
+
+# Serial servers
+
+
+@contextlib.contextmanager
+def busy_server(says=b""):
+    """A server that serves somebody, and closes each further connection at once."""
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        first = threading.Event()
+
+        def serve():
+            clients = []
+            while True:
+                try:
+                    client, _ = door.accept()
+                except OSError:
+                    break
+                if first.is_set():
+                    client.sendall(says)
+                    client.close()
+                else:
+                    clients.append(client)
+                    first.set()
+            for client in clients:
+                client.close()
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            yield door.getsockname()[1]
+        finally:
+            door.shutdown(socket.SHUT_RDWR)
+            thread.join()
+
+
+@linux
+@pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
+def test_a_server_that_serves_another_program_of_this_machine(scheme):
+    with busy_server() as number, other_program(CONNECTS, number) as process:
+        began = time.monotonic()
+        text = refused(lambda: SerialPort(f"{scheme}://127.0.0.1:{number}"))
+        assert time.monotonic() - began < 1.5
+        listens = refused(lambda: listening_port(f"socket://127.0.0.1:{number}", SETTINGS))
+    for told in (text, listens):
+        assert f"(pid {process.pid}) at present" in told
+        assert "closed the connection at once" in told
+
+
+@pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
+def test_a_server_that_serves_somebody_elsewhere(scheme):
+    says = b"\xff\xfb\x01Port already in use\r\n"
+    with busy_server(says) as number, socket.create_connection(("127.0.0.1", number)):
+        text = refused(lambda: SerialPort(f"{scheme}://127.0.0.1:{number}"))
+    assert "serves somebody else at present" in text
+    if scheme == "socket":
+        assert 'and said "Port already in use"' in text
+
+
+@pytest.mark.parametrize("kind", ["tcp", "rfc2217"])
+def test_our_own_simulator_that_serves_somebody_else(serving, kind):
+    with serving([virtual_drive("vabus", 1)], kind) as server, drivecomm.open_bus(server.address):
+        began = time.monotonic()
+        assert "serves somebody else at present" in refused(lambda: drivecomm.open_bus(server.address))
+        assert time.monotonic() - began < 1.5
+
+
+def test_nothing_is_sent_into_a_connection_that_the_server_has_closed():
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        port = SerialPort(f"socket://127.0.0.1:{door.getsockname()[1]}")
+        door.accept()[0].close()
+        time.sleep(0.01)
+        with pytest.raises(drivecomm.LinkDownError, match="the server has closed it"):
+            port.write(b"stop")
+        port.close()
+
+
+def test_what_a_server_sends_at_once_is_heard():
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        sender = threading.Thread(target=lambda: clients.append(door.accept()[0]) or clients[0].sendall(b"first"))
+        clients = []
+        sender.start()
+        port = listening_port(f"socket://127.0.0.1:{door.getsockname()[1]}", SETTINGS)
+        sender.join()
+        assert port.read(port.now() + 2) == b"first"
+        port.close()
+        clients[0].close()
+
+
+def test_where_the_system_tells_nothing_nobody_is_known(tmp_path, monkeypatch, terminal):
+    monkeypatch.setattr("drivecomm.transport.holders._PROC", tmp_path / "nothing")
+    assert holder_of_port(terminal) is None
+    assert holder_of_port("socket://127.0.0.1:1") is None
+    assert holder_of_port("socket://nowhere") is None
+    assert server_of_terminal(terminal) is None
+
+
+def test_how_a_holder_is_called():
+    assert str(Holder(name="minicom", pid=7)) == "minicom (pid 7)"
