@@ -27,12 +27,12 @@ paced = false
 [[drive]]
 name = "Lüfter"
 drive = "vabus:1"
-options = { model = "agile" }
+options = { model = "agile", reply_timeout_s = 5 }
 armed = true
 [[drive]]
 name = "fan"
 drive = "danfoss-fc:3"
-options = { model = "fc300" }
+options = { model = "fc300", reply_timeout_s = 5 }
 armed = true
 """
 
@@ -48,15 +48,16 @@ type = "int"
 access = "rw"
 """
 
+# The reply times are for machines that are busy with something else.
 # What makes each command do something and end soon. PORT and CONTROL are those of the plant that is served.
 CALLS = {
     "demo": "--port nowhere",
     "protocols": "",
     "decode": "0441303034383105",
     "encode": "vabus kind=enquiry address=1 parameter=481",
-    "scan": "--port PORT --protocol vabus --addresses 1 --write found.toml --force",
+    "scan": "--port PORT --protocol vabus --addresses 1 --timeout 5 --write found.toml --force",
     "doctor": "--port nowhere",
-    "stats": "vabus:1 --port PORT --for 0.05",
+    "stats": "vabus:1 --port PORT --for 0.05 --timeout 5",
     "read": "Lüfter 481",
     "write": "Lüfter 480 500",
     "status": "",
@@ -75,7 +76,7 @@ CALLS = {
     "forecast": "Lüfter output_frequency@1",
     "cohabit": "--drive vabus:1",
     "simulate": "nowhere.toml",
-    "replay": "heard.jsonl --port PORT --faster 100",
+    "replay": "heard.jsonl --port PORT --faster 100 --timeout 5",
     "sniff": "heard.jsonl",
     "conformance": "vabus --only no_such_check",
     "plant trip": "fan 14 --control CONTROL",
