@@ -38,6 +38,15 @@ class DriveCommError(Exception):
     remedy: ClassVar[str] = ""
     """What a person can do about it, for messages that do not say it themselves."""
 
+    says: tuple[str, ...] = ()
+    """The words of Python in the sentence and its remedy, such as store=True: where keywords are called otherwise, as
+    on the command line, they are shown in the words of that place."""
+
+    def __init__(self, *told: object, says: str | tuple[str, ...] = ()) -> None:
+        super().__init__(*told)
+        if says:
+            self.says = (says,) if isinstance(says, str) else says
+
 
 class UsageError(DriveCommError, ValueError):
     """The call cannot work as it stands; nothing was sent."""
@@ -106,7 +115,8 @@ class NotAnsweringError(NoReplyError):
 class DeadlineError(ReplyError, TimeoutError):
     """The call's time was over: while it waited for its turn, for the drive, or between its telegrams."""
 
-    remedy = "give the drive a longer deadline_s, or ask for less on this line"
+    remedy = "give the drive more time with deadline_s=60, or ask for less on this line"
+    says = ("deadline_s=60",)
 
 
 class DamagedReplyError(ReplyError):

@@ -14,6 +14,7 @@ from drivecomm.models.files import load_model
 from drivecomm.read_only import ReadOnly
 from drivecomm.registry import installed
 from drivecomm.stored_writes import StoredWrites
+from drivecomm.suggestions import meant
 from drivecomm.verbs import setting_up
 
 if TYPE_CHECKING:
@@ -168,7 +169,7 @@ def line_overrides(facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return those line facts that are given. Raises UsageError for a name that is none."""
     unknown = sorted(set(facts) - LINE_FACT_NAMES)
     if unknown:
-        raise UsageError(f"a line has no fact {unknown[0]!r}; it has {', '.join(sorted(LINE_FACT_NAMES))}")
+        raise UsageError(f"a line has no fact {unknown[0]!r}; {meant(unknown[0], sorted(LINE_FACT_NAMES), 'it has')}")
     return {name: value for name, value in facts.items() if value is not None}
 
 

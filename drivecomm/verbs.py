@@ -11,6 +11,7 @@ from drivecomm.errors import NotSupported, ParameterAddressError, StateError, Us
 from drivecomm.models.quantities import CommonName, not_said, quantities
 from drivecomm.numbers import exact
 from drivecomm.stored_writes import is_stored
+from drivecomm.suggestions import meant, shortened
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -134,7 +135,8 @@ class Verbs:
         """Carry out a verb that only this protocol has."""
         extra = self.operations.extra
         if verb not in extra:
-            raise NotSupported(f"{self._name} has no verb {verb!r}; it has {', '.join(sorted(extra)) or 'none'}")
+            known = meant(verb, sorted(extra), "it has")
+            raise NotSupported(f"{self._name} has no verb {shortened(verb)}; {known}")
         return bound(extra[verb], **arguments)
 
 
@@ -202,7 +204,8 @@ def _refuse(operation: Callable[..., Any], values: tuple[Any, ...], options: Map
     name = getattr(operation, "__name__", "it")
     if unknown:
         known = [name for name, one in parameters.items() if one.kind is one.KEYWORD_ONLY or not values]
-        raise UsageError(f"{name} has no option {unknown[0]!r} here; it has {', '.join(known) or 'none'}") from None
+        there = meant(unknown[0], known, "it has")
+        raise UsageError(f"{name} has no option {unknown[0]!r} here; {there}") from None
     missing = [
         name
         for name, one in list(parameters.items())[len(values) :]

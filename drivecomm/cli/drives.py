@@ -13,6 +13,7 @@ from drivecomm.cli.opened_drive import drive_named, opened_drive
 from drivecomm.cli.output import complain, emit, plain, say
 from drivecomm.errors import DriveCommError, LinkError, UsageError
 from drivecomm.status import Stop
+from drivecomm.suggestions import meant
 
 if TYPE_CHECKING:
     from drivecomm.drive import Drive
@@ -220,7 +221,8 @@ def _way_to_stop(how: str) -> Stop:
     try:
         return Stop(how.lower().replace("-", "_"))
     except ValueError:
-        raise UsageError(f"{how!r} is no way to stop; they are ramp, coast, quick and dc_brake") from None
+        known = meant(how, [stop.value for stop in Stop], "they are")
+        raise UsageError(f"{how!r} is no way to stop; {known}") from None
 
 
 def _units(percent: str | None, hz: str | None, rpm: str | None) -> tuple[tuple[str, str | None], ...]:

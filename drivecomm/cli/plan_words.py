@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivecomm.cli.drive_names import KnownPlant, known_plant, parse_drive, parse_settings
-from drivecomm.errors import UnknownProtocolError, UsageError
+from drivecomm.errors import UsageError
 from drivecomm.plan import Plan, PlannedDrive, PlannedRead
-from drivecomm.registry import installed
+from drivecomm.registry import installed, unknown_protocol
 
 if TYPE_CHECKING:
     from drivecomm.plant import Plant, PlantDrive
@@ -107,8 +107,7 @@ def _names_a_drive(word: str, there: KnownPlant | None) -> bool:
     if colon and protocol in installed:
         return True
     if _DRIVE.fullmatch(word):
-        known = ", ".join(installed)
-        raise UnknownProtocolError(f"no installed protocol is named {protocol!r}; installed are {known or 'none'}")
+        raise unknown_protocol(protocol, installed)
     return False
 
 

@@ -194,7 +194,7 @@ def test_without_a_plant_everybody_is_told_and_nobody_confirms(shell):
         (["--all", "vabus:1"], 2, "leave vabus:1 out"),
         ([], 2, "no drive named"),
         (["--all", "--how", "gently"], 2, "no way to stop"),
-        (["--all", "--plant", "nowhere.toml"], 2, "nowhere.toml: cannot be read as a plant"),
+        (["--all", "--plant", "nowhere.toml"], 2, "nowhere.toml: there is no such file"),
         (["--all", "--sideways"], 2, "No such option"),
     ],
 )

@@ -211,7 +211,7 @@ def test_a_file_is_opened(tmp_path):
     path.write_text('format = 1\n[[line]]\nname = "hall"\n[[drive]]\ndrive = "vabus:1"\n')
     with open_plant(path) as plant, pytest.raises(UsageError, match="line hall has no port; write port ="):
         plant.drive("vabus:1")
-    with pytest.raises(FileFormatError, match="cannot be read as a plant"):
+    with pytest.raises(FileFormatError, match="there is no such file"):
         open_plant(tmp_path / "none.toml")
 
 
