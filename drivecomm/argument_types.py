@@ -11,7 +11,7 @@ from decimal import Decimal
 from functools import lru_cache
 from math import isfinite
 from types import NoneType, SimpleNamespace, UnionType
-from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, Literal, TypeGuard, Union, get_args, get_origin, get_type_hints
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -24,6 +24,9 @@ _WORDS: Mapping[object, str] = {
     Decimal: "a number",
     NoneType: "None",
 }
+
+_TOO_LARGE = 2**64
+_LONGEST_S = 1e9
 
 _FURTHER = "**"
 """Stands for all names that a function takes without naming them."""
@@ -69,19 +72,29 @@ def _fits(value: object, hint: Any) -> bool:
     if origin is Literal:
         return isinstance(value, str | int | None) and value in get_args(hint)
     if origin is tuple:
-        return isinstance(value, tuple | list) and all(_fits(each, get_args(hint)[0]) for each in value)
+        return isinstance(value, tuple | list | frozenset | set) and all(_fits(each, get_args(hint)[0]) for each in value)
     if hint in (float, Decimal):
-        return isinstance(value, int | float | Decimal) and not isinstance(value, bool) and _finite(value)
+        return is_number(value)
     if hint is int:
-        return isinstance(value, int) and not isinstance(value, bool)
+        return is_whole(value)
     return isinstance(value, hint) if isinstance(hint, type) else True
 
 
-def _finite(value: float | Decimal) -> bool:
-    try:
+def is_whole(value: object) -> TypeGuard[int]:
+    """Whether a value is a whole number, and of a size that something real can have."""
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) < _TOO_LARGE
+
+
+def is_number(value: object) -> TypeGuard[int | float | Decimal]:
+    """Whether a value is a number that a float can hold, and no text for one."""
+    if isinstance(value, float):
         return isfinite(value)
-    except (OverflowError, ValueError):
-        return False
+    return is_whole(value) or (isinstance(value, Decimal) and value.is_finite() and abs(value) < _TOO_LARGE)
+
+
+def is_duration(value: object) -> TypeGuard[int | float]:
+    """Whether a value is a time in seconds, 0 or more and of a length that something real can have."""
+    return isinstance(value, int | float) and is_number(value) and 0 <= value <= _LONGEST_S
 
 
 @lru_cache(maxsize=256)

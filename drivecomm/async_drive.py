@@ -139,11 +139,11 @@ class AsyncDrive:
 
     async def start(self, *, reverse: bool = False) -> None:
         """Start the motor with the reference that is set; see `capabilities.link_loss` for what stops it."""
-        await self._command(self._verbs.operations.start(reverse=reverse))
+        await self._command(self._verbs.start(reverse=reverse))
 
     async def stop(self, how: Stop = Stop.RAMP) -> None:
         """Stop the motor; overtakes all else on the line, and asks also a drive that has not answered."""
-        exchange = self._verbs.operations.stop(how)
+        exchange = self._verbs.stop(how)
         self._bus.commanding(self)
         await self._bus.insist(self._party, exchange, Rank.STOP)
 
@@ -241,6 +241,6 @@ class AsyncBroadcast:
 
     async def stop(self, how: Stop = Stop.RAMP) -> None:
         """Stop all motors; overtakes all else on the line, and returns when the telegram is sent."""
-        exchange = self._verbs.operations.stop(how)
+        exchange = self._verbs.stop(how)
         self._bus.commanding(self)
         await self._bus.insist(self._party, exchange, Rank.STOP)

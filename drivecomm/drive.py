@@ -151,11 +151,11 @@ class Drive:
 
         What stops it when this program falls silent is a setting of the drive: see `capabilities.link_loss`.
         """
-        self._command(self._verbs.operations.start(reverse=reverse))
+        self._command(self._verbs.start(reverse=reverse))
 
     def stop(self, how: Stop = Stop.RAMP) -> None:
         """Stop the motor; overtakes all else on the line, and asks also a drive that has not answered."""
-        exchange = self._verbs.operations.stop(how)
+        exchange = self._verbs.stop(how)
         self._bus.commanding(self)
         self._bus.insist(self._party, exchange, Rank.STOP)
 
@@ -262,6 +262,6 @@ class Broadcast:
 
     def stop(self, how: Stop = Stop.RAMP) -> None:
         """Stop all motors; overtakes all else on the line, and returns when the telegram is sent."""
-        exchange = self._verbs.operations.stop(how)
+        exchange = self._verbs.stop(how)
         self._bus.commanding(self)
         self._bus.insist(self._party, exchange, Rank.STOP)

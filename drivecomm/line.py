@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Literal, TypeAlias
 
+from drivecomm.argument_types import is_duration, is_number
 from drivecomm.errors import UsageError
 from drivecomm.suggestions import shortened
 
 Parity: TypeAlias = Literal["N", "E", "O", "M", "S"]
 
 _PARITIES = ("N", "E", "O", "M", "S")
-
-_LONGEST = 1e9
-"""Seconds, or characters: longer than anything runs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,10 +79,10 @@ class Timing:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if type(value) not in (int, float) or not value <= _LONGEST:
+            if is_number(value) and value < 0:
+                raise UsageError(f"{field.name} of {shortened(value)} is negative", says=field.name)
+            if not is_duration(value):
                 raise UsageError(f"{field.name} cannot be {shortened(value)}; give a number", says=field.name)
-            if value < 0:
-                raise UsageError(f"{field.name} of {value} is negative", says=field.name)
         if type(self.attempts) is not int or self.attempts < 1:
             raise UsageError(
                 f"attempts of {self.attempts} would never send anything, use 1 or more whole ones", says="attempts"

@@ -29,6 +29,8 @@ class Protocols(Mapping[str, Protocol]):
         self._lock = Lock()
 
     def __getitem__(self, name: str) -> Protocol:
+        if not isinstance(name, str):
+            raise unknown_protocol(name, self)
         if name in self._added:
             return self._added[name]
         with self._lock:

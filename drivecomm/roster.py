@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from threading import Lock
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 from weakref import WeakSet
 
+from drivecomm.argument_types import is_duration
 from drivecomm.drive_options import sort_out
 from drivecomm.errors import AddressError, NotSupported, UsageError
 from drivecomm.line import LINE_FACT_NAMES
@@ -14,11 +16,11 @@ from drivecomm.models.files import load_model
 from drivecomm.read_only import ReadOnly
 from drivecomm.registry import installed
 from drivecomm.stored_writes import StoredWrites
-from drivecomm.suggestions import meant
+from drivecomm.suggestions import meant, shortened
 from drivecomm.verbs import setting_up
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
     from pathlib import Path
 
     from drivecomm.echo import Echo
@@ -73,6 +75,10 @@ class Roster:
         guard_s: float = 0.005,
         stored_writes: StoredWrites | None = None,
     ) -> None:
+        if not is_duration(guard_s):
+            raise UsageError(f"guard_s cannot be {shortened(guard_s)}; give seconds, 0 or more")
+        if trace is not None and not callable(trace):
+            raise UsageError(f"trace cannot be {shortened(trace)}; give a function that is called with each event")
         self.stored_writes = stored_writes or StoredWrites()
         self.link = Link(trace=trace, echo=echo, guard_s=guard_s, away=self._forget)
         self._overrides = dict(overrides or {})
@@ -95,9 +101,13 @@ class Roster:
         read_only: why it may not be written or commanded, empty where it may.
         """
         plugin = installed[protocol]
+        if set_up is not None and not isinstance(set_up, Mapping):
+            raise UsageError(f"set_up cannot be {shortened(set_up)}; give parameters and their values")
+        if not isinstance(read_only, str):
+            raise UsageError(f"read_only cannot be {shortened(read_only)}; give a sentence that says why")
         if type(address) is not int or address not in plugin.addresses:
             allowed = f"{plugin.addresses.start} to {plugin.addresses.stop - 1}"
-            raise AddressError(f"{protocol} has no drive at address {address}; addresses are {allowed}")
+            raise AddressError(f"{protocol} has no drive at address {shortened(address)}; addresses are {allowed}")
         known = None if model is None else load_model(plugin.package, protocol, model)
         facts, chosen = sort_out(plugin, known, options, for_all=self._overrides)
         operations: Operations = plugin.operations(address, chosen, known)
@@ -179,4 +189,4 @@ def echo_mode(echo: bool | Echo) -> Echo:
         return echo
     if isinstance(echo, bool):
         return "expect" if echo else "off"
-    raise UsageError(f"echo {echo!r} is none of off, expect and auto")
+    raise UsageError(f"echo {shortened(echo)} is none of off, expect and auto")

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
+from drivecomm.argument_types import is_whole
 from drivecomm.errors import UsageError
+from drivecomm.suggestions import shortened
 
 if TYPE_CHECKING:
     from drivecomm.models import Model
@@ -20,6 +22,8 @@ class StoredWrites:
     """The stored writes of all drives of one bus, as long as it is open. allowed: of one parameter within an hour."""
 
     def __init__(self, allowed: int = ALLOWED) -> None:
+        if not is_whole(allowed) or allowed < 0:
+            raise UsageError(f"stored_writes_per_hour cannot be {shortened(allowed)}; give a whole number, 0 or more")
         self._allowed = allowed
         self._times: dict[tuple[str, str], deque[float]] = {}
 

@@ -65,6 +65,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
 FOLDERS_VARIABLE = "DRIVECOMM_MODELS"
+_LONGEST_NAME = 200
+"""Characters of a model's name; no file system takes many more."""
 
 
 def load_model(package: str, protocol: str, model: str | Path | Model) -> Model:
@@ -74,7 +76,9 @@ def load_model(package: str, protocol: str, model: str | Path | Model) -> Model:
     """
     if isinstance(model, Model):
         return model
-    if isinstance(model, Path) or str(model).endswith(".toml"):
+    if not isinstance(model, str | Path):
+        raise UsageError(f"{shortened(model)} is no model; give its name, a .toml file or a Model")
+    if isinstance(model, Path) or model.endswith(".toml"):
         return read_model(Path(model), protocol, package)
     path = next(_files_named(package, protocol, model), None)
     if path is None:
@@ -233,7 +237,7 @@ def _packaged(package: str) -> Path:
 
 
 def _files_named(package: str, protocol: str, name: str) -> Iterator[Path]:
-    if name != Path(name).name:
+    if name != Path(name).name or len(name) > _LONGEST_NAME:
         return
     for folder in _folders(package, protocol):
         path = folder / f"{name}.toml"

@@ -92,7 +92,7 @@ class VltOperations:
         """Forget the last control word, which further ones would build on."""
         self._commander.forget()
 
-    def read(self, parameter: str, *, index: Any = None) -> Exchange[Reading]:
+    def read(self, parameter: str, *, index: tuple[int, ...] | int | str | None = None) -> Exchange[Reading]:
         """Read a parameter (R), or one element of an indexed one (I): `502[17]`, `602[13,5]`, or index=(13, 5)."""
         wanted = self._known(parameter) if index is None else target(parameter, self._model, index)
         self._must_be_one_drive("read")
