@@ -72,7 +72,9 @@ def _fits(value: object, hint: Any) -> bool:
     if origin is Literal:
         return isinstance(value, str | int | None) and value in get_args(hint)
     if origin is tuple:
-        return isinstance(value, tuple | list | frozenset | set) and all(_fits(each, get_args(hint)[0]) for each in value)
+        if not isinstance(value, tuple | list | frozenset | set):
+            return False
+        return all(_fits(each, get_args(hint)[0]) for each in value)
     if hint in (float, Decimal):
         return is_number(value)
     if hint is int:

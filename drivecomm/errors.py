@@ -26,7 +26,10 @@ DriveCommError                      exit code 1
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 Category: TypeAlias = Literal["framing", "length", "checksum", "field"]
 
@@ -41,6 +44,9 @@ class DriveCommError(Exception):
     says: tuple[str, ...] = ()
     """The words of Python in the sentence and its remedy, such as store=True: where keywords are called otherwise, as
     on the command line, they are shown in the words of that place."""
+
+    about: Mapping[str, str] | None = None
+    """The drive that it is about, where whoever has it open says so: `name`, `drive` as PROTOCOL:ADDRESS, `line`."""
 
     def __init__(self, *told: object, says: str | tuple[str, ...] = ()) -> None:
         super().__init__(*told)

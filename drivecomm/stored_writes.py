@@ -35,7 +35,8 @@ class StoredWrites:
         if len(times) >= self._allowed:
             raise UsageError(
                 f"{parameter} of {drive} was stored {len(times)} times within an hour, and EEPROM cells wear out; "
-                "write it without store=True, or raise stored_writes_per_hour of the bus"
+                "write it without store=True, or raise stored_writes_per_hour of the bus",
+                says="store=True",
             )
         times.append(now)
 

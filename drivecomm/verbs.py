@@ -94,7 +94,7 @@ class Verbs:
             names = {info.name for info in self._model.parameters.values()}
             known = {*self._model.quantities, *self._model.parameters, *names}
         question = near(parameter, known)
-        return ParameterAddressError(f"{error}; {question}") if question else error
+        return ParameterAddressError(f"{error}; {question}" if question else str(error))
 
     def _number_of(self, parameter: str, value: Value | float) -> Value | float:
         """Return what stands for a value that was given by its name in the model, such as an option's text."""

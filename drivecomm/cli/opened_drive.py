@@ -16,21 +16,27 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def drive_named(line: LineOptions, text: str, model: str | None) -> Iterator[Drive]:
-    """Look a drive up, open its line and yield it; errors within the block then name both."""
+def drive_named(line: LineOptions, text: str, model: str | None) -> Iterator[tuple[Drive, DriveName]]:
+    """Look a drive up, open its line and yield it, and what it is called; errors within the block then name both."""
     reached, name = line.reaching(text)
     with opened_drive(reached, name, model) as drive:
-        yield drive
+        yield drive, name
 
 
 @contextmanager
 def opened_drive(line: LineOptions, name: DriveName, model: str | None) -> Iterator[Drive]:
     """Open the line of a drive and yield it; errors within the block then name both."""
     with line.bus() as bus:
-        drive = bus.drive(name.protocol, name.address, **{**name.options, **({"model": model} if model else {})})
         try:
+            drive = bus.drive(name.protocol, name.address, **{**name.options, **({"model": model} if model else {})})
             yield drive
         except DriveCommError as error:
-            if drive.name not in str(error):
-                error.args = (f"{drive.name}: {error}", *error.args[1:])
+            tell_of(error, name)
             raise
+
+
+def tell_of(error: DriveCommError, name: DriveName) -> None:
+    """Let an error name the drive that it is about, as the plant calls it."""
+    error.about = name.keys
+    if name.name not in str(error):
+        error.args = (f"{name.name}: {error}", *error.args[1:])

@@ -9,6 +9,7 @@ from decimal import Decimal
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.cli.flags import in_flags
 from drivecomm.errors import DriveCommError
 from drivecomm.telegram import fields_of
 
@@ -51,7 +52,7 @@ def sentence(error: Exception | str, *, where: str = "") -> str:
     text = " ".join(str(error).split())
     place = where if where and where not in text else ""
     remedy = error.remedy if isinstance(error, DriveCommError) else ""
-    return (f"{place}: " if place else "") + text + (f"; {remedy}" if remedy else "")
+    return in_flags((f"{place}: " if place else "") + text + (f"; {remedy}" if remedy else ""), error)
 
 
 def complain(error: Exception | str, *, as_json: bool, where: str = "") -> None:
@@ -60,7 +61,8 @@ def complain(error: Exception | str, *, as_json: bool, where: str = "") -> None:
     if as_json:
         code = error.exit_code if isinstance(error, DriveCommError) else 1
         kind = type(error).__name__ if isinstance(error, Exception) else "Error"
-        emit(error=text, kind=kind, exit_code=code)
+        about = error.about if isinstance(error, DriveCommError) else None
+        emit(**(about or {}), error=text, kind=kind, exit_code=code)
     sys.stderr.write(f"drivecomm: {text}\n")
     sys.stderr.flush()
 

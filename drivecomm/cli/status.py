@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from rich.text import Text
 
-    from drivecomm.drive import Drive
+    from drivecomm.cli.drive_names import DriveName
     from drivecomm.plant.status import DriveReport
     from drivecomm.reading import Reading
     from drivecomm.status import DriveStatus
@@ -45,9 +45,9 @@ def status(
     """
     if drive is None:
         return _of_the_plant(line)
-    with drive_named(line, drive, model) as one:
+    with drive_named(line, drive, model) as (one, name):
         found = one.status()
-        show_status(one, found, as_json=line.json)
+        show_status(name, found, as_json=line.json)
     return DriveError.exit_code if found.fault else 0
 
 
@@ -197,10 +197,10 @@ def _summary(reports: Sequence[DriveReport]) -> str:
     return f"{count}: {', '.join(wrong) or 'no fault'}"
 
 
-def show_status(drive: Drive, found: DriveStatus, *, as_json: bool) -> None:
+def show_status(drive: DriveName, found: DriveStatus, *, as_json: bool) -> None:
     """Show the status of one drive on a line."""
     if as_json:
-        emit(drive=drive.name, **plain(found))
+        emit(**drive.keys, **plain(found))
         return
     words = [f"{drive.name}  {found.state.value}  word 0x{found.word:04X}"]
     if found.fault_code:

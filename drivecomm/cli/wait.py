@@ -30,6 +30,6 @@ def wait(
     goal = goals.get(state.lower().replace("-", "_"))
     if goal is None:
         raise UsageError(f"{state!r} is nothing to wait for; {meant(state, goals, 'write one of')}")
-    with drive_named(line, drive, model) as one:
-        show_status(one, one.wait_for(goal, seconds), as_json=line.json)
+    with drive_named(line, drive, model) as (one, name):
+        show_status(name, one.wait_for(goal, seconds), as_json=line.json)
     return 0

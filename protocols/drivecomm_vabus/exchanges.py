@@ -147,7 +147,8 @@ class VabusOperations:
         if reverse and not self._options.ram_datasets:
             raise NotSupported(
                 "this drive has no RAM data sets, and a reversed reference would go to EEPROM; "
-                "set a negative reference with store=True and start forward"
+                "set a negative reference with store=True and start forward",
+                says="store=True",
             )
         return self._start_backwards() if reverse else self._start_forwards()
 
@@ -372,7 +373,8 @@ class VabusOperations:
     def _set_reference(self, number: int, type: str, value: ParameterValue | float) -> Exchange[None]:
         if not self._options.ram_datasets:
             raise NotSupported(
-                f"this drive has no RAM data sets, so a reference would go to EEPROM; write {number} with store=True"
+                f"this drive has no RAM data sets, so a reference would go to EEPROM; write {number} with store=True",
+                says="store=True",
             )
         wanted = target(str(number), self._model, type, None)
         physical = Target(number=number, dataset=None, type=wanted.type, info=wanted.info)
@@ -406,7 +408,8 @@ class VabusOperations:
             return dataset
         if not self._options.ram_datasets:
             raise NotSupported(
-                f"this drive keeps every write in EEPROM, so {wanted.address} is only written with store=True"
+                f"this drive keeps every write in EEPROM, so {wanted.address} is only written with store=True",
+                says="store=True",
             )
         return dataset + 5
 
