@@ -54,7 +54,11 @@ _POLL_KEYS: Mapping[str, tuple[type, ...]] = {
 
 def read_plan(path: Path) -> Plan:
     """Read a plan file. Raises FileFormatError with the file's name, the entry and what is wrong in it."""
-    _, content = read_toml(path, "a poll plan")
+    return plan_in(read_toml(path, "a poll plan")[1], path)
+
+
+def plan_in(content: Mapping[str, Any], path: Path) -> Plan:
+    """Return the plan that a file says. Raises as `read_plan` does."""
     try:
         return _plan(content)
     except DriveCommError as error:

@@ -42,6 +42,8 @@ def doctor(
     from drivecomm.diagnosis import examine  # noqa: PLC0415 - only this command needs them
     from drivecomm.findings import judge  # noqa: PLC0415
 
+    if name is not None and line.port != name:
+        line.refuse(f"{name} is the port", "port")
     line = replace(line, port=name or line.port)
     wanted = addresses_of(addresses) if addresses else list(_QUICK_ADDRESSES) if quick else None
     with line.opened() as opened, _progress(shown=not line.json) as progress:

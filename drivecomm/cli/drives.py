@@ -200,6 +200,9 @@ def reference(
 ) -> int:
     """Set the reference; never stored."""
     if value is not None:
+        for flag, said in (("percent", percent), ("hz", hz), ("rpm", rpm)):
+            if said is not None:
+                raise UsageError(f"{value} and --{flag} {said} exclude each other; leave one of them out")
         number, unit = _with_unit(value)
         percent, hz, rpm = (number if unit == each else said for each, said in _units(percent, hz, rpm))
     with drive_named(line, drive, model) as (one, name):

@@ -24,7 +24,7 @@ def forecast(
     line: LineOptions,
     words: Words = None,
     plan: PlanFile = None,
-    period: Period = 1.0,
+    period: Period = None,
     delay: Annotated[
         float | None, typer.Option("--delay", metavar="MS", help="Reply delay of the drives in milliseconds.")
     ] = None,
@@ -36,7 +36,7 @@ def forecast(
 
     Takes the same plan as poll and opens no port.
     """
-    chosen = given_plan(words or [], plan, period_s=period, port=line.port or "", plant=line.plant)
+    chosen = given_plan(words or [], plan, line, period_s=period)
     facts: dict[str, Any] = {
         "baudrate": line.baudrate,
         "bytesize": line.bytesize,

@@ -19,6 +19,7 @@ from drivecomm.cli.drive_names import Asked, known_plant, parse_drive, placed
 from drivecomm.cli.output import sentence, trace_as_json, trace_to_standard_error
 from drivecomm.echo import Echo
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
+from drivecomm.plant.port_names import same_port
 from drivecomm.tracing import tell_all
 
 if TYPE_CHECKING:
@@ -164,9 +165,20 @@ class LineOptions:
 
     def refuse(self, why: str, *names: str) -> None:
         """Raise UsageError if one of these options is written on the command line, which has no effect on this call."""
-        for name in names or tuple(field.name for field in fields(self)):
+        for name in names or tuple(field.name for field in fields(self) if field.name != "json"):
             if name in self.given:
                 raise UsageError(f"{why}, so that --{name.replace('_', '-')} has no effect; leave it out")
+
+    def must_be_armed(self) -> None:
+        """Raise UsageError if the plant keeps a drive at this port read-only, and --arm is not given.
+
+        For what commands whatever drives are there.
+        """
+        known = known_plant(self.plant, port_given=False)
+        for drive in known.plant.drives if known else ():
+            there = known is not None and same_port(known.plant.line(drive.line).reached_at, self.named_port)
+            if known is not None and there and not drive.armed and not self.arm:
+                raise UsageError(f"{drive.why_read_only(known.file)}, or give --arm for this once")
 
     def link_loss_of(self, text: str) -> PlantLinkLoss | None:
         """Return what the plant says that a drive's motor shall do when its master falls silent, None for nothing."""

@@ -85,6 +85,10 @@ def compare(
         parts.append("measured")
     if FACTORY in (left, right) and (left == right or _file(left) or _file(right)):
         raise UsageError("factory stands for what a drive says of itself; compare a drive with it")
+    if _file(left) and _file(right):
+        line.refuse("both are files, so no drive is asked")
+        if model is not None:
+            raise UsageError("both are files, which say their models, so that --model has no effect; leave it out")
     files = {word: read_set(path) for word in (left, right) if (path := _file(word))}
     read = _Operands(files, model, parts, line)
     ours, theirs = read(left, right), read(right, left)
@@ -113,6 +117,8 @@ def restore(
 
     Exit code 5 when the drive refuses some.
     """
+    if resume and dry_run:
+        raise UsageError("--dry-run writes nothing, so that --resume has no effect; leave one of them out")
     known = read_set(file)
     _, name = line.reaching(drive)
     at = journal_path(file, str(name))

@@ -26,7 +26,7 @@ def poll(
     line: LineOptions,
     words: Words = None,
     plan: PlanFile = None,
-    period: Period = 1.0,
+    period: Period = None,
     duration: Annotated[float | None, typer.Option("--for", metavar="SECONDS", help="End after this time.")] = None,
     cycles: Annotated[int | None, typer.Option("--cycles", help="End when all were asked so often.")] = None,
     log: Log = None,
@@ -35,7 +35,7 @@ def poll(
 
     Exit code 0 when each was read at least once, otherwise that of the first one that never was.
     """
-    chosen = given_plan(words or [], plan, period_s=period, port=line.port or "", plant=line.plant)
+    chosen = given_plan(words or [], plan, line, period_s=period)
     show = _emit if line.json else _say
     unread: dict[PollItem[Any], DriveCommError | None] = {}
     with ExitStack() as stack:

@@ -44,6 +44,8 @@ def status(
     Exit code 5 when a drive has a fault, 4 when one does not answer.
     """
     if drive is None:
+        if model is not None:
+            raise UsageError("--model is for one drive; name it, or leave --model out: the plant says which each has")
         return _of_the_plant(line)
     with drive_named(line, drive, model) as (one, name):
         found = one.status()
@@ -62,11 +64,13 @@ def _of_the_plant(line: LineOptions) -> int:
         raise UsageError(f"{known.file}: there is no drive in this plant; add a [[drive]]")
     if line.record is not None and len(known.plant.lines) > 1:
         raise UsageError("--record is for one line, and this plant has several; name a drive, or leave it out")
+    if "port" in line.given and all(each.reached_at for each in known.plant.lines):
+        line.refuse(f"{known.file} names the ports of all its lines", "port")
     # Loaded by those who have a plant only.
     from drivecomm.plant.opened import OpenPlant  # noqa: PLC0415
     from drivecomm.plant.status import plant_status  # noqa: PLC0415
 
-    opening = {key: value for key, value in line.opening.items() if (key, value) != ("echo", "off")}
+    opening = {key: value for key, value in line.opening.items() if key != "echo" or "echo" in line.given}
     port_of = partial(line.port_of, file=known.file)
     with OpenPlant(known.plant, known.file, port_of=port_of, **opening) as opened:
         reports = plant_status(opened)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from queue import SimpleQueue
 from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 class Everything:
     """What to stop: what is behind a port, or in a plant.
 
-    how: where a drive cannot stop so, it is stopped down its ramp. opening: further keywords of `open_bus`; what the
-    plant says of a line goes before them.
+    how: where a drive cannot stop so, it is stopped down its ramp. opening: further keywords of `open_bus`; its line
+    facts go before what the plant says, and what the plant says of a line before the others.
     """
 
     port: str | None
@@ -114,14 +114,16 @@ class _Line:
 
 
 def _lines_of(plant: Plant, everything: Everything) -> Iterator[_Line]:
+    # What is said on the command line goes before what the plant says of a line or a drive.
+    said = {key: value for key, value in everything.opening.items() if key in LINE_FACT_NAMES and value is not None}
     for each in plant.lines:
         drives = plant.on_line(each.name)
         if drives:
             yield _Line(
                 name=each.name,
                 port=each.reached_at or (everything.port if len(plant.lines) == 1 else None),
-                opening={**everything.opening, **each.opening},
-                drives=drives,
+                opening={**everything.opening, **each.opening, **said},
+                drives=tuple(replace(drive, options={**drive.options, **said}) for drive in drives),
             )
 
 

@@ -164,7 +164,11 @@ _LARGEST = 2**63
 
 def read_plant(path: Path) -> Plant:
     """Read a plant file. Raises FileFormatError with the file's name, the entry and what is wrong in it."""
-    _, content = read_toml(path, "a plant")
+    return plant_in(read_toml(path, "a plant")[1], path)
+
+
+def plant_in(content: Mapping[str, Any], path: Path) -> Plant:
+    """Return the plant that a file says. Raises as `read_plant` does."""
     try:
         return _plant(content)
     except DriveCommError as error:

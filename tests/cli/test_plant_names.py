@@ -300,10 +300,13 @@ class TestOtherCommands:
         assert shell("poll", "door", "480", "--plant", plant.path, port=None) == 2
         assert "'door' names no drive" in shell.err
 
-    def test_options_behind_a_name_go_before_those_of_the_plant(self, shell, plant):
+    def test_options_behind_a_name_go_before_those_of_the_plant(self, shell, plant, monkeypatch):
         words = ("poll", "pump,model=act", "480", "--cycles", "1", "--plant", plant.path, "--json")
-        # A name means the plant whatever port is given.
-        assert shell(*words, port="nowhere") == 0
+        # A name means the plant, and its line has a port of its own.
+        assert shell(*words, port="nowhere") == 2
+        assert "--port has no effect" in shell.err
+        monkeypatch.setenv("DRIVECOMM_PORT", "nowhere")
+        assert shell(*words, port=None) == 0
         assert shell.objects[0]["quality"] == "good"
 
     def test_poll_what_the_plant_says(self, shell, plant, tmp_path):
@@ -465,6 +468,27 @@ class TestScan:
         assert "exists already; name another file, or write --force" in shell.err
         assert path.read_text() == before
         assert shell(*wide, "--force") == 0
+
+    def test_two_files_become_one_plant_as_they_say(self, shell, tmp_path):
+        """Take the # away before the names, as the file tells, and put the lines together."""
+        for port, number in (("line", 1), ("/dev/ttyUSB0", 2)):
+            shell.line(virtual_drive("vabus", 1), virtual_drive("vabus", 2), name=port)
+            path = tmp_path / f"{number}.toml"
+            assert shell("scan", "--protocol", "vabus", "-a", "1-3", "--write", str(path), port=port) == 0
+            text = path.read_text().replace("# name", "name")
+            path.write_text(text)
+            assert [drive.name for drive in read_plant(path).drives] == ["pump1", "pump2"]
+            assert shell("status", "pump2", "--plant", str(path), port=None) == 0
+            assert shell.out.startswith("pump2  ")
+        assert read_plant(path).lines[0].name == "ttyUSB0"
+
+    def test_flags_without_effect(self, shell, plant):
+        assert shell("scan", "--force") == 2
+        assert "--force is for a file that --write names" in shell.err
+        assert shell("scan", "--plant", plant.path) == 2
+        assert "--plant has no effect" in shell.err
+        assert shell("scan", "--protocol", "vabus", "-a", "99") == 2
+        assert "no drive of these protocols can have the address 99" in shell.err
 
     def test_nothing_is_written_when_nobody_is_there(self, shell, tmp_path):
         shell.line()

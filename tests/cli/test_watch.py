@@ -68,8 +68,8 @@ def test_drives_on_a_port():
     (line,) = watching.watched_lines(["vabus:1,model=agile", "danfoss-fc:3"], options)
     assert (line.name, line.options) == ("/dev/ttyUSB0", {"parity": "E", "echo": "expect", "rs485": True})
     assert [(drive.name, drive.options) for drive in line.drives] == [
-        ("vabus:1", {"model": "agile"}),
-        ("danfoss-fc:3", {}),
+        ("vabus:1", {"parity": "E", "model": "agile"}),
+        ("danfoss-fc:3", {"parity": "E"}),
     ]
 
 

@@ -343,7 +343,7 @@ def test_what_a_scan_has_found_is_read_back(tmp_path):
         echo=True,
     )
     plant = read_text(text, tmp_path / "plant.toml")
-    assert plant.lines == (PlantLine(name="line", port="COM3", echo=True),)
+    assert plant.lines == (PlantLine(name="COM3", port="COM3", echo=True),)
     assert [drive.name for drive in plant.drives] == ["vabus:1", "danfoss-fc:3"]
     assert plant.drives[1].options == {
         "model": "fc300",
