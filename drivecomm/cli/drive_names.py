@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import AddressError, UsageError
-from drivecomm.plant.port_names import same_port
+from drivecomm.port_names import same_port
 
 if TYPE_CHECKING:
     from drivecomm.plant import Plant, PlantDrive, PlantLine

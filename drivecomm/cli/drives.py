@@ -262,7 +262,7 @@ def _number(text: str | None) -> Decimal | None:
 def _show_reading(drive: DriveName, parameter: str, reading: Reading, *, as_json: bool) -> None:
     if as_json:
         told = {**plain(reading), "parameter": parameter, "address": reading.parameter, "quantity": reading.name}
-        emit(**{**told, **drive.keys})
+        emit(**{**drive.keys, **told, "name": drive.name})
         return
     name = f"{reading.parameter} {reading.name}".rstrip()
     note = f"  [{reading.note}]" if reading.note else ""

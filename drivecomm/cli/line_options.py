@@ -19,7 +19,7 @@ from drivecomm.cli.drive_names import Asked, known_plant, parse_drive, placed
 from drivecomm.cli.output import sentence, trace_as_json, trace_to_standard_error
 from drivecomm.echo import Echo
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
-from drivecomm.plant.port_names import same_port
+from drivecomm.port_names import same_port
 from drivecomm.tracing import tell_all
 
 if TYPE_CHECKING:

@@ -254,7 +254,7 @@ def _show_plan(plan: Plan, drive: DriveName, *, as_json: bool) -> None:
     if as_json:
         for item in plan.items:
             told = {**plain(item), "stage": item.stage.name.lower(), "quantity": item.name}
-            emit(**{**told, **drive.keys})
+            emit(**{**drive.keys, **told, "name": drive.name})
         emit(**drive.keys, write=len(plan.to("write")), equal=len(plan.to("equal")), skip=len(plan.to("skip")),
              stored=plan.store, remarks=list(plan.remarks))  # fmt: skip
         return

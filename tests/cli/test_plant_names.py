@@ -7,7 +7,7 @@ import pytest
 import drivecomm.bus
 from drivecomm.line import LineSettings
 from drivecomm.plant.files import read_plant
-from drivecomm.plant.port_names import same_port
+from drivecomm.port_names import same_port
 from drivecomm.virtual import virtual_drive
 from drivecomm.virtual.virtual_plant import VirtualPlant
 
@@ -312,6 +312,9 @@ class TestOtherCommands:
     def test_poll_what_the_plant_says(self, shell, plant, tmp_path):
         assert shell("poll", "--cycles", "2", "--plant", plant.path, "--json", port=None) == 0
         assert [(one["drive"], one["parameter"]) for one in shell.objects] == [("pump", "480")] * 2
+        # The same, named as a plan: a plant file says what is polled, too.
+        assert shell("poll", "--cycles", "1", "--plan", plant.path, "--json", port=None) == 0
+        assert [(one["drive"], one["parameter"]) for one in shell.objects] == [("pump", "480")]
         path = tmp_path / "idle.toml"
         path.write_text(PLANT.replace("poll =", "# poll ="))
         assert shell("poll", "--plant", str(path), port=None) == 2
