@@ -154,11 +154,11 @@ class AsyncDrive:
 
     async def start(self, *, reverse: bool = False) -> None:
         """Start the motor with the reference that is set; see `capabilities.link_loss` for what stops it."""
-        await self._command(self._verbs.operations.start(reverse=reverse))
+        await self._command(self._verbs.start(reverse=reverse))
 
     async def stop(self, how: Stop = Stop.RAMP) -> None:
         """Stop the motor; overtakes all else on the line, and asks also a drive that has not answered."""
-        await self._bus.stop(self._party, self._verbs.operations.stop(how))
+        await self._bus.stop(self._party, self._verbs.stop(how))
 
     async def reset(self) -> None:
         """Acknowledge a fault. The motor does not start again by this."""
@@ -260,4 +260,4 @@ class AsyncBroadcast:
 
     async def stop(self, how: Stop = Stop.RAMP) -> None:
         """Stop all motors; overtakes all else on the line, and returns when the telegram is sent."""
-        await self._bus.stop(self._party, self._verbs.operations.stop(how))
+        await self._bus.stop(self._party, self._verbs.stop(how))

@@ -13,6 +13,7 @@ from drivecomm.roster import Roster, echo_mode, line_overrides
 from drivecomm.runners.blocking import run
 from drivecomm.scanning import Found, Search, introduce, look
 from drivecomm.stored_writes import ALLOWED, StoredWrites
+from drivecomm.suggestions import shortened
 from drivecomm.turns import Rank, Turn, Turns
 
 if TYPE_CHECKING:
@@ -354,6 +355,8 @@ def port_opener(
 ) -> Callable[[], Port]:
     """Return what opens this port, and opens it again when it was lost: then by the name that follows the adapter."""
     if not isinstance(port, str):
+        if not callable(port):
+            raise UsageError(f"{shortened(port)} is no port; give its name, or a function that returns one")
         return port
     names = [port]
 

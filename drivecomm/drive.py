@@ -176,11 +176,11 @@ class Drive:
 
         What stops it when this program falls silent is a setting of the drive: see `capabilities.link_loss`.
         """
-        self._command(self._verbs.operations.start(reverse=reverse))
+        self._command(self._verbs.start(reverse=reverse))
 
     def stop(self, how: Stop = Stop.RAMP) -> None:
         """Stop the motor; overtakes all else on the line, and asks also a drive that has not answered."""
-        self._bus.stop(self._party, self._verbs.operations.stop(how))
+        self._bus.stop(self._party, self._verbs.stop(how))
 
     def reset(self) -> None:
         """Acknowledge a fault. The motor does not start again by this."""
@@ -289,4 +289,4 @@ class Broadcast:
 
     def stop(self, how: Stop = Stop.RAMP) -> None:
         """Stop all motors; overtakes all else on the line, and returns when the telegram is sent."""
-        self._bus.stop(self._party, self._verbs.operations.stop(how))
+        self._bus.stop(self._party, self._verbs.stop(how))

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.argument_types import as_asked, misfit
 from drivecomm.errors import UsageError
 from drivecomm.line import LINE_FACT_NAMES
+from drivecomm.suggestions import meant, shortened
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -28,13 +30,17 @@ def sort_out(
     allowed = own | LINE_FACT_NAMES
     of_model = model.options if model else {}
     if unknown := sorted(set(given) - allowed):
-        known = ", ".join(sorted(allowed))
-        raise UsageError(f"{plugin.name} drives have no option {unknown[0]!r}; they have {known}")
+        known = meant(unknown[0], sorted(allowed), "they have")
+        raise UsageError(f"{plugin.name} drives have no option {shortened(unknown[0])}; {known}")
     if unknown := sorted(set(of_model) - allowed):
         raise UsageError(f"model {model.name if model else ''} sets {unknown[0]!r}, which {plugin.name} does not have")
     said = {**of_model, **(for_all or {}), **given}
+    chosen = as_asked(plugin.options, {name: value for name, value in said.items() if name in own})
+    if wrong := misfit(plugin.options, chosen):
+        name, takes = wrong
+        raise UsageError(f"{name} cannot be {shortened(chosen[name])}; it takes {takes}")
     facts = plugin.facts.override({name: value for name, value in said.items() if name in LINE_FACT_NAMES})
-    return facts, plugin.options(**{name: value for name, value in said.items() if name in own})
+    return facts, plugin.options(**chosen)
 
 
 def option_names(plugin: Protocol) -> frozenset[str]:

@@ -30,7 +30,10 @@ DriveCommError                      exit code 1
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 Category: TypeAlias = Literal["framing", "length", "checksum", "field"]
 
@@ -41,6 +44,18 @@ class DriveCommError(Exception):
     exit_code: ClassVar[int] = 1
     remedy: ClassVar[str] = ""
     """What a person can do about it, for messages that do not say it themselves."""
+
+    says: tuple[str, ...] = ()
+    """The words of Python in the sentence and its remedy, such as store=True: where keywords are called otherwise, as
+    on the command line, they are shown in the words of that place."""
+
+    about: Mapping[str, str] | None = None
+    """The drive that it is about, where whoever has it open says so: `name`, `drive` as PROTOCOL:ADDRESS, `line`."""
+
+    def __init__(self, *told: object, says: str | tuple[str, ...] = ()) -> None:
+        super().__init__(*told)
+        if says:
+            self.says = (says,) if isinstance(says, str) else says
 
 
 class UsageError(DriveCommError, ValueError):
@@ -114,7 +129,8 @@ class NotAnsweringError(NoReplyError):
 class DeadlineError(ReplyError, TimeoutError):
     """The call's time was over: while it waited for its turn, for the drive, or between its telegrams."""
 
-    remedy = "give the drive a longer deadline_s, or ask for less on this line"
+    remedy = "give the drive more time with deadline_s=60, or ask for less on this line"
+    says = ("deadline_s=60",)
 
 
 class OvertakenError(ReplyError):

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Literal, TypeAlias
 
+from drivecomm.argument_types import is_duration, is_number
 from drivecomm.errors import UsageError
+from drivecomm.suggestions import shortened
 
 Parity: TypeAlias = Literal["N", "E", "O", "M", "S"]
 
@@ -26,13 +28,13 @@ class LineSettings:
 
     def __post_init__(self) -> None:
         if type(self.baudrate) is not int or not 50 <= self.baudrate <= 4_000_000:
-            raise UsageError(f"a baud rate of {self.baudrate!r} is not between 50 and 4000000")
-        if self.bytesize not in (7, 8):
-            raise UsageError(f"{self.bytesize} data bits are not possible, drives use 7 or 8")
+            raise UsageError(f"a baud rate of {shortened(self.baudrate)} is not between 50 and 4000000")
+        if type(self.bytesize) is not int or self.bytesize not in (7, 8):
+            raise UsageError(f"{shortened(self.bytesize)} data bits are not possible, drives use 7 or 8")
         if self.parity not in _PARITIES:
-            raise UsageError(f"parity {self.parity!r} is not one of N, E, O, M, S")
-        if self.stopbits not in (1, 1.5, 2):
-            raise UsageError(f"{self.stopbits} stop bits are not possible, use 1, 1.5 or 2")
+            raise UsageError(f"parity {shortened(self.parity)} is not one of N, E, O, M, S")
+        if type(self.stopbits) not in (int, float) or self.stopbits not in (1, 1.5, 2):
+            raise UsageError(f"{shortened(self.stopbits)} stop bits are not possible, use 1, 1.5 or 2")
 
     @property
     def character_s(self) -> float:
@@ -76,10 +78,17 @@ class Timing:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            if getattr(self, field.name) < 0:
-                raise UsageError(f"{field.name} of {getattr(self, field.name)} is negative")
-        if self.attempts < 1:
-            raise UsageError("attempts of 0 would never send anything, use 1 or more")
+            value = getattr(self, field.name)
+            if is_number(value) and value < 0:
+                raise UsageError(f"{field.name} of {shortened(value)} is negative", says=field.name)
+            if not is_duration(value):
+                raise UsageError(f"{field.name} cannot be {shortened(value)}; give a number", says=field.name)
+        if type(self.attempts) is not int or self.attempts < 1:
+            raise UsageError(
+                f"attempts of {self.attempts} would never send anything, use 1 or more whole ones", says="attempts"
+            )
+        if not self.reply_timeout_s:
+            raise UsageError("reply_timeout_s of 0 leaves no time for a reply, use more", says="reply_timeout_s")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

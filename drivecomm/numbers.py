@@ -6,22 +6,28 @@ from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ValueRefusedError
+from drivecomm.suggestions import shortened
 
 if TYPE_CHECKING:
     from drivecomm.reading import Value
+
+_LARGEST, _SMALLEST = 20, -40
+"""Powers of ten. Parameters have 32 bits and a few decimals; larger powers only take time to calculate with."""
 
 
 def exact(value: Value | float, parameter: str) -> Decimal:
     """Return the number that a caller means: 10.1 is ten and one tenth, whatever binary floats make of it.
 
-    Raises ValueRefusedError for text that is no number, and for infinities.
+    Raises ValueRefusedError for text that is no number, for infinities, and for numbers that no drive can hold.
     """
     try:
         number = Decimal(str(value)) if isinstance(value, float) else Decimal(value)
     except (InvalidOperation, TypeError, ValueError) as error:
-        raise ValueRefusedError(f"{value!r} for parameter {parameter} is no number") from error
+        raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is no number") from error
     if not number.is_finite() or isinstance(value, bool):
-        raise ValueRefusedError(f"{value!r} for parameter {parameter} is no number")
+        raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is no number")
+    if number.adjusted() > _LARGEST or number.as_tuple().exponent < _SMALLEST:  # type: ignore[operator]
+        raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is beyond what any drive holds")
     return number
 
 

@@ -21,11 +21,12 @@ options = { type = "long" }         # optional: the protocol's own for reading
 
 from __future__ import annotations
 
-import tomllib
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, FileFormatError
 from drivecomm.plan import Plan, PlannedDrive, PlannedRead
+from drivecomm.suggestions import meant
+from drivecomm.tomlfile import read_toml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -53,10 +54,11 @@ _POLL_KEYS: Mapping[str, tuple[type, ...]] = {
 
 def read_plan(path: Path) -> Plan:
     """Read a plan file. Raises FileFormatError with the file's name, the entry and what is wrong in it."""
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise FileFormatError(f"{path}: cannot be read as a poll plan: {error}") from error
+    return plan_in(read_toml(path, "a poll plan")[1], path)
+
+
+def plan_in(content: Mapping[str, Any], path: Path) -> Plan:
+    """Return the plan that a file says. Raises as `read_plan` does."""
     try:
         return _plan(content)
     except DriveCommError as error:
@@ -104,8 +106,8 @@ def _drive(entry: Mapping[str, Any], where: str) -> PlannedDrive:
 def _reads(entry: Mapping[str, Any], drives: Mapping[str, PlannedDrive], where: str) -> list[PlannedRead]:
     _check(entry, _POLL_KEYS, ("drive", "parameters"), where)
     if entry["drive"] not in drives:
-        known = ", ".join(drives)
-        raise FileFormatError(f"{where}: there is no drive {entry['drive']!r} in this plan; it has {known}")
+        known = meant(entry["drive"], drives, "it has")
+        raise FileFormatError(f"{where}: there is no drive {entry['drive']!r} in this plan; {known}")
     parameters = entry["parameters"]
     if not parameters or not all(isinstance(parameter, str) and parameter for parameter in parameters):
         raise FileFormatError(f'{where}: parameters is a list of texts, such as ["481"]')
@@ -138,4 +140,4 @@ def _check(
 def _no_others(entry: Mapping[str, Any], known: Mapping[str, tuple[type, ...]], where: str) -> None:
     unknown = sorted(set(entry) - set(known))
     if unknown:
-        raise FileFormatError(f"{where}: {unknown[0]!r} is no key here; they are {', '.join(known)}")
+        raise FileFormatError(f"{where}: {unknown[0]!r} is no key here; {meant(unknown[0], known, 'they are')}")

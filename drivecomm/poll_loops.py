@@ -8,8 +8,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+from drivecomm.argument_types import is_duration
 from drivecomm.errors import DriveCommError, LinkError, UsageError
 from drivecomm.polling import Schedule, checked
+from drivecomm.suggestions import shortened
 
 if TYPE_CHECKING:
     from asyncio import Queue as AsyncQueue
@@ -326,6 +328,6 @@ def _by_bus(items: Sequence[PollItem[D]]) -> list[list[PollItem[D]]]:
 def _seconds(duration_s: float | None) -> float:
     if duration_s is None:
         return math.inf
-    if not duration_s > 0:
-        raise UsageError(f"a duration of {duration_s} s polls nothing; give seconds above 0")
+    if duration_s != math.inf and not (is_duration(duration_s) and duration_s > 0):
+        raise UsageError(f"a duration of {shortened(duration_s)} s polls nothing; give seconds above 0")
     return duration_s

@@ -15,7 +15,9 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeAlias, TypeVar
 
+from drivecomm.argument_types import is_duration, is_whole
 from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.suggestions import shortened
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -50,6 +52,9 @@ UNHURRIED_S = 1.0
 REST_S = 0.1
 """An item without a period that failed is not asked again before this time has passed."""
 
+SHORTEST_S = 1e-6
+"""The shortest period; no telegram is as short."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PollItem(Generic[D]):
@@ -70,9 +75,19 @@ class PollItem(Generic[D]):
     name: str = ""
 
     def __post_init__(self) -> None:
-        for name, seconds in (("period_s", self.period_s), ("stale_after_s", self.stale_after_s)):
-            if seconds is not None and not 0 <= seconds < math.inf:
-                raise UsageError(f"{name} of {self.parameter} is {seconds}; give seconds, 0 or more")
+        if not isinstance(self.parameter, str):
+            raise UsageError(f'{shortened(self.parameter)} names no parameter; give a text, such as "481"')
+        stale_after_s = 0 if self.stale_after_s is None else self.stale_after_s
+        for name, seconds in (("period_s", self.period_s), ("stale_after_s", stale_after_s)):
+            if not is_duration(seconds):
+                raise UsageError(f"{name} of {self.parameter} is {shortened(seconds)}; give seconds, 0 or more")
+        if 0 < self.period_s < SHORTEST_S:
+            raise UsageError(
+                f"period_s of {self.parameter} is {self.period_s}, less than a telegram takes; give {SHORTEST_S} or "
+                "more, or 0 for as often as the line has time left"
+            )
+        if not is_whole(self.priority):
+            raise UsageError(f"priority of {self.parameter} is {shortened(self.priority)}; give a whole number")
 
     @property
     def keeps_s(self) -> float:
@@ -199,8 +214,8 @@ def checked(items: Iterable[PollItem[D]], *, cycles: int | None = None) -> Seque
     plan = list(items)
     if not plan:
         raise UsageError("a poll plan needs at least one item")
-    if cycles is not None and cycles < 1:
-        raise UsageError(f"{cycles} cycles read nothing; use 1 or more")
+    if cycles is not None and not (is_whole(cycles) and cycles >= 1):
+        raise UsageError(f"{shortened(cycles)} cycles read nothing; use 1 or more")
     seen: set[PollItem[D]] = set()
     for item in plan:
         if item in seen:

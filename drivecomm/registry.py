@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from threading import Lock
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ProtocolLoadError, UnknownProtocolError
 from drivecomm.protocol import Protocol
+from drivecomm.suggestions import meant, shortened
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -28,6 +29,8 @@ class Protocols(Mapping[str, Protocol]):
         self._lock = Lock()
 
     def __getitem__(self, name: str) -> Protocol:
+        if not isinstance(name, str):
+            raise unknown_protocol(name, self)
         if name in self._added:
             return self._added[name]
         with self._lock:
@@ -77,6 +80,12 @@ class Protocols(Mapping[str, Protocol]):
         return found
 
 
+def unknown_protocol(name: str, known: Iterable[str]) -> UnknownProtocolError:
+    """Return the error for a name that none of these protocols has."""
+    there = meant(name, sorted(known), "installed are")
+    return UnknownProtocolError(f"no installed protocol is named {shortened(name)}; {there}")
+
+
 def _entries() -> list[EntryPoint]:
     # Costs more than the rest of the package, and most programs name their protocols late.
     from importlib.metadata import entry_points  # noqa: PLC0415
@@ -91,8 +100,7 @@ def _owner(entry: EntryPoint) -> str:
 def _load(name: str) -> Protocol:
     entries = {(entry.value, _owner(entry)): entry for entry in _entries() if entry.name == name}
     if not entries:
-        known = ", ".join(sorted({entry.name for entry in _entries()}))
-        raise UnknownProtocolError(f"no installed protocol is named {name!r}; installed are {known or 'none'}")
+        raise unknown_protocol(name, {entry.name for entry in _entries()})
     if len(entries) > 1:
         owners = " and ".join(sorted(owner for _, owner in entries))
         raise ProtocolLoadError(f"the protocol name {name!r} is claimed by {owners}; uninstall one of them")

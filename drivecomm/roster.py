@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+from drivecomm.argument_types import is_duration
 from drivecomm.command_order import Commands
 from drivecomm.drive_options import sort_out
 from drivecomm.errors import AddressError, NotSupported, UsageError
@@ -14,10 +16,11 @@ from drivecomm.models.files import load_model
 from drivecomm.read_only import ReadOnly
 from drivecomm.registry import installed
 from drivecomm.stored_writes import StoredWrites
+from drivecomm.suggestions import meant, shortened
 from drivecomm.verbs import setting_up
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
     from pathlib import Path
 
     from drivecomm.echo import Echo
@@ -52,6 +55,10 @@ class Roster:
         guard_s: float = 0.005,
         stored_writes: StoredWrites | None = None,
     ) -> None:
+        if not is_duration(guard_s):
+            raise UsageError(f"guard_s cannot be {shortened(guard_s)}; give seconds, 0 or more")
+        if trace is not None and not callable(trace):
+            raise UsageError(f"trace cannot be {shortened(trace)}; give a function that is called with each event")
         self.stored_writes = stored_writes or StoredWrites()
         self.commands = Commands()
         self.link = Link(trace=trace, echo=echo, guard_s=guard_s, away=self.commands.forget)
@@ -74,9 +81,13 @@ class Roster:
         read_only: why it may not be written or commanded, empty where it may.
         """
         plugin = installed[protocol]
+        if set_up is not None and not isinstance(set_up, Mapping):
+            raise UsageError(f"set_up cannot be {shortened(set_up)}; give parameters and their values")
+        if not isinstance(read_only, str):
+            raise UsageError(f"read_only cannot be {shortened(read_only)}; give a sentence that says why")
         if type(address) is not int or address not in plugin.addresses:
             allowed = f"{plugin.addresses.start} to {plugin.addresses.stop - 1}"
-            raise AddressError(f"{protocol} has no drive at address {address}; addresses are {allowed}")
+            raise AddressError(f"{protocol} has no drive at address {shortened(address)}; addresses are {allowed}")
         known = None if model is None else load_model(plugin.package, protocol, model)
         facts, chosen = sort_out(plugin, known, options, for_all=self._overrides)
         name = f"{plugin.name}:{address}"
@@ -133,7 +144,7 @@ def line_overrides(facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return those line facts that are given. Raises UsageError for a name that is none."""
     unknown = sorted(set(facts) - LINE_FACT_NAMES)
     if unknown:
-        raise UsageError(f"a line has no fact {unknown[0]!r}; it has {', '.join(sorted(LINE_FACT_NAMES))}")
+        raise UsageError(f"a line has no fact {unknown[0]!r}; {meant(unknown[0], sorted(LINE_FACT_NAMES), 'it has')}")
     return {name: value for name, value in facts.items() if value is not None}
 
 
@@ -143,4 +154,4 @@ def echo_mode(echo: bool | Echo) -> Echo:
         return echo
     if isinstance(echo, bool):
         return "expect" if echo else "off"
-    raise UsageError(f"echo {echo!r} is none of off, expect and auto")
+    raise UsageError(f"echo {shortened(echo)} is none of off, expect and auto")

@@ -7,18 +7,20 @@ one tries other line settings, too: the likely ones of all protocols before the 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import DriveCommError, NoReplyError, ReplyError
+from drivecomm.errors import DriveCommError, NoReplyError, ReplyError, UsageError
 from drivecomm.exchange import Ask
 from drivecomm.likely_settings import likely_settings
 from drivecomm.models.files import load_model, model_names, user_folders
 from drivecomm.registry import installed
+from drivecomm.suggestions import shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from drivecomm.exchange import Exchange
     from drivecomm.likely_settings import LineChoices
@@ -196,8 +198,13 @@ def options_of(settings: LineSettings) -> dict[str, Any]:
 
 def scan_plan(only: Iterable[str] | None, addresses: Iterable[int] | None) -> list[tuple[Protocol, int]]:
     """Return whom a scan asks, in order; addresses that a protocol does not have are left out."""
+    if only is not None and (isinstance(only, str) or not isinstance(only, Iterable)):
+        raise UsageError(f"{shortened(only)} is no list of protocols; give one, such as ['vabus']")
     plugins = [installed[name] for name in only] if only is not None else list(installed.working())
-    wanted = None if addresses is None else list(addresses)
+    try:
+        wanted = None if addresses is None else list(addresses)
+    except TypeError:
+        raise UsageError(f"{shortened(addresses)} are no addresses; give a list of them") from None
     return [
         (plugin, address)
         for plugin in plugins

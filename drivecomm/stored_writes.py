@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
+from drivecomm.argument_types import is_whole
 from drivecomm.errors import UsageError
+from drivecomm.suggestions import shortened
 
 if TYPE_CHECKING:
     from drivecomm.models import Model
@@ -20,6 +22,8 @@ class StoredWrites:
     """The stored writes of all drives of one bus, as long as it is open. allowed: of one parameter within an hour."""
 
     def __init__(self, allowed: int = ALLOWED) -> None:
+        if not is_whole(allowed) or allowed < 0:
+            raise UsageError(f"stored_writes_per_hour cannot be {shortened(allowed)}; give a whole number, 0 or more")
         self._allowed = allowed
         self._times: dict[tuple[str, str], deque[float]] = {}
 
@@ -40,7 +44,8 @@ class StoredWrites:
         if stored >= self._allowed:
             raise UsageError(
                 f"{parameter} of {drive} was stored {stored} times within an hour, and EEPROM cells wear out; "
-                "write it without store=True, or raise stored_writes_per_hour of the bus"
+                "write it without store=True, or raise stored_writes_per_hour of the bus",
+                says="store=True",
             )
         self._times.setdefault((drive, parameter), deque()).append(now)
 

@@ -7,11 +7,14 @@ from dataclasses import replace
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drivecomm.errors import NotSupported, ParameterAddressError, StateError, UsageError
+from drivecomm.argument_types import misfit
+from drivecomm.errors import NotSupported, ParameterAddressError, StateError, UsageError, ValueRefusedError
 from drivecomm.models.link_loss import link_loss_of
 from drivecomm.models.quantities import CommonName, not_said, parameter_at, quantities
 from drivecomm.numbers import exact
+from drivecomm.status import Stop
 from drivecomm.stored_writes import is_stored
+from drivecomm.suggestions import meant, near, shortened
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -26,6 +29,9 @@ T = TypeVar("T")
 COMMON_VERBS = frozenset({"jog", "hold", "select_setup", "select_preset", "set_relay"})
 """Verbs that not every drive has, and that mean the same on those that have them."""
 
+_LONGEST_NAME = 200
+"""Characters of a parameter's address or name; far more than any has."""
+
 
 class Verbs:
     """Turns what a caller asks of a drive into exchanges; what cannot be is a UsageError before anything is sent."""
@@ -38,15 +44,14 @@ class Verbs:
 
     def read(self, parameter: str, options: Mapping[str, Any]) -> Exchange[Reading]:
         """Read a parameter, by its address, its name in the model or a common name."""
+        self._must_name(parameter)
         common = self._common_name(parameter)
         if common is not None:
             return _told(bound(self.operations.read, common.address, **options), common)
         try:
             return bound(self.operations.read, parameter, **options)
         except ParameterAddressError as error:
-            if parameter not in quantities():
-                raise
-            raise not_said(parameter, self._model) from error
+            raise self._unknown(parameter, error) from error
 
     def check_read(self, parameter: str, options: Mapping[str, Any]) -> None:
         """Raise what `read` would raise before it sends anything, and UsageError for what can only be written."""
@@ -58,6 +63,11 @@ class Verbs:
 
     def write(self, parameter: str, value: Value | float, options: Mapping[str, Any]) -> Exchange[Reading | None]:
         """Write a parameter, named as for `read`; by a common name, the value is in the unit of the quantity."""
+        self._must_name(parameter)
+        if not isinstance(value, int | float | Decimal | str):
+            raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is neither a number nor a text")
+        if not isinstance(value, str):
+            exact(value, parameter)
         value = self._number_of(parameter, value)
         common = self._common_name(parameter)
         if common is not None:
@@ -65,9 +75,35 @@ class Verbs:
         try:
             return bound(self.operations.write, parameter, value, **options)
         except ParameterAddressError as error:
-            if parameter not in quantities():
-                raise
-            raise not_said(parameter, self._model) from error
+            raise self._unknown(parameter, error) from error
+
+    def start(self, *, reverse: bool) -> Exchange[None]:
+        """Start the motor."""
+        return bound(self.operations.start, reverse=reverse)
+
+    def stop(self, how: Stop) -> Exchange[None]:
+        """Stop the motor; a way to stop may be given by its name, such as "coast"."""
+        try:
+            way = Stop(how)
+        except ValueError:
+            known = meant(how, [stop.value for stop in Stop], "they are")
+            raise UsageError(f"{shortened(how)} is no way to stop; {known}") from None
+        return self.operations.stop(way)
+
+    def _must_name(self, parameter: object) -> None:
+        if not isinstance(parameter, str) or len(parameter) > _LONGEST_NAME:
+            raise ParameterAddressError(f'{shortened(parameter)} names no parameter; give a text, such as "481"')
+
+    def _unknown(self, parameter: str, error: ParameterAddressError) -> ParameterAddressError:
+        """Return the error for a parameter that the protocol does not know, with what was probably meant."""
+        if parameter in quantities():
+            return not_said(parameter, self._model)
+        known = set(quantities())
+        if self._model is not None:
+            names = {info.name for info in self._model.parameters.values()}
+            known = {*self._model.quantities, *self._model.parameters, *names}
+        question = near(parameter, known)
+        return ParameterAddressError(f"{error}; {question}" if question else str(error))
 
     def _number_of(self, parameter: str, value: Value | float) -> Value | float:
         """Return what stands for a value that was given by its name in the model, such as an option's text."""
@@ -119,9 +155,9 @@ class Verbs:
         if sum(given is not None for given in (percent, hz, rpm)) != 1:
             raise UsageError("a reference is set with percent, with hz or with rpm, one of them")
         if percent is not None:
-            return self.operations.set_reference_percent(percent)
+            return self.operations.set_reference_percent(exact(percent, "reference"))
         if hz is not None:
-            return self.operations.set_reference_hz(hz)
+            return self.operations.set_reference_hz(exact(hz, "reference"))
         return self._set_reference_rpm(exact(rpm if rpm is not None else 0, "reference"))
 
     def _set_reference_rpm(self, rpm: Decimal) -> Exchange[None]:
@@ -144,8 +180,9 @@ class Verbs:
     def call(self, verb: str, arguments: Mapping[str, Any]) -> Exchange[Any]:
         """Carry out a verb that only this protocol has."""
         extra = self.operations.extra
-        if verb not in extra:
-            raise NotSupported(f"{self._name} has no verb {verb!r}; it has {', '.join(sorted(extra)) or 'none'}")
+        if not isinstance(verb, str) or verb not in extra:
+            known = meant(verb, sorted(extra), "it has")
+            raise NotSupported(f"{self._name} has no verb {shortened(verb)}; {known}")
         return bound(extra[verb], **arguments)
 
 
@@ -187,7 +224,7 @@ def frequency_for(rpm: Decimal, rated_frequency: Reading, rated_speed: Reading) 
         raise UsageError(
             f"a motor of {rated_frequency} with {rated_speed} has no pole pairs; correct its name plate in the drive"
         )
-    return (rpm * pole_pairs / 60).quantize(Decimal("0.01"))
+    return exact(rpm * pole_pairs / 60, "reference").quantize(Decimal("0.01"))
 
 
 def setting_up(operations: Operations, writes: Mapping[str, Any]) -> Exchange[None]:
@@ -197,7 +234,10 @@ def setting_up(operations: Operations, writes: Mapping[str, Any]) -> Exchange[No
 
 
 def bound(operation: Callable[..., T], *values: Any, **options: Any) -> T:
-    """Call an operation; options that it does not have are a UsageError that lists those it has."""
+    """Call an operation; options that it does not have, or that are of another type, are a UsageError that says so."""
+    if options and (wrong := misfit(operation, options)):
+        name, takes = wrong
+        raise UsageError(f"{name} cannot be {shortened(options[name])}; it takes {takes}")
     try:
         return operation(*values, **options)
     except TypeError:
@@ -213,7 +253,8 @@ def _refuse(operation: Callable[..., Any], values: tuple[Any, ...], options: Map
     name = getattr(operation, "__name__", "it")
     if unknown:
         known = [name for name, one in parameters.items() if one.kind is one.KEYWORD_ONLY or not values]
-        raise UsageError(f"{name} has no option {unknown[0]!r} here; it has {', '.join(known) or 'none'}") from None
+        there = meant(unknown[0], known, "it has")
+        raise UsageError(f"{name} has no option {unknown[0]!r} here; {there}") from None
     missing = [
         name
         for name, one in list(parameters.items())[len(values) :]

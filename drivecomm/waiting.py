@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from drivecomm.argument_types import is_duration
 from drivecomm.errors import NotSupported, StateError, UsageError
 from drivecomm.status import DriveState
+from drivecomm.suggestions import shortened
 
 if TYPE_CHECKING:
     from drivecomm.status import DriveStatus
@@ -23,9 +25,11 @@ class Waiting:
     def __init__(self, name: str, goal: Goal, timeout_s: float, now: float) -> None:
         if not isinstance(goal, DriveState) and goal != "at_reference":
             known = ", ".join(state.name for state in DriveState)
-            raise UsageError(f"{goal!r} is nothing to wait for; it is a DriveState ({known}) or 'at_reference'")
-        if not 0 <= timeout_s < 1e9:
-            raise UsageError(f"timeout_s = {timeout_s!r} is no time in seconds, 0 or more")
+            raise UsageError(
+                f"{shortened(goal)} is nothing to wait for; it is a DriveState ({known}) or 'at_reference'"
+            )
+        if not is_duration(timeout_s):
+            raise UsageError(f"timeout_s = {shortened(timeout_s)} is no time in seconds, 0 or more")
         self._name = name
         self._goal = goal
         self._timeout_s = timeout_s

@@ -18,6 +18,7 @@ from drivecomm.capture.pcapng_writing import Pcapng
 from drivecomm.capture.pieces import LONGEST_S
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.growing_file import GrowingFile
+from drivecomm.tomlfile import no_such_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,6 +57,8 @@ def read_capture(path: str | Path) -> Capture:
     place = Path(path)
     try:
         content = place.read_bytes()
+    except FileNotFoundError:
+        raise FileFormatError(no_such_file(place)) from None
     except OSError as error:
         raise FileFormatError(f"{place}: cannot be read as a capture ({error.strerror or error})") from error
     if content.startswith(MAGIC):

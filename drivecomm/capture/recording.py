@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 from drivecomm.capture.files import CaptureWriter, check_place
 from drivecomm.capture.pieces import Piece, Provenance
 from drivecomm.echo import EchoFilter
-from drivecomm.errors import FileFormatError
+from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.growing_file import Gaps
+from drivecomm.suggestions import shortened
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
@@ -62,6 +63,10 @@ class Recording:
         echo: Echo = "off",
         drives: Callable[[], Iterable[str]] = tuple,
     ) -> None:
+        if not isinstance(record, str | Path) and not hasattr(record, "add"):
+            raise UsageError(
+                f"{shortened(record)} records nothing; give a file, .jsonl or .pcapng, or an object with add(piece)"
+            )
         self._open_port = open_port
         self._path = Path(record) if isinstance(record, str | Path) else None
         self._recorder: Recorder | None = None if isinstance(record, str | Path) else record

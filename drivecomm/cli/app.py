@@ -12,6 +12,7 @@ from drivecomm.cli.conformance import conformance
 from drivecomm.cli.demo import demo
 from drivecomm.cli.doctor import doctor
 from drivecomm.cli.forecast import forecast
+from drivecomm.cli.help_text import let_flow
 from drivecomm.cli.line_options import LineCommand, on_a_line
 from drivecomm.cli.models import models
 from drivecomm.cli.models_grow import grow
@@ -92,3 +93,4 @@ models.command("grow", cls=LineCommand)(on_a_line(grow))
 app.add_typer(models)
 app.command()(conformance)
 app.add_typer(vectors)
+let_flow(app)

@@ -51,6 +51,8 @@ def doctor(
     from drivecomm.cli.examined_lines import lines_to_examine  # noqa: PLC0415 - only this command needs them
     from drivecomm.findings import Finding, judge  # noqa: PLC0415
 
+    if name is not None and line.port != name:
+        line.refuse(f"{name} is the port", "port")
     wanted = addresses_of(addresses) if addresses else list(_QUICK_ADDRESSES) if quick else None
     lines = lines_to_examine(replace(line, port=name or line.port))
     sound = True

@@ -15,9 +15,10 @@ from drivecomm.cli.output import complain, emit, plain, say
 from drivecomm.cli.stoppable import as_far_as_possible, stoppable_drive
 from drivecomm.errors import DriveCommError, LinkError, UsageError
 from drivecomm.status import Stop
+from drivecomm.suggestions import meant
 
 if TYPE_CHECKING:
-    from drivecomm.drive import Drive
+    from drivecomm.cli.drive_names import DriveName
     from drivecomm.reading import Reading
 
 Name = Annotated[
@@ -53,10 +54,11 @@ def read(
             except LinkError:
                 raise
             except DriveCommError as error:
-                complain(error, as_json=line.json, where=f"{reached.port}, {one.name}, {parameter}")
+                error.about = {**name.keys, "parameter": parameter}
+                complain(error, as_json=line.json, where=f"{reached.named_port}, {name.name}, {parameter}")
                 code = code or error.exit_code
             else:
-                _show_reading(one, parameter, reading, as_json=line.json)
+                _show_reading(name, parameter, reading, as_json=line.json)
     return code
 
 
@@ -74,15 +76,15 @@ def write(
     option: Further = None,
 ) -> int:
     """Write a parameter; into RAM unless --store is given, where the protocol makes the difference."""
-    with drive_named(line, drive, model) as one:
+    with drive_named(line, drive, model) as (one, name):
         write = one.write_and_read if read_back else one.write
         reading = write(parameter, value, store=store, **_verb_options(type, option))
         if reading is not None:
-            _show_reading(one, parameter, reading, as_json=line.json)
+            _show_reading(name, parameter, reading, as_json=line.json)
         elif line.json:
-            emit(drive=one.name, parameter=parameter, written=value, stored=store)
+            emit(**name.keys, parameter=parameter, written=value, stored=store)
         else:
-            say(f"{one.name}  {parameter} = {value}  written{' and stored' if store else ''}")
+            say(f"{name.name}  {parameter} = {value}  written{' and stored' if store else ''}")
     return 0
 
 
@@ -114,7 +116,10 @@ def start(
     from drivecomm.cli import starting  # noqa: PLC0415
 
     said = line.link_loss_of(drive)
-    with drive_named(line, drive, model) as one:
+    with drive_named(line, drive, model) as (one, name):
+        if reason := name.options.get("read_only"):
+            # Said before its watchdog is looked at.
+            raise UsageError(reason)
         policy = starting.chosen_policy(one, link_loss or (said.policy if said else None))
         # What the plant says of a watchdog belongs to the policy that it says.
         usual_s = f"{said.watchdog_s:g}" if said and policy == said.policy else "5"
@@ -130,11 +135,12 @@ def start(
                 one.set_reference(percent=_number(percent), hz=_number(hz))
 
         if policy != "hold":
-            port = line.reaching(drive)[0].named_port
-            return starting.start_and_stay(one, run, policy, watchdog or usual_s, port=port, as_json=line.json)
+            return starting.start_and_stay(
+                one, name, run, policy, watchdog or usual_s, port=line.reaching(drive)[0].named_port, as_json=line.json
+            )
         if watchdog is not None:
             raise UsageError("hold is without a watchdog; leave --watchdog out, or choose another policy")
-        starting.start_and_leave(one, run, as_json=line.json)
+        starting.start_and_leave(one, name, run, as_json=line.json)
     return 0
 
 
@@ -183,9 +189,9 @@ def stop(
         else:
             say(f"{drive}  {told}")
         return 0
-    with stoppable_drive(line, drive, model) as (one, without):
+    with stoppable_drive(line, drive, model) as (one, name, without):
         one.stop(chosen)
-        done(one, line, f"stop ({chosen.value}) commanded")
+        done(name, line, f"stop ({chosen.value}) commanded")
         if without:
             complain(without, as_json=line.json)
     return 0
@@ -193,9 +199,9 @@ def stop(
 
 def reset(drive: Name, line: LineOptions, model: Model = None) -> int:
     """Acknowledge a fault; the motor does not start by it."""
-    with drive_named(line, drive, model) as one:
+    with drive_named(line, drive, model) as (one, name):
         one.reset()
-        done(one, line, "reset")
+        done(name, line, "reset")
     return 0
 
 
@@ -210,11 +216,14 @@ def reference(
 ) -> int:
     """Set the reference; never stored."""
     if value is not None:
+        for flag, said in (("percent", percent), ("hz", hz), ("rpm", rpm)):
+            if said is not None:
+                raise UsageError(f"{value} and --{flag} {said} exclude each other; leave one of them out")
         number, unit = _with_unit(value)
         percent, hz, rpm = (number if unit == each else said for each, said in _units(percent, hz, rpm))
-    with drive_named(line, drive, model) as one:
+    with drive_named(line, drive, model) as (one, name):
         one.set_reference(percent=_number(percent), hz=_number(hz), rpm=_number(rpm))
-        done(one, line, next(f"reference {said} {unit}" for unit, said in _units(percent, hz, rpm) if said is not None))
+        done(name, line, *(f"reference {said} {unit}" for unit, said in _units(percent, hz, rpm) if said is not None))
     return 0
 
 
@@ -226,9 +235,9 @@ def call(
     model: Model = None,
 ) -> int:
     """Carry out a verb that only this protocol has, such as jog or set_up."""
-    with drive_named(line, drive, model) as one:
+    with drive_named(line, drive, model) as (one, name):
         result = one.call(verb, **parse_settings(arguments or []))
-        done(one, line, verb, result=result)
+        done(name, line, verb, result=result)
     return 0
 
 
@@ -236,7 +245,8 @@ def _way_to_stop(how: str) -> Stop:
     try:
         return Stop(how.lower().replace("-", "_"))
     except ValueError:
-        raise UsageError(f"{how!r} is no way to stop; they are ramp, coast, quick and dc_brake") from None
+        known = meant(how, [stop.value for stop in Stop], "they are")
+        raise UsageError(f"{how!r} is no way to stop; {known}") from None
 
 
 def _units(percent: str | None, hz: str | None, rpm: str | None) -> tuple[tuple[str, str | None], ...]:
@@ -265,18 +275,19 @@ def _number(text: str | None) -> Decimal | None:
         raise UsageError(f"{text!r} is no number") from None
 
 
-def _show_reading(drive: Drive, parameter: str, reading: Reading, *, as_json: bool) -> None:
+def _show_reading(drive: DriveName, parameter: str, reading: Reading, *, as_json: bool) -> None:
     if as_json:
-        emit(drive=drive.name, **{**plain(reading), "parameter": parameter, "address": reading.parameter})
+        told = {**plain(reading), "parameter": parameter, "address": reading.parameter, "quantity": reading.name}
+        emit(**{**drive.keys, **told, "name": drive.name})
         return
     name = f"{reading.parameter} {reading.name}".rstrip()
     note = f"  [{reading.note}]" if reading.note else ""
     say(f"{drive.name}  {name:<34} {reading!s:>14}{note}".rstrip())
 
 
-def done(drive: Drive, line: LineOptions, what: str, *, result: object = None) -> None:
+def done(drive: DriveName, line: LineOptions, what: str, *, result: object = None) -> None:
     """Say what was done with a drive."""
     if line.json:
-        emit(drive=drive.name, done=what, result=result)
+        emit(**drive.keys, done=what, result=result)
         return
     say(f"{drive.name}  {what}" + (f": {result}" if result is not None else ""))

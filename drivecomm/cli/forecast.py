@@ -25,7 +25,7 @@ def forecast(
     line: LineOptions,
     words: Words = None,
     plan: PlanFile = None,
-    period: Period = 1.0,
+    period: Period = None,
     delay: Annotated[
         float | None, typer.Option("--delay", metavar="MS", help="Reply delay of the drives in milliseconds.")
     ] = None,
@@ -41,7 +41,7 @@ def forecast(
     Takes the same plan as poll and opens no port. Exit code 1 when the plan does not fit, or does so without room to
     spare.
     """
-    chosen = given_plan(words or [], plan, period_s=period, port=line.port or "", plant=line.plant)
+    chosen = given_plan(words or [], plan, line, period_s=period)
     facts: dict[str, Any] = {
         "baudrate": line.baudrate,
         "bytesize": line.bytesize,

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from copy import copy
 from dataclasses import dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
@@ -14,10 +15,11 @@ import typer
 from typer.core import TyperCommand
 
 from drivecomm import bus as buses
-from drivecomm.cli.drive_names import known_plant, parse_drive, placed
+from drivecomm.cli.drive_names import Asked, known_plant, parse_drive, placed
 from drivecomm.cli.output import sentence, trace_as_json, trace_to_standard_error
 from drivecomm.echo import Echo
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
+from drivecomm.port_names import same_port
 from drivecomm.tracing import tell_all
 
 if TYPE_CHECKING:
@@ -29,6 +31,27 @@ if TYPE_CHECKING:
 
 _LINE = "Line"
 _PLANT = "Plant"
+
+
+_COMMANDS_NOTHING = {"arm": "commands nothing"}
+_OPENS_NOTHING = "opens no port"
+_RECORDS_NOTHING = "uses the port itself and records nothing"
+
+WITHOUT_EFFECT: Mapping[str, Mapping[str, str]] = {
+    **dict.fromkeys(
+        ("read", "status", "wait", "scan", "doctor", "stats", "poll", "backup", "compare", "grow"), _COMMANDS_NOTHING
+    ),
+    "forecast": {
+        **_COMMANDS_NOTHING,
+        **dict.fromkeys(("echo", "rs485", "low_latency", "trace", "record"), _OPENS_NOTHING),
+    },
+    "doctor": {**_COMMANDS_NOTHING, "record": _RECORDS_NOTHING},
+    "replay": {
+        **dict.fromkeys(("attempts", "trace"), "sends again what is in the file, each once"),
+        "record": _RECORDS_NOTHING,
+    },
+}
+"""Options of a line that a command has nothing to do with, by its name, and why; it refuses them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,24 +110,65 @@ class LineOptions:
         bool, typer.Option("--arm", rich_help_panel=_PLANT, help="Command a drive that the plant does not arm.")
     ] = False
     json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False
+    given: frozenset[str] = frozenset()
+    """Which of these were written on the command line; the others have their defaults, or are of the environment."""
 
     def reaching(self, text: str) -> tuple[LineOptions, DriveName]:
         """Return the line of a drive and the drive, which is named as PROTOCOL:ADDRESS or as the plant names it.
 
-        What the plant says of a line goes before the port that is given, and what is given before its settings; its
-        drives are read-only unless it arms them, or --arm is given. Raises UsageError.
+        This is where all that is said of a drive comes together. What protocol and model say, `Bus.drive` adds. The
+        plant's line goes before them, the plant's drive before its line, and what is written on the command line, by a
+        flag or behind the drive's name, before everything: whoever is at the keyboard knows better than a file. Drives
+        of a plant are read-only unless it arms them, or --arm is given. Raises UsageError.
         """
-        place = placed(text, self.plant, port_given=self.port is not None, arm=self.arm)
+        place = placed(text, self.asked)
         if place is None:
-            return self, parse_drive(text)
+            if self.arm:
+                raise UsageError(f"{text} is in no plant that keeps it read-only, so --arm has no effect; leave it out")
+            drive = parse_drive(text)
+            return self, replace(drive, options=self._over({}, drive.options), line=self.named_port)
         port = self.port_of(place.line, place.file)
-        echo: Echo = "expect" if place.line.echo and self.echo == "off" else self.echo
+        echo: Echo = "expect" if place.line.echo and "echo" not in self.given else self.echo
         settings = {key: value for key, value in place.line.settings.items() if getattr(self, key) is None}
-        return replace(self, port=port, echo=echo, **settings), place.name
+        options = self._over(place.name.options, place.settings)
+        reached = replace(self, port=port, echo=echo, given=self.given | {"port"}, **settings)
+        return reached, replace(place.name, options=options)
+
+    def _over(self, options: Mapping[str, Any], behind: Mapping[str, Any]) -> dict[str, Any]:
+        """Return a drive's options with what the command line says in their place."""
+        for key in behind:
+            if self.said_facts.get(key, behind[key]) != behind[key]:
+                raise UsageError(
+                    f"{key}={behind[key]} behind the drive and {self.said_facts[key]} by its flag exclude each other; "
+                    "leave one of them out"
+                )
+        return {**options, **self.said_facts, **behind}
+
+    @property
+    def asked(self) -> Asked:
+        """What is said of plant and port."""
+        return Asked(plant=self.plant, port=self.port, port_said="port" in self.given, arm=self.arm)
+
+    def refuse(self, why: str, *names: str) -> None:
+        """Raise UsageError if one of these options is written on the command line, which has no effect on this call."""
+        for name in names or tuple(field.name for field in fields(self) if field.name != "json"):
+            if name in self.given:
+                raise UsageError(f"{why}, so that --{name.replace('_', '-')} has no effect; leave it out")
+
+    def must_be_armed(self) -> None:
+        """Raise UsageError if the plant keeps a drive at this port read-only, and --arm is not given.
+
+        For what commands whatever drives are there.
+        """
+        known = known_plant(self.plant, port_given=False)
+        for drive in known.plant.drives if known else ():
+            there = known is not None and same_port(known.plant.line(drive.line).reached_at, self.named_port)
+            if known is not None and there and not drive.armed and not self.arm:
+                raise UsageError(f"{drive.why_read_only(known.file)}, or give --arm for this once")
 
     def link_loss_of(self, text: str) -> PlantLinkLoss | None:
         """Return what the plant says that a drive's motor shall do when its master falls silent, None for nothing."""
-        place = placed(text, self.plant, port_given=self.port is not None, arm=self.arm)
+        place = placed(text, self.asked)
         return place.drive.link_loss if place else None
 
     def port_of(self, line: PlantLine, file: str) -> str:
@@ -118,8 +182,8 @@ class LineOptions:
         """Return the options for another port; where the plant says that its line has an echo, there is one."""
         known = known_plant(self.plant, port_given=self.port is not None)
         lines = known.plant.lines if known else ()
-        echoes = self.echo == "off" and any(line.echo for line in lines if line.reached_at == port)
-        return replace(self, port=port, echo="expect" if echoes else self.echo)
+        echoes = "echo" not in self.given and any(line.echo for line in lines if line.reached_at == port)
+        return replace(self, port=port, echo="expect" if echoes else self.echo, given=self.given | {"port"})
 
     @contextmanager
     def bus(self, listener: Callable[[TraceEvent], None] | None = None) -> Iterator[Bus]:
@@ -142,7 +206,8 @@ class LineOptions:
     @property
     def named_port(self) -> str:
         """The port that is given, or that of the plant's only line. Raises UsageError when there is none."""
-        if self.port is not None:
+        # A plant that is named here counts more than a port that the environment has for all.
+        if self.port is not None and ("plant" not in self.given or "port" in self.given):
             return self.port
         known = known_plant(self.plant, port_given=False)
         if known is None:
@@ -163,6 +228,11 @@ class LineOptions:
             "reply_timeout_s": self.timeout,
             "attempts": self.attempts,
         }
+
+    @property
+    def said_facts(self) -> dict[str, Any]:
+        """The line facts that are given."""
+        return {name: value for name, value in self.facts.items() if value is not None}
 
     @property
     def shown_trace(self) -> Callable[[TraceEvent], None] | None:
@@ -230,21 +300,42 @@ def on_a_line(command: Callable[..., Any]) -> Callable[..., Any]:
     hints = get_type_hints(LineOptions, include_extras=True)
     signature = inspect.signature(command, eval_str=True)
     own = [parameter for name, parameter in signature.parameters.items() if name != "line"]
-    shared = [field for field in fields(LineOptions) if field.name not in signature.parameters]
+    names = [field.name for field in fields(LineOptions) if field.name != "given"]
+    shared = [field for field in fields(LineOptions) if field.name in names and field.name not in signature.parameters]
+    idle = WITHOUT_EFFECT.get(command.__name__, {})
     added = [
         inspect.Parameter(
-            field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[field.name]
+            field.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=field.default,
+            annotation=_hidden(hints[field.name]) if field.name in idle else hints[field.name],
         )
         for field in shared
     ]
 
     @wraps(command)
-    def with_line(**arguments: Any) -> Any:
-        line = LineOptions(**{field.name: arguments.pop(field.name) for field in shared})
+    def with_line(context: typer.Context, **arguments: Any) -> Any:
+        given = frozenset(name for name in names if _is_written(context, name))
+        line = LineOptions(**{field.name: arguments.pop(field.name) for field in shared}, given=given)
+        for name, why in idle.items():
+            line.refuse(f"{command.__name__} {why}", name)
         return command(line=line, **arguments)
 
-    parameters = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own] + added
+    context = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
+    parameters = [context, *(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own), *added]
     with_line.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     with_line.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     del with_line.__wrapped__
     return with_line
+
+
+def _is_written(context: typer.Context, name: str) -> bool:
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
+
+
+def _hidden(hint: Any) -> Any:
+    """Return the hint of an option that is known to be one, and not offered."""
+    option = copy(hint.__metadata__[0])
+    option.hidden = True
+    return Annotated[hint.__origin__, option]

@@ -16,28 +16,32 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def drive_named(line: LineOptions, text: str, model: str | None) -> Iterator[Drive]:
-    """Look a drive up, open its line and yield it; errors within the block then name both."""
+def drive_named(line: LineOptions, text: str, model: str | None) -> Iterator[tuple[Drive, DriveName]]:
+    """Look a drive up, open its line and yield it, and what it is called; errors within the block then name both."""
     reached, name = line.reaching(text)
     with opened_drive(reached, name, model) as drive:
-        yield drive
+        yield drive, name
 
 
 @contextmanager
 def opened_drive(line: LineOptions, name: DriveName, model: str | None) -> Iterator[Drive]:
     """Open the line of a drive and yield it; errors within the block then name both."""
-    with line.bus() as bus:
-        drive = bus.drive(name.protocol, name.address, **{**name.options, **({"model": model} if model else {})})
-        with named_in_errors(drive):
-            yield drive
+    with line.bus() as bus, named_in_errors(name):
+        yield bus.drive(name.protocol, name.address, **{**name.options, **({"model": model} if model else {})})
 
 
 @contextmanager
-def named_in_errors(drive: Drive) -> Iterator[None]:
-    """Name a drive in the errors of the block."""
+def named_in_errors(name: DriveName) -> Iterator[None]:
+    """Let the errors of the block name a drive, as the plant calls it."""
     try:
         yield
     except DriveCommError as error:
-        if drive.name not in str(error):
-            error.args = (f"{drive.name}: {error}", *error.args[1:])
+        tell_of(error, name)
         raise
+
+
+def tell_of(error: DriveCommError, name: DriveName) -> None:
+    """Let an error name the drive that it is about, as the plant calls it."""
+    error.about = name.keys
+    if name.name not in str(error):
+        error.args = (f"{name.name}: {error}", *error.args[1:])

@@ -11,6 +11,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.cli import signals, streams
+from drivecomm.cli.flags import in_flags
 from drivecomm.errors import DriveCommError
 from drivecomm.telegram import fields_of
 
@@ -53,7 +54,7 @@ def sentence(error: Exception | str, *, where: str = "") -> str:
     text = " ".join(str(error).split())
     place = where if where and where not in text else ""
     remedy = error.remedy if isinstance(error, DriveCommError) else ""
-    return (f"{place}: " if place else "") + text + (f"; {remedy}" if remedy else "")
+    return in_flags((f"{place}: " if place else "") + text + (f"; {remedy}" if remedy else ""), error)
 
 
 def complain(error: Exception | str, *, as_json: bool, where: str = "", exit_code: int = 1) -> None:
@@ -65,7 +66,8 @@ def complain(error: Exception | str, *, as_json: bool, where: str = "", exit_cod
     if as_json:
         code = error.exit_code if isinstance(error, DriveCommError) else exit_code
         kind = type(error).__name__ if isinstance(error, Exception) else "Error"
-        emit(error=text, kind=kind, exit_code=code)
+        about = error.about if isinstance(error, DriveCommError) else None
+        emit(**(about or {}), error=text, kind=kind, exit_code=code)
     sys.stderr.write(f"drivecomm: {text}\n")
     sys.stderr.flush()
 

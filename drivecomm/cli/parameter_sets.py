@@ -31,6 +31,7 @@ from drivecomm.parameter_sets import compare as compared
 from drivecomm.parameter_sets.files import must_be_free
 
 if TYPE_CHECKING:
+    from drivecomm.cli.drive_names import DriveName
     from drivecomm.drive import Drive
     from drivecomm.parameter_sets import (
         Comparison,
@@ -64,18 +65,19 @@ def backup(
     everything: Annotated[bool, typer.Option("--all", help="Measured values, too; they are never restored.")] = False,
 ) -> int:
     """Write the parameters of a drive into a file. What the drive does not tell is listed in it."""
-    must_be_free(file, str(line.reaching(drive)[1]))
+    _, name = line.reaching(drive)
+    must_be_free(file, str(name))
     parts: list[Part] = ["settings", "communication", *(["measured"] if everything else [])]  # type: ignore[list-item]
     with _drive(line, drive, model) as one, _progress("reading", line) as progress:
         found = back_up(one, parts, progress=progress)
     write_set(file, found)
     if line.json:
-        emit(drive=found.drive, model=found.model, file=str(file), parameters=len(found.entries),
+        emit(**name.keys, model=found.model, file=str(file), parameters=len(found.entries),
              not_read=dict(found.not_read))  # fmt: skip
         return 0
     for address, reason in found.not_read.items():
-        say(f"{found.drive}  {address}  not read: {reason}")
-    say(f"{found.drive}  {len(found.entries)} parameters in {file}")
+        say(f"{name.name}  {address}  not read: {reason}")
+    say(f"{name.name}  {len(found.entries)} parameters in {file}")
     return 0
 
 
@@ -98,6 +100,10 @@ def compare(
         parts.append("measured")
     if FACTORY in (left, right) and (left == right or _file(left) or _file(right)):
         raise UsageError("factory stands for what a drive says of itself; compare a drive with it")
+    if _file(left) and _file(right):
+        line.refuse("both are files, so no drive is asked")
+        if model is not None:
+            raise UsageError("both are files, which say their models, so that --model has no effect; leave it out")
     files = {word: read_set(path) for word in (left, right) if (path := _file(word))}
     read = _Operands(files, model, parts, line)
     ours, theirs = read(left, right), read(right, left)
@@ -127,6 +133,8 @@ def restore(
     Exit code 5 when the drive refuses some, 1 when some of its own settings cannot be restored; 2 when nothing can be
     written, to a read-only drive for example.
     """
+    if resume and dry_run:
+        raise UsageError("--dry-run writes nothing, so that --resume has no effect; leave one of them out")
     known = read_set(file)
     _, name = line.reaching(drive)
     at = journal_path(file, str(name))
@@ -140,11 +148,11 @@ def restore(
         with _progress("reading", line) as progress:
             plan = plan_restore(one, known, wishes, progress=progress)
         if journal is None:
-            _show_plan(plan, as_json=line.json)
+            _show_plan(plan, name, as_json=line.json)
             return INCOMPLETE if plan.missed else 0
         with _said_how_to_go_on(journal, line), _progress("writing", line) as progress:
             done = carry_out_plan(one, plan, journal, progress=progress)
-    _show_restored(done, as_json=line.json)
+    _show_restored(done, name, as_json=line.json)
     if done.refused:
         return DriveError.exit_code
     if done.unconfirmed or done.left:
@@ -271,26 +279,27 @@ def _told(entry: Entry | None) -> Any:
 # Restoring
 
 
-def _show_plan(plan: Plan, *, as_json: bool) -> None:
+def _show_plan(plan: Plan, drive: DriveName, *, as_json: bool) -> None:
     if as_json:
         for item in plan.items:
-            emit(drive=plan.drive, **{**plain(item), "stage": item.stage.name.lower()})
-        emit(drive=plan.drive, write=len(plan.to("write")), equal=len(plan.to("equal")), skip=len(plan.to("skip")),
+            told = {**plain(item), "stage": item.stage.name.lower(), "quantity": item.name}
+            emit(**{**drive.keys, **told, "name": drive.name})
+        emit(**drive.keys, write=len(plan.to("write")), equal=len(plan.to("equal")), skip=len(plan.to("skip")),
              missed=len(plan.missed), stored=plan.store, remarks=list(plan.remarks))  # fmt: skip
         return
-    _show_changes(plan, plan.to("write"))
-    _show_skipped(plan)
+    _show_changes(plan.to("write"), drive)
+    _show_skipped(plan, drive)
     counts = f"{len(plan.to('write'))} to write, {len(plan.to('equal'))} equal{_left_alone(plan)}"
-    say(f"{plan.drive}  {counts}; nothing was written")
+    say(f"{drive.name}  {counts}; nothing was written")
 
 
-def _show_changes(plan: Plan, items: list[Planned]) -> None:
+def _show_changes(items: list[Planned], drive: DriveName) -> None:
     """Say what each of these was before and what it is to be."""
     names = [f"{item.address} {item.name}" for item in items]
     width = max(map(len, names), default=0)
     for name, item in zip(names, items, strict=True):
         before = "?" if item.current is None else item.current
-        say(f"{plan.drive}  {name:<{width}}  {before} -> {item.value} {item.unit}".rstrip())
+        say(f"{drive.name}  {name:<{width}}  {before} -> {item.value} {item.unit}".rstrip())
 
 
 def _left_alone(plan: Plan) -> str:
@@ -300,35 +309,35 @@ def _left_alone(plan: Plan) -> str:
     return told + (f", {as_meant} left alone" if as_meant else "")
 
 
-def _show_skipped(plan: Plan) -> None:
+def _show_skipped(plan: Plan, drive: DriveName) -> None:
     for remark in plan.remarks:
-        say(f"{plan.drive}  {remark}")
+        say(f"{drive.name}  {remark}")
     by_reason: dict[tuple[bool, str], list[Planned]] = {}
     for item in plan.to("skip"):
         by_reason.setdefault((item.missed, item.reason), []).append(item)
     for (missed, reason), items in by_reason.items():
         names = ", ".join(f"{item.address} {item.name}".rstrip() for item in items)
-        say(f"{plan.drive}  {'not restored' if missed else 'left alone'}, {reason}: {names}")
+        say(f"{drive.name}  {'not restored' if missed else 'left alone'}, {reason}: {names}")
 
 
-def _show_restored(done: Restored, *, as_json: bool) -> None:
+def _show_restored(done: Restored, drive: DriveName, *, as_json: bool) -> None:
     plan = done.plan
     if as_json:
-        emit(drive=plan.drive, written=list(done.written), equal=len(plan.to("equal")), stored=plan.store,
+        emit(**drive.keys, written=list(done.written), equal=len(plan.to("equal")), stored=plan.store,
              skipped={item.address: item.reason for item in plan.to("skip")}, refused=dict(done.refused),
              missed=[item.address for item in plan.missed], unconfirmed=list(done.unconfirmed), left=list(done.left),
              complete=done.complete)  # fmt: skip
         return
     planned = {item.address: item for item in plan.items}
-    _show_changes(plan, [planned[address] for address in done.written])
-    _show_skipped(plan)
+    _show_changes([planned[address] for address in done.written], drive)
+    _show_skipped(plan, drive)
     for address, reason in done.refused.items():
-        say(f"{plan.drive}  {address} does not hold what it should: {reason}")
+        say(f"{drive.name}  {address} does not hold what it should: {reason}")
     if done.unconfirmed:
         names = ", ".join(done.unconfirmed)
         left = f", and {', '.join(done.left)} not written" if done.left else ""
-        say(f"{plan.drive}  {names} written{left}: it does not answer as before; use its new settings and --resume")
+        say(f"{drive.name}  {names} written{left}: it does not answer as before; use its new settings and --resume")
     kept = "and stored" if plan.store else "without asking for storage"
     refused = f", {len(done.refused)} refused by the drive" if done.refused else ""
     equal = f"{len(plan.to('equal'))} equal before"
-    say(f"{plan.drive}  {len(done.written)} written {kept}, {equal}{refused}{_left_alone(plan)}")
+    say(f"{drive.name}  {len(done.written)} written {kept}, {equal}{refused}{_left_alone(plan)}")

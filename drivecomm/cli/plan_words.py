@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivecomm.cli.drive_names import KnownPlant, known_plant, parse_drive, parse_settings
-from drivecomm.errors import UnknownProtocolError, UsageError
+from drivecomm.errors import UsageError
 from drivecomm.plan import Plan, PlannedDrive, PlannedRead
-from drivecomm.registry import installed
+from drivecomm.registry import installed, unknown_protocol
 
 if TYPE_CHECKING:
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.plant import Plant, PlantDrive
 
 Words = Annotated[
@@ -25,44 +26,63 @@ Words = Annotated[
     ),
 ]
 PlanFile = Annotated[Path | None, typer.Option("--plan", help="Plan file (.toml) instead of drives and parameters.")]
-Period = Annotated[float, typer.Option("--period", help="Seconds, for parameters without @; 0 without a pause.")]
+Period = Annotated[
+    float | None, typer.Option("--period", help="Seconds, for parameters without @; 1 if absent, 0 without a pause.")
+]
 
 _DRIVE = re.compile(r"([^:,]+):\d+(,.*)?", re.ASCII | re.DOTALL)
 _PARAMETER = re.compile(r"(?P<what>[^@!]+)(?:@(?P<period>[^@!]*))?(?:!(?P<priority>[^@!]*))?")
 _NEXT_SETTING = re.compile(r",(?=[A-Za-z_-]+=)")
 
 
-def given_plan(
-    words: list[str], plan_file: Path | None, *, period_s: float, port: str, plant: Path | None = None
-) -> Plan:
-    """Return the plan of a call; drives that name no port are on this one. Raises UsageError.
+def given_plan(words: list[str], plan_file: Path | None, line: LineOptions, *, period_s: float | None = None) -> Plan:
+    """Return the plan of a call; drives that name no port are on that of the call. Raises UsageError.
 
-    plant: the plant file that is given, in which drives have names; without words and plan, what is polled there.
+    Without words and plan file it is what the plant polls. What the command line says of all drives goes before what a
+    file says of one. period_s: for parameters on the command line without one of their own, a second if absent.
     """
+    if plan_file is not None and words:
+        raise UsageError("give a plan file or drives and parameters, not both")
     if plan_file is not None:
-        if words:
-            raise UsageError("give a plan file or drives and parameters, not both")
-        # Loaded by those who have a file only.
-        from drivecomm.plan_files import read_plan  # noqa: PLC0415
-
-        plan = read_plan(plan_file)
+        line.refuse(f"the drives are those of {plan_file}", "plant")
+        plan = _plan_in(plan_file)
     else:
         # What begins with a name means the plant, whatever port is given.
         begins_with_name = bool(words) and ":" not in words[0].partition(",")[0]
-        there = known_plant(plant, port_given=bool(port) and not begins_with_name)
+        there = known_plant(line.plant, port_given=line.port is not None and not begins_with_name)
         if there is not None and not words:
-            return plan_of_plant(there.plant, there.file, port=port)
-        plan = parse_plan(words, period_s=period_s, known=there)
-    placed = {drive: replace(drive, port=drive.port or port) for drive in plan.drives}
+            plan = plan_of_plant(there.plant, there.file)
+        else:
+            plan = parse_plan(words, period_s=1.0 if period_s is None else period_s, known=there)
+    if period_s is not None and not words:
+        raise UsageError("the plan says how often each is read, so that --period has no effect; leave it out")
+    if all(drive.port for drive in plan.drives):
+        line.refuse("the plan names the ports of all its drives", "port")
+    placed = {
+        drive: replace(drive, port=drive.port or line.port or "", options={**drive.options, **line.said_facts})
+        for drive in plan.drives
+    }
     return replace(plan, reads=tuple(replace(read, drive=placed[read.drive]) for read in plan.reads))
 
 
-def plan_of_plant(plant: Plant, file: str, *, port: str) -> Plan:
+def _plan_in(file: Path) -> Plan:
+    """Return the plan in a file: a poll plan, or what a plant file polls."""
+    # Loaded by those who have a file only.
+    from drivecomm.plan_files import plan_in  # noqa: PLC0415
+    from drivecomm.plant.files import plant_in  # noqa: PLC0415
+    from drivecomm.tomlfile import read_toml  # noqa: PLC0415
+
+    _, content = read_toml(file, "a poll plan")
+    # Only plants have lines, and only poll plans have polls beside their drives.
+    if "line" in content and "poll" not in content:
+        return plan_of_plant(plant_in(content, file), str(file))
+    return plan_in(content, file)
+
+
+def plan_of_plant(plant: Plant, file: str) -> Plan:
     """Return what a plant says is polled of its drives. Raises UsageError where nothing is."""
     reads = [
-        PlannedRead(
-            drive=_planned(plant, drive, port), parameter=parameter, period_s=read.period_s, priority=read.priority
-        )
+        PlannedRead(drive=_planned(plant, drive), parameter=parameter, period_s=read.period_s, priority=read.priority)
         for drive in plant.drives
         for read in drive.poll
         for parameter in read.parameters
@@ -107,8 +127,7 @@ def _names_a_drive(word: str, there: KnownPlant | None) -> bool:
     if colon and protocol in installed:
         return True
     if _DRIVE.fullmatch(word):
-        known = ", ".join(installed)
-        raise UnknownProtocolError(f"no installed protocol is named {protocol!r}; installed are {known or 'none'}")
+        raise unknown_protocol(protocol, installed)
     return False
 
 
@@ -116,20 +135,20 @@ def _drive(word: str, known: KnownPlant | None) -> PlannedDrive:
     called, *settings = word.split(",")
     drives = known.plant.drives if known is not None else ()
     if known is not None and any(called in (one.name, f"{one.protocol}:{one.address}") for one in drives):
-        planned = _planned(known.plant, known.plant.drive(called), "")
+        planned = _planned(known.plant, known.plant.drive(called))
         return replace(planned, options={**planned.options, **parse_settings(settings)})
     name = parse_drive(word)
     return PlannedDrive(protocol=name.protocol, address=name.address, options=name.options)
 
 
-def _planned(plant: Plant, drive: PlantDrive, port: str) -> PlannedDrive:
+def _planned(plant: Plant, drive: PlantDrive) -> PlannedDrive:
     line = plant.line(drive.line)
     return PlannedDrive(
         protocol=drive.protocol,
         address=drive.address,
         options={**line.settings, **drive.options},
         name=drive.name,
-        port=line.reached_at or port,
+        port=line.reached_at,
     )
 
 

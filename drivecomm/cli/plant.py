@@ -9,6 +9,7 @@ import typer
 
 from drivecomm.cli.output import emit, say
 from drivecomm.errors import UsageError
+from drivecomm.tomlfile import read_text_file
 
 plant = typer.Typer(name="plant", help="Steer virtual drives that drivecomm simulate serves.", no_args_is_help=True)
 
@@ -80,10 +81,7 @@ def fault(
     json: _Json = False,
 ) -> int:
     """Add a fault to the script of a running plant."""
-    try:
-        text = file.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"{file}: cannot be read as a fault: {error}") from error
+    text = read_text_file(file, "a fault")
     return _done(_order(control, "fault", text=text), "added", json)
 
 

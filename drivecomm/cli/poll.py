@@ -27,7 +27,7 @@ def poll(
     line: LineOptions,
     words: Words = None,
     plan: PlanFile = None,
-    period: Period = 1.0,
+    period: Period = None,
     duration: Annotated[float | None, typer.Option("--for", metavar="SECONDS", help="End after this time.")] = None,
     cycles: Annotated[int | None, typer.Option("--cycles", help="End when all were asked so often.")] = None,
     log: Log = None,
@@ -37,7 +37,7 @@ def poll(
     Exit code 0 when each was read at least once, otherwise that of the first one that never was; 1 when values are
     missing in the log because there was no room for them.
     """
-    chosen = given_plan(words or [], plan, period_s=period, port=line.port or "", plant=line.plant)
+    chosen = given_plan(words or [], plan, line, period_s=period)
     show = _emit if line.json else _say
     unread: dict[PollItem[Any], DriveCommError | None] = {}
     with opened_log(log, as_json=line.json) as keep, _opened(line, chosen.ports) as buses:

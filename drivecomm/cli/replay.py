@@ -51,7 +51,10 @@ def replay(
     if listen is not None:
         if faster != 1 or commands:
             raise UsageError("--faster and --commands are for replaying as a master, without --listen")
+        line.refuse("with --listen no port is opened")
         return _answer(capture, listen, as_json=line.json)
+    if commands:
+        line.must_be_armed()
     asking = Asking(
         exchanged(capture),
         plugins,

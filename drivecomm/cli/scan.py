@@ -13,6 +13,7 @@ from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.likely_settings import LineChoices
+from drivecomm.scanning import scan_plan
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -55,8 +56,14 @@ def scan(
         parities=tuple(text.upper() for text in _parts(parity)),  # type: ignore[misc]
         stopbits=tuple(_stop_bits(text) for text in _parts(stopbits)),
     )
+    if force and write is None:
+        raise UsageError("--force is for a file that --write names, so that it has no effect; leave it out")
+    if line.plant is not None and "port" in line.given:
+        line.refuse("the line is that of --port", "plant")
     several = wide or any(len(some) > 1 for some in (given.baudrates, given.bytesizes, given.parities, given.stopbits))
     wanted = addresses_of(addresses) if addresses else None
+    if not scan_plan(protocol or None, wanted):
+        raise UsageError(f"no drive of these protocols can have the address {addresses}; see drivecomm protocols")
     if write is not None and not force and write.exists():
         from drivecomm.plant.writing import there_already  # noqa: PLC0415 - loaded by those who write a plant
 

@@ -11,12 +11,14 @@ from drivecomm.cli.start_door import door_of_start
 from drivecomm.errors import DriveCommError, DriveError, UsageError
 from drivecomm.keeping import keep
 from drivecomm.models import LinkLoss
+from drivecomm.suggestions import near
 from drivecomm.watchdog import policies
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from threading import Event
 
+    from drivecomm.cli.drive_names import DriveName
     from drivecomm.drive import Drive
     from drivecomm.status import DriveStatus, Stop
 
@@ -31,10 +33,12 @@ def chosen_policy(drive: Drive, text: str | None) -> LinkLoss:
         if text.lower() == policy:
             found: LinkLoss = policy
             return found
-    raise UsageError(f"{text!r} is nothing that a motor does when a line falls silent; write {_choice(drive)}")
+    question = near(text, get_args(LinkLoss))
+    known = f"{question} Write" if question else "write"
+    raise UsageError(f"{text!r} is nothing that a motor does when a line falls silent; {known} {_choice(drive)}")
 
 
-def start_and_leave(drive: Drive, start: Callable[[], None], *, as_json: bool) -> None:
+def start_and_leave(drive: Drive, name: DriveName, start: Callable[[], None], *, as_json: bool) -> None:
     """Start a motor that nobody watches from here; its own watchdog, where its model knows one, must be off.
 
     Whoever interrupts this before it says that the motor was started does not want it to turn: it is stopped again.
@@ -47,35 +51,42 @@ def start_and_leave(drive: Drive, start: Callable[[], None], *, as_json: bool) -
                 start()
             finally:
                 if stop.is_set():
-                    _stop_again(drive, as_json=as_json)
+                    _stop_again(drive, name, as_json=as_json)
                     raise KeyboardInterrupt
         if as_json:
-            emit(drive=drive.name, done="started", link_loss="hold", watchdog_s=None)
+            emit(**name.keys, done="started", link_loss="hold", watchdog_s=None)
             return
-        say(f"{drive.name}  started, and goes on without this program")
+        say(f"{name.name}  started, and goes on without this program")
         if kept.watchdog is None:
             why = "no model is named" if drive.model is None else f"the model {drive.model.name} knows no watchdog"
             say(f"  its own watchdog was not looked at, because {why}; {drive.capabilities.link_loss}")
 
 
-def _stop_again(drive: Drive, *, as_json: bool) -> None:
+def _stop_again(drive: Drive, name: DriveName, *, as_json: bool) -> None:
     try:
         drive.stop()
     except DriveCommError as error:
-        complain(f"{drive.name} may be running, because its stop is not confirmed: {error}", as_json=as_json)
+        complain(f"{name.name} may be running, because its stop is not confirmed: {error}", as_json=as_json)
     else:
-        complain(f"{drive.name} was told to stop, because its start was interrupted", as_json=as_json)
+        complain(f"{name.name} was told to stop, because its start was interrupted", as_json=as_json)
 
 
 def start_and_stay(
-    drive: Drive, start: Callable[[], None], policy: LinkLoss, watchdog_s: str, *, port: str, as_json: bool
+    drive: Drive,
+    name: DriveName,
+    start: Callable[[], None],
+    policy: LinkLoss,
+    watchdog_s: str,
+    *,
+    port: str,
+    as_json: bool,
 ) -> int:
     """Start a motor and keep it in hand until Ctrl-C or a signal like it, or until it has a fault; return the code.
 
     A stop from another program ends it, too, and other drives of its line are stopped for it.
     """
     with until_stopped() as stop:
-        watch = _Watch(drive.name, stop, as_json=as_json)
+        watch = _Watch(name, stop, as_json=as_json)
         kept = keep(drive, policy, watchdog_s=watchdog_s, on_failure=watch.failed, on_status=watch.answered)
 
         def leave(how: Stop) -> None:
@@ -100,7 +111,7 @@ def start_and_stay(
 class _Watch:
     """Tells what happens to a drive that is kept in hand, each thing once."""
 
-    def __init__(self, name: str, stop: Event, *, as_json: bool) -> None:
+    def __init__(self, name: DriveName, stop: Event, *, as_json: bool) -> None:
         self._name = name
         self._stop = stop
         self._as_json = as_json
@@ -110,9 +121,9 @@ class _Watch:
     def tell(self, *, done: str, text: str, **further: object) -> None:
         """Say what has been done."""
         if self._as_json:
-            emit(drive=self._name, done=done, **further)
+            emit(**self._name.keys, done=done, **further)
         else:
-            say(f"{self._name}  {text}")
+            say(f"{self._name.name}  {text}")
 
     def failed(self, error: DriveCommError) -> None:
         """Say that the drive could not be spoken to."""

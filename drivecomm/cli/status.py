@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from rich.text import Text
 
-    from drivecomm.drive import Drive
+    from drivecomm.cli.drive_names import DriveName
     from drivecomm.plant.status import DriveReport
     from drivecomm.reading import Reading
     from drivecomm.status import DriveStatus
@@ -44,10 +44,12 @@ def status(
     Exit code 5 when a drive has a fault, 4 when one does not answer.
     """
     if drive is None:
+        if model is not None:
+            raise UsageError("--model is for one drive; name it, or leave --model out: the plant says which each has")
         return _of_the_plant(line)
-    with drive_named(line, drive, model) as one:
+    with drive_named(line, drive, model) as (one, name):
         found = one.status()
-        show_status(one, found, as_json=line.json)
+        show_status(name, found, as_json=line.json)
     return DriveError.exit_code if found.fault else 0
 
 
@@ -62,11 +64,13 @@ def _of_the_plant(line: LineOptions) -> int:
         raise UsageError(f"{known.file}: there is no drive in this plant; add a [[drive]]")
     if line.record is not None and len(known.plant.lines) > 1:
         raise UsageError("--record is for one line, and this plant has several; name a drive, or leave it out")
+    if "port" in line.given and all(each.reached_at for each in known.plant.lines):
+        line.refuse(f"{known.file} names the ports of all its lines", "port")
     # Loaded by those who have a plant only.
     from drivecomm.plant.opened import OpenPlant  # noqa: PLC0415
     from drivecomm.plant.status import plant_status  # noqa: PLC0415
 
-    opening = {key: value for key, value in line.opening.items() if (key, value) != ("echo", "off")}
+    opening = {key: value for key, value in line.opening.items() if key != "echo" or "echo" in line.given}
     port_of = partial(line.port_of, file=known.file)
     with OpenPlant(known.plant, known.file, port_of=port_of, **opening) as opened:
         reports = plant_status(opened)
@@ -197,10 +201,10 @@ def _summary(reports: Sequence[DriveReport]) -> str:
     return f"{count}: {', '.join(wrong) or 'no fault'}"
 
 
-def show_status(drive: Drive, found: DriveStatus, *, as_json: bool) -> None:
+def show_status(drive: DriveName, found: DriveStatus, *, as_json: bool) -> None:
     """Show the status of one drive on a line."""
     if as_json:
-        emit(drive=drive.name, **plain(found))
+        emit(**drive.keys, **plain(found))
         return
     words = [f"{drive.name}  {found.state.value}  word 0x{found.word:04X}"]
     if found.fault_code:

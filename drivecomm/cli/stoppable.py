@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drivecomm.cli.drive_names import DriveName, plant_file
+from drivecomm.cli.drive_names import DriveName, parse_drive, plant_file
 from drivecomm.cli.opened_drive import named_in_errors
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.line import LINE_FACT_NAMES
@@ -38,18 +38,22 @@ def as_far_as_possible(make: Callable[..., T], options: Mapping[str, Any]) -> tu
 
 
 @contextmanager
-def stoppable_drive(line: LineOptions, text: str, model: str | None) -> Iterator[tuple[Drive, str]]:
-    """Look a drive up, open its line, and yield it with what had to be left out; errors then name both."""
+def stoppable_drive(line: LineOptions, text: str, model: str | None) -> Iterator[tuple[Drive, DriveName, str]]:
+    """Look a drive up, open its line, and yield it, its name, and what had to be left out; errors then name both."""
     reached, name, broken = reached_for_stopping(line, text)
     options = {**name.options, **({"model": model} if model else {})}
     with reached.bus() as bus:
         drive, without = as_far_as_possible(partial(bus.drive, name.protocol, name.address), options)
-        with named_in_errors(drive):
-            yield drive, broken or without
+        with named_in_errors(name):
+            yield drive, name, broken or without
 
 
 def reached_for_stopping(line: LineOptions, text: str) -> tuple[LineOptions, DriveName, str]:
-    """Return the line of a drive, the drive, and what is wrong with the plant file, empty if nothing is."""
+    """Return the line of a drive, the drive, and what is wrong with the plant file, empty if nothing is.
+
+    --arm is not needed for it, and does no harm.
+    """
+    line = replace(line, arm=False)
     try:
         return (*line.reaching(text), "")
     except FileFormatError as error:
@@ -63,9 +67,22 @@ def reached_for_stopping(line: LineOptions, text: str) -> tuple[LineOptions, Dri
             plant, _ = salvaged(file)
             drive = plant.drive(text.partition(",")[0])
         except UsageError:
-            raise error from None
+            return *_by_its_address(line, text, error), str(error)
         of = plant.line(drive.line)
         settings = {key: value for key, value in of.settings.items() if getattr(line, key) is None}
         reached = replace(line, port=line.port_of(of, str(file)), echo="expect" if of.echo else line.echo, **settings)
-        name = DriveName(protocol=drive.protocol, address=drive.address, options=dict(drive.options))
+        name = DriveName(
+            protocol=drive.protocol,
+            address=drive.address,
+            options=dict(drive.options),
+            name=drive.name,
+            line=drive.line,
+        )
         return reached, name, str(error)
+
+
+def _by_its_address(line: LineOptions, text: str, error: FileFormatError) -> tuple[LineOptions, DriveName]:
+    """Return line and drive as they are named, without any plant. Raises the error where that does not suffice."""
+    if ":" not in text.partition(",")[0] or line.port is None:
+        raise error
+    return line, replace(parse_drive(text), line=line.port)

@@ -8,7 +8,7 @@ not confirmed once more with all the attempts that they may have.
 from __future__ import annotations
 
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from queue import SimpleQueue
 from threading import Thread
@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 class Everything:
     """What to stop: what is behind a port, or in a plant.
 
-    how: where a drive cannot stop so, it is stopped down its ramp. opening: further keywords of `open_bus`; what the
-    plant says of a line goes before them.
+    how: where a drive cannot stop so, it is stopped down its ramp. opening: further keywords of `open_bus`; its line
+    facts go before what the plant says, and what the plant says of a line before the others.
     """
 
     port: str | None
@@ -161,14 +161,16 @@ class _Line:
 
 
 def _lines_of(plant: Plant, everything: Everything, *, whole: bool) -> Iterator[_Line]:
+    # What is said on the command line goes before what the plant says of a line or a drive.
+    said = {key: value for key, value in everything.opening.items() if key in LINE_FACT_NAMES and value is not None}
     for each in plant.lines:
         drives = plant.on_line(each.name)
         if drives or not whole:
             yield _Line(
                 name=each.name,
                 port=each.reached_at or (everything.port if len(plant.lines) == 1 else None),
-                opening={**everything.opening, **each.opening},
-                drives=drives,
+                opening={**everything.opening, **each.opening, **said},
+                drives=tuple(replace(drive, options={**drive.options, **said}) for drive in drives),
                 also=() if whole else tuple(installed),
             )
 
@@ -245,7 +247,10 @@ def _news(line: str, answer: Answer) -> Told | Outcome:
 
 
 def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
-    """Send each protocol's stop to all, once for each of the settings that its drives have on this line."""
+    """Send each protocol's stop to all, once for each of the settings that its drives have on this line.
+
+    Where drives could all at once only coast (VABus), and that was not asked for, each of them is stopped by itself.
+    """
     sent = []
     for drive in line.drives:
         own = {key: value for key, value in drive.options.items() if key not in {*LINE_FACT_NAMES, "model"}}
@@ -255,6 +260,8 @@ def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
             if key in sent:
                 continue
             sent.append(key)
+            if _way(everybody, how) is Stop.COAST is not how:
+                continue
             tell(_tell_all(line.name, everybody, drive.protocol, how))
         except NotSupported:
             # It has no broadcast; its drives are stopped one by one.
@@ -271,10 +278,15 @@ def _broadcast_to_others(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
 
 
 def _tell_all(line: str, everybody: Broadcast, protocol: str, how: Stop) -> Told:
-    able = everybody.capabilities.stops
-    used = next((each for each in (how, Stop.RAMP, Stop.COAST) if each in able), how)
+    used = _way(everybody, how)
     everybody.stop(used)
     return Told(line=line, protocol=protocol, how=used)
+
+
+def _way(everybody: Broadcast, how: Stop) -> Stop:
+    """Return the way to stop that is nearest to what was asked for."""
+    able = everybody.capabilities.stops
+    return next((each for each in (how, Stop.RAMP, Stop.COAST) if each in able), how)
 
 
 def _each(bus: Bus, line: _Line, how: Stop, tell: _Tell, hurry: Event) -> None:

@@ -12,6 +12,7 @@ from drivecomm.cli.opened_drive import drive_named
 from drivecomm.cli.status import show_status
 from drivecomm.errors import UsageError
 from drivecomm.status import DriveState
+from drivecomm.suggestions import meant
 
 if TYPE_CHECKING:
     from drivecomm.waiting import Goal
@@ -28,7 +29,7 @@ def wait(
     goals: dict[str, Goal] = {"at_reference": "at_reference", **{each.value: each for each in DriveState}}
     goal = goals.get(state.lower().replace("-", "_"))
     if goal is None:
-        raise UsageError(f"{state!r} is nothing to wait for; write one of {', '.join(goals)}")
-    with drive_named(line, drive, model) as one:
-        show_status(one, one.wait_for(goal, seconds), as_json=line.json)
+        raise UsageError(f"{state!r} is nothing to wait for; {meant(state, goals, 'write one of')}")
+    with drive_named(line, drive, model) as (one, name):
+        show_status(name, one.wait_for(goal, seconds), as_json=line.json)
     return 0

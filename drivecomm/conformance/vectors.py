@@ -13,7 +13,6 @@ A file that says something a reader does not know is refused, so that a misspelt
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib import resources
@@ -23,6 +22,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from drivecomm.conformance.entry import Entry
 from drivecomm.conformance.exchange_vectors import ExchangeVector, read_exchange
 from drivecomm.errors import Category, FileFormatError
+from drivecomm.tomlfile import read_toml
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -128,10 +128,7 @@ def _packaged(package: str, protocol: str) -> VectorFile:
 
 
 def _read(place: Path | Traversable, name: str, shown: str, protocol: str | None) -> VectorFile:
-    try:
-        content = tomllib.loads(place.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise FileFormatError(f"{shown}: cannot be read as a vector file: {error}") from error
+    _, content = read_toml(place, "a vector file", shown=shown)
     if type(content.get("format")) is not int or content["format"] != FORMAT:
         raise FileFormatError(f"{shown}: a vector file begins with format = {FORMAT}")
     named = content.get("protocol")

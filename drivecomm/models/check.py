@@ -19,6 +19,7 @@ from drivecomm.models.rules import Given, broken_rules
 from drivecomm.models.schema import Mistake, mistakes_in
 from drivecomm.models.trials import failed_trials, wrong_keys, wrong_options
 from drivecomm.registry import installed
+from drivecomm.tomlfile import no_such_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -34,7 +35,8 @@ _TOML_PLACE = re.compile(r"\(at line (\d+), column \d+\)$")
 class ModelFinding:
     """One thing that is wrong in a model file.
 
-    line: counted from 1. key: empty where it is about a whole table, or the file. text: what is wrong, and what to do.
+    line: counted from 1, 0 where there is no such file. key: empty where it is about a whole table, or the file. text:
+    what is wrong, and what to do.
     """
 
     path: Path
@@ -43,7 +45,8 @@ class ModelFinding:
     text: str
 
     def __str__(self) -> str:
-        return f"{self.path}, line {self.line}: {f'{self.key}: ' if self.key else ''}{self.text}"
+        place = f"{self.path}, line {self.line}" if self.line else f"{self.path}"
+        return f"{place}: {f'{self.key}: ' if self.key else ''}{self.text}"
 
 
 def check_model(path: Path, plugin: Protocol | None = None) -> list[ModelFinding]:
@@ -52,6 +55,8 @@ def check_model(path: Path, plugin: Protocol | None = None) -> list[ModelFinding
     plugin: its protocol, the installed one that the file names unless given. What a file takes over by `extends` is
     judged where it stands.
     """
+    if not path.exists():
+        return [ModelFinding(path=path, line=0, key="", text=no_such_file(path).removeprefix(f"{path}: "))]
     try:
         file = open_model_file(path)
     except FileFormatError as error:

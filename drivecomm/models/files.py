@@ -59,12 +59,16 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.models.model import Model, ParameterInfo, Watchdog
 from drivecomm.models.schema import EXACT, PARAMETER_KEYS, PLAIN, TEXT_TYPES, Mistake, mistakes_in, number_in
+from drivecomm.suggestions import meant, shortened
 from drivecomm.toml_places import Places
+from drivecomm.tomlfile import read_toml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
 FOLDERS_VARIABLE = "DRIVECOMM_MODELS"
+_LONGEST_NAME = 200
+"""Characters of a model's name; no file system takes many more."""
 
 
 def load_model(package: str, protocol: str, model: str | Path | Model) -> Model:
@@ -74,12 +78,14 @@ def load_model(package: str, protocol: str, model: str | Path | Model) -> Model:
     """
     if isinstance(model, Model):
         return model
-    if isinstance(model, Path) or str(model).endswith(".toml"):
+    if not isinstance(model, str | Path):
+        raise UsageError(f"{shortened(model)} is no model; give its name, a .toml file or a Model")
+    if isinstance(model, Path) or model.endswith(".toml"):
         return read_model(Path(model), protocol, package)
     path = next(_files_named(package, protocol, model), None)
     if path is None:
-        known = ", ".join(model_names(package, protocol)) or "none"
-        raise UsageError(f"{protocol} has no model {model!r}; it has {known}, or name a .toml file")
+        known = meant(model, model_names(package, protocol), "it has")
+        raise UsageError(f"{protocol} has no model {shortened(model)}; {known}, or name a .toml file")
     return read_model(path, protocol, package)
 
 
@@ -141,13 +147,8 @@ class ModelFile:
 
 def open_model_file(path: Path) -> ModelFile:
     """Read a file without judging what it says. Raises FileFormatError where there is none, or it is no TOML."""
-    import tomllib  # noqa: PLC0415 - as above
-
-    try:
-        text = path.read_text(encoding="utf-8")
-        return ModelFile(path, tomllib.loads(text), Places(text))
-    except (OSError, ValueError, RecursionError) as error:
-        raise FileFormatError(f"{path}: cannot be read as a model: {error}") from error
+    text, content = read_toml(path, "a model")
+    return ModelFile(path, content, Places(text))
 
 
 def base_of(file: ModelFile, protocol: str, package: str, extended_by: Sequence[Path] = ()) -> Model | None:
@@ -240,7 +241,7 @@ def _packaged(package: str) -> Path:
 
 
 def _files_named(package: str, protocol: str, name: str) -> Iterator[Path]:
-    if name != Path(name).name:
+    if name != Path(name).name or len(name) > _LONGEST_NAME:
         return
     for folder in _folders(package, protocol):
         path = folder / f"{name}.toml"

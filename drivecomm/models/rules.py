@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivecomm.models.quantities import parameter_at, quantities
-from drivecomm.models.schema import Mistake, near
+from drivecomm.models.schema import Mistake
 from drivecomm.models.units import factor_between
+from drivecomm.suggestions import near
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

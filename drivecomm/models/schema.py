@@ -11,9 +11,10 @@ from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any, get_args
 
 from drivecomm.models.model import Access, Kind, LinkLoss, ParameterInfo, Storage, Sureness, Watchdog
+from drivecomm.suggestions import near
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
 
 FORMAT = 1
 TABLES = ("options", "quantities", "watchdog", "identified_by", "faults", "warnings")
@@ -76,14 +77,6 @@ def mistakes_in(content: Mapping[str, Any], protocol: str) -> Iterator[Mistake]:
     for number, entry in enumerate(parameters):
         for mistake in _in_parameter(entry):
             yield Mistake(text=mistake.text, key=mistake.key, table="parameter", number=number)
-
-
-def near(name: str, known: Collection[str]) -> str:
-    """Return a question that names what was perhaps meant, nothing where no known name is like this one."""
-    from difflib import get_close_matches  # noqa: PLC0415 - only who has made a mistake needs it
-
-    found = get_close_matches(name, sorted(known), n=1)
-    return f"is {found[0]} meant?" if found else ""
 
 
 def number_in(value: Any) -> Decimal | None:

@@ -12,7 +12,8 @@ from drivecomm.errors import DriveCommError, NotSupported, ParameterAddressError
 from drivecomm.line import LINE_FACT_NAMES
 from drivecomm.models.files import load_model
 from drivecomm.models.rules import starts_within_limits
-from drivecomm.models.schema import PARAMETER_KEYS, Mistake, near
+from drivecomm.models.schema import PARAMETER_KEYS, Mistake
+from drivecomm.suggestions import near
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

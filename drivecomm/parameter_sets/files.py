@@ -28,7 +28,6 @@ from __future__ import annotations
 
 import os
 import tempfile
-import tomllib
 from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import Path
@@ -38,6 +37,7 @@ from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.models.quantities import quantities
 from drivecomm.parameter_sets.parameter_set import PARTS, Entry, ParameterSet, in_order
 from drivecomm.toml_places import Places
+from drivecomm.tomlfile import read_toml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -109,13 +109,7 @@ def must_be_free(path: Path, drive: str) -> None:
 
 def read_set(path: Path) -> ParameterSet:
     """Read a parameter set. Raises FileFormatError with the file, the line, the key, and what is wrong there."""
-    try:
-        text = path.read_bytes().decode("utf-8")
-        content = tomllib.loads(text, parse_float=Decimal)
-    except FileNotFoundError:
-        raise FileFormatError(f"{path}: there is no such file") from None
-    except (OSError, ValueError, ArithmeticError, RecursionError) as error:
-        raise FileFormatError(f"{path}: cannot be read as a parameter set: {error}") from error
+    text, content = read_toml(path, "a parameter set", parse_float=Decimal)
     return _Document(path, text).read(content)
 
 

@@ -56,8 +56,6 @@ inject = { data = "04 41 FF", at_s = 3 }
 
 from __future__ import annotations
 
-import tomllib
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
@@ -79,6 +77,8 @@ from drivecomm.plant.plant import (
     Window,
     kind_named,
 )
+from drivecomm.suggestions import closest
+from drivecomm.tomlfile import parse_toml, read_toml
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -164,10 +164,11 @@ _LARGEST = 2**63
 
 def read_plant(path: Path) -> Plant:
     """Read a plant file. Raises FileFormatError with the file's name, the entry and what is wrong in it."""
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise FileFormatError(f"{path}: cannot be read as a plant: {error}") from error
+    return plant_in(read_toml(path, "a plant")[1], path)
+
+
+def plant_in(content: Mapping[str, Any], path: Path) -> Plant:
+    """Return the plant that a file says. Raises as `read_plant` does."""
     try:
         return _plant(content)
     except DriveCommError as error:
@@ -176,10 +177,7 @@ def read_plant(path: Path) -> Plant:
 
 def read_fault(text: str) -> Step:
     """Read what stands behind one [[fault]]. Raises FileFormatError."""
-    try:
-        content = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise FileFormatError(f"the text cannot be read as a fault: {error}") from error
+    content = parse_toml(text, "the text cannot be read as a fault")
     try:
         return _fault(content, "the fault")
     except FileFormatError:
@@ -357,6 +355,6 @@ def _check(entry: Mapping[str, Any], known: _Keys, needed: tuple[str, ...], wher
 
 def _no_others(entry: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
     for key in sorted(set(entry) - set(known)):
-        near = get_close_matches(key, known, n=1)
-        hint = f"write {near[0]}" if near else f"the keys are {', '.join(known)}"
+        near = closest(key, known)
+        hint = f"write {near}" if near else f"the keys are {', '.join(known)}"
         raise FileFormatError(f"{where}: {key!r} is no key here; {hint}")

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from drivecomm import bus as buses
 from drivecomm.errors import UsageError
+from drivecomm.line import LINE_FACT_NAMES
 from drivecomm.plant.files import read_plant
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ class OpenPlant(Mapping[str, "Drive"]):
 
     plant: what there is. file: what errors call it. port_of: what to open for a line instead of the port that the plant
     names, such as a function that returns a port; None for that. opening: further keywords of `open_bus`, for all
-    lines; what is given goes before what the plant says of a line.
+    lines; what is given goes before what the plant says of a line or a drive.
     """
 
     def __init__(
@@ -119,10 +120,10 @@ class OpenPlant(Mapping[str, "Drive"]):
 
     def _made(self, found: PlantDrive) -> Drive:
         bus = self.bus(found.line)
+        facts = {key: value for key, value in self._opening.items() if key in LINE_FACT_NAMES and value is not None}
+        options = {**found.options, **facts, "read_only": found.why_read_only(self.file)}
         try:
-            return bus.drive(
-                found.protocol, found.address, **{**found.options, "read_only": found.why_read_only(self.file)}
-            )
+            return bus.drive(found.protocol, found.address, **options)
         except UsageError as error:
             raise UsageError(f"{self.file}: drive {found.name}: {error}") from error
 

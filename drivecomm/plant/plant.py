@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from drivecomm.errors import UsageError
 from drivecomm.models import LinkLoss
+from drivecomm.suggestions import meant
 from drivecomm.virtual.faults import TRANSMISSION_FAULTS, Fault, FaultPlan
 
 if TYPE_CHECKING:
@@ -139,7 +140,8 @@ class PlantLinkLoss:
 
     def __post_init__(self) -> None:
         if self.policy not in get_args(LinkLoss):
-            raise UsageError(f"policy = {self.policy!r} is none; write one of {', '.join(get_args(LinkLoss))}")
+            known = meant(self.policy, get_args(LinkLoss), "write one of")
+            raise UsageError(f"policy = {self.policy!r} is none; {known}")
         if not 0 < self.watchdog_s < inf:
             raise UsageError(f"watchdog_s = {self.watchdog_s:g} cannot be; write seconds above 0")
 
@@ -175,7 +177,7 @@ class PlantDrive:
             object.__setattr__(self, "name", f"{self.protocol}:{self.address}")
         for key, value in self.motor.items():
             if key not in PLATE:
-                raise UsageError(f"a motor has no {key!r}; it has {', '.join(sorted(PLATE))}")
+                raise UsageError(f"a motor has no {key!r}; {meant(key, sorted(PLATE), 'it has')}")
             if value < 0 or (not value and key not in _MAY_BE_ZERO):
                 raise UsageError(f"a motor with {key} = {value} cannot be; write a number above 0")
 
@@ -367,8 +369,8 @@ class Plant:
             names = " and ".join(drive.name for drive in same)
             raise UsageError(f"{name} is on several lines of this plant; name the drive: {names}")
         if not same:
-            known = ", ".join(drive.name for drive in self.drives) or "none"
-            raise UsageError(f"there is no drive {name!r} in this plant; it has {known}")
+            known = meant(name, [drive.name for drive in self.drives], "it has")
+            raise UsageError(f"there is no drive {name!r} in this plant; {known}")
         return same[0]
 
     def line(self, name: str) -> PlantLine:
@@ -376,8 +378,8 @@ class Plant:
         for line in self.lines:
             if line.name == name:
                 return line
-        known = ", ".join(line.name for line in self.lines)
-        raise UsageError(f"there is no line {name!r} in this plant; it has {known}")
+        known = meant(name, [line.name for line in self.lines], "it has")
+        raise UsageError(f"there is no line {name!r} in this plant; {known}")
 
     def on_line(self, name: str) -> tuple[PlantDrive, ...]:
         """Return the drives of a line, in their order."""
@@ -389,7 +391,8 @@ def kind_named(name: str) -> Fault:
     try:
         return Fault(name)
     except ValueError:
-        raise UsageError(f"{name!r} is no kind of fault; write one of {_names(_NOISE)}") from None
+        known = meant(name, [kind.value for kind in _NOISE], "write one of")
+        raise UsageError(f"{name!r} is no kind of fault; {known}") from None
 
 
 # Foreign traffic needs bytes, which a script says with inject.
@@ -419,5 +422,4 @@ def _unique(what: str, names: list[str]) -> frozenset[str]:
 
 def _there(name: str, names: frozenset[str], what: str, where: str) -> None:
     if name not in names:
-        known = ", ".join(sorted(names)) or "none"
-        raise UsageError(f"{where}: there is no {what} {name!r} in this plant; it has {known}")
+        raise UsageError(f"{where}: there is no {what} {name!r} in this plant; {meant(name, sorted(names), 'it has')}")

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import tempfile
-from pathlib import Path
+from itertools import count
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, UsageError
@@ -18,20 +20,22 @@ if TYPE_CHECKING:
     from drivecomm.scanning import Found
 
 _ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
-_NAME_HINT = '# name = "pump"'
 _ADVICE = """\
-# Written by a scan. Give the drives names (take away the # before name), and then:
+# Written by a scan. Give the drives names (take away the # before name, and change it), and then:
 #   drivecomm status          shows them all
 #   drivecomm read NAME ...   reads one of them
 # A drive is read-only until it has armed = true.
 """
 
 
-def plant_of_found(found: Iterable[Found], *, port: str, line: str = "line", echo: bool = False) -> Plant:
+def plant_of_found(found: Iterable[Found], *, port: str, line: str = "", echo: bool = False) -> Plant:
     """Return the plant that a scan of one line has found; settings that all drives share are the line's.
+
+    line: its name, that of the port unless given.
 
     Who answered with damage only is left out: nothing is known of it.
     """
+    line = line or line_name(port)
     sound = [one for one in found if one.sound]
     met = {one.settings for one in sound}
     shared = next(iter(met)) if len(met) == 1 else None
@@ -51,6 +55,12 @@ def plant_of_found(found: Iterable[Found], *, port: str, line: str = "line", ech
     return Plant(lines=(PlantLine(name=line, port=port, echo=echo, settings=settings),), drives=drives)
 
 
+def line_name(port: str) -> str:
+    """Return what a line is called after its port: ttyUSB0, COM3, hall-4001; "line" after one without letters."""
+    place = port.partition("://")[2] or PurePath(port).name
+    return re.sub(r"[^A-Za-z0-9_.]+", "-", place.partition("?")[0]).strip("-") or "line"
+
+
 def plant_text(plant: Plant, remarks: Mapping[str, str] | None = None) -> str:
     """Return what masters need of a plant as the text of a file: lines, drives, and what may be done with them.
 
@@ -60,9 +70,12 @@ def plant_text(plant: Plant, remarks: Mapping[str, str] | None = None) -> str:
     parts = ["format = 1\n"]
     parts += [_entry("line", _line(line)) for line in plant.lines]
     only = len(plant.lines) == 1
+    taken = {drive.name for drive in plant.drives}
+    free = (name for number in count(1) if (name := f"pump{number}") not in taken)
     for drive in plant.drives:
         remark = (remarks or {}).get(drive.name, "")
-        parts.append(_entry("drive", _drive(drive, with_line=not only), remark))
+        content = _drive(drive, with_line=not only)
+        parts.append(_entry("drive", content, remark, name_hint="" if "name" in content else next(free)))
     return "\n".join(parts)
 
 
@@ -139,13 +152,13 @@ def _read(read: PlantRead) -> dict[str, Any]:
     return {"parameters": list(read.parameters), "period_s": read.period_s, "priority": read.priority}
 
 
-def _entry(kind: str, content: Mapping[str, Any], remark: str = "") -> str:
+def _entry(kind: str, content: Mapping[str, Any], remark: str = "", name_hint: str = "") -> str:
     lines = [f"[[{kind}]]"]
     if remark:
         # A comment has no control characters, whatever a drive tells.
         lines.append("# " + "".join(each for each in " ".join(remark.split()) if each.isprintable()))
-    if kind == "drive" and "name" not in content:
-        lines.append(_NAME_HINT)
+    if name_hint:
+        lines.append(f'# name = "{name_hint}"')
     lines += [f"{key} = {_value(value)}" for key, value in content.items()]
     return "\n".join(lines) + "\n"
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import serial
 
-from drivecomm.errors import LinkDownError, PortError, UsageError
+from drivecomm.errors import DriveCommError, LinkDownError, PortError, UsageError
 from drivecomm.line import LineSettings
 from drivecomm.transport.alarm import open_alarm
 from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
@@ -51,7 +51,9 @@ class SerialPort:
     def __init__(self, url: str, *, rs485: bool = False, low_latency: bool | None = None) -> None:
         if "://" in url and (rs485 or low_latency):
             what = "rs485" if rs485 else "low_latency"
-            raise UsageError(f"{what} is for ports of this machine, and {url} is none; set it up at its server")
+            raise UsageError(
+                f"{what} is for ports of this machine, and {url} is none; set it up at its server", says=what
+            )
         self.url = url
         self.stable_name = stable_name(url)
         """What to open the port by when it was lost: follows the adapter, where the system has such a name."""
@@ -171,7 +173,7 @@ def _open(url: str, *, rs485: bool, low_latency: bool | None) -> tuple[Any, Chan
             port = serial.serial_for_url(
                 url, do_not_open=True, exclusive=True, timeout=POLL_S, write_timeout=write_timeout
             )
-    except (ValueError, OSError) as error:
+    except Exception as error:
         raise cannot_open(url, error) from error
     try:
         with warnings.catch_warnings():
@@ -188,7 +190,7 @@ def _open(url: str, *, rs485: bool, low_latency: bool | None) -> tuple[Any, Chan
         return port, PyserialChannel(port)
     except BaseException as error:
         release(port)
-        if isinstance(error, (OSError, ValueError)) or type(error).__module__ == "termios":
+        if isinstance(error, Exception) and not isinstance(error, DriveCommError):
             raise cannot_open(url, error) from error
         raise
 

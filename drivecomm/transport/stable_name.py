@@ -23,6 +23,6 @@ def stable_name(url: str, by_id: Path = _BY_ID) -> str:
         port = Path(url).resolve(strict=True)
         # A link of an adapter that has gone leads to a name that nothing has, and so to no port.
         return min((str(link) for link in by_id.iterdir() if link.resolve() == port), default=url)
-    except OSError:
+    except (OSError, ValueError):
         # No such folder, or no such port.
         return url

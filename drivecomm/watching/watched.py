@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
+from drivecomm.line import LINE_FACT_NAMES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -54,7 +55,7 @@ class WatchedLine:
 
 
 def lines_of(plant: Plant, options: Mapping[str, Any] | None = None) -> list[WatchedLine]:
-    """Return the lines of a plant that have drives. options: for all lines; a line's own settings go before.
+    """Return the lines of a plant that have drives. options: for all lines; they go before what the plant says.
 
     Raises UsageError for a line without a port.
     """
@@ -72,17 +73,18 @@ def _line_of(plant: Plant, name: str, options: Mapping[str, Any]) -> WatchedLine
     line = next(line for line in plant.lines if line.name == name)
     if not line.reached_at:
         raise UsageError(f'line {name} has no port; write port = "/dev/ttyUSB0" or what a master opens to reach it')
+    given = {key: value for key, value in options.items() if value is not None}
+    facts = {key: value for key, value in given.items() if key in LINE_FACT_NAMES}
     drives = tuple(
         WatchedDrive(
             protocol=drive.protocol,
             address=drive.address,
             name=drive.name,
-            options=drive.options,
+            options={**drive.options, **facts},
             armed=drive.armed,
             link_loss=drive.link_loss.policy if drive.link_loss else "",
         )
         for drive in plant.on_line(name)
     )
-    given = {key: value for key, value in options.items() if value is not None}
     echo = {"echo": True} if line.echo else {}
-    return WatchedLine(name=name, port=line.reached_at, drives=drives, options={**given, **echo, **line.settings})
+    return WatchedLine(name=name, port=line.reached_at, drives=drives, options={**echo, **line.settings, **given})

@@ -217,8 +217,9 @@ class DanfossFcOperations:
         self._must_be_one_drive("set_reference")
         if self._range is None:
             raise NotSupported(
-                "the telegram carries a percentage; give the drive's maximum reference 3-03 (205) with the option "
-                "reference_maximum_hz to set a reference in Hz"
+                "the telegram carries a percentage; give what the drive's maximum reference 3-03 (205) holds, such as "
+                "reference_maximum_hz=50, to set a reference in Hz",
+                says="reference_maximum_hz=50",
             )
         lowest, highest = self._range
         number = exact(hz, "reference")

@@ -198,7 +198,7 @@ def _check_pke(message: ParameterRequest | ParameterReply | TextRequest | TextRe
     if type(message.pnu) is not int or message.pnu not in range(2**pnu_bits):
         raise _wrong("pnu", f"{message.pnu!r} does not fit {pnu_bits} bits of PNU")
     if message.spm is not None and (pnu_bits != 11 or type(message.spm) is not bool):
-        raise _wrong("spm", f"{message.spm!r}: there is a toggle bit with pnu_bits=11 only, true or false")
+        raise _wrong("spm", f"{message.spm!r}: there is a toggle bit beside 11 bits of PNU only, true or false")
     if message.spm and isinstance(message, ParameterRequest | TextRequest):
         raise _wrong("spm", "the toggle bit is for spontaneous messages on PROFIBUS; on RS-485 a master sends 0")
     if isinstance(message, ParameterRequest | TextRequest) and message.ak in _NEVER_SENT:

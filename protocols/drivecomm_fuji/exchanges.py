@@ -110,11 +110,14 @@ class FujiOperations:
         if function[0] == "M" or (wanted.info is not None and "w" not in wanted.info.access):
             raise NotSupported(f"{function} is read only")
         if wanted.is_command and store:
-            raise NotSupported(f"{function} is a command, which no inverter stores; write it without store=True")
+            raise NotSupported(
+                f"{function} is a command, which no inverter stores; write it without store=True", says="store=True"
+            )
         if not wanted.is_command and not store:
             raise NotSupported(
                 f"an inverter may keep every write of {function} in its non-volatile memory, which wears out; "
-                "it is only written with store=True"
+                "it is only written with store=True",
+                says="store=True",
             )
         data = word_for(wanted, value, self._options)
         if self._address == BROADCAST:
@@ -141,10 +144,11 @@ class FujiOperations:
             raise NotSupported(
                 f"S06 has no bit to stop by {how.value}; "
                 + (
-                    "to coast, assign a terminal to it in the inverter and name it with the option coast_terminal"
+                    "to coast, assign a terminal to it in the inverter and name it, such as coast_terminal=X1"
                     if how is Stop.COAST
-                    else "it can stop by ramp, and by coast with the option coast_terminal"
-                )
+                    else "it can stop by ramp, and by coast with a terminal for it, such as coast_terminal=X1"
+                ),
+                says="coast_terminal=X1",
             )
         coast = self._coast_bit if how is Stop.COAST else 0
         return self._running.stop(coast)
@@ -208,8 +212,9 @@ class FujiOperations:
             return self._references.set_frequency(unscaled(number, exact("0.01", FREQUENCY), FREQUENCY, "Hz"))
         if self._options.maximum_frequency_hz is None:
             raise NotSupported(
-                f"S05 of {self._profile.title} is a position; give the option maximum_frequency_hz (F03), "
-                "or the reference in percent"
+                f"S05 of {self._profile.title} is a position; give what F03 holds, such as maximum_frequency_hz=50, "
+                "or the reference in percent",
+                says="maximum_frequency_hz=50",
             )
         return self._references.set_per_unit(share(number, exact(self._options.maximum_frequency_hz, "F03")))
 

@@ -46,7 +46,7 @@ def target(parameter: str, model: Model | None, options: FujiOptions, format: st
         raise ParameterAddressError(f"{parameter!r} is no Fuji function code {remedy}")
     reason = options.generation.refusal_of(function, number_check=options.number_check)
     if reason:
-        raise ParameterAddressError(f"{function}: {reason}")
+        raise ParameterAddressError(f"{function}: {reason}", says="number_check=False")
     name = format if format is not None else (known.type if known else "")
     return Target(function=function, format=format_of(function, name, options), info=known)
 

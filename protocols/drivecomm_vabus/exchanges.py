@@ -114,7 +114,8 @@ class VabusOperations:
         if reverse and not self._options.ram_datasets:
             raise NotSupported(
                 "this drive has no RAM data sets, and a reversed reference would go to EEPROM; "
-                "write a negative reference with store=True, and its control words with control_word"
+                "write a negative reference with store=True, and its control words with control_word",
+                says="store=True",
             )
         return self._motion.start(reverse=reverse)
 
@@ -182,7 +183,8 @@ class VabusOperations:
             return dataset
         if not self._options.ram_datasets:
             raise NotSupported(
-                f"this drive keeps every write in EEPROM, so {wanted.address} is only written with store=True"
+                f"this drive keeps every write in EEPROM, so {wanted.address} is only written with store=True",
+                says="store=True",
             )
         return dataset + 5
 

@@ -67,7 +67,8 @@ class Commander:
             if "hands back" not in str(error) or self._options.idle_word & 0xF == 0xF:
                 raise
             raise NoReplyError(
-                f"{error}; or a drive in local operation answered byte for byte what it was sent: use idle_word=0x000F"
+                f"{error}; or a drive in local operation answered byte for byte what it was sent: use idle_word=0x000F",
+                says="idle_word=0x000F",
             ) from None
 
     def status_word(self, *, attempts: int | None = None) -> Exchange[int]:

@@ -90,7 +90,7 @@ class VltOperations:
             "control_word": self.control_word,
         }
 
-    def read(self, parameter: str, *, index: Any = None) -> Exchange[Reading]:
+    def read(self, parameter: str, *, index: tuple[int, ...] | int | str | None = None) -> Exchange[Reading]:
         """Read a parameter (R), or one element of an indexed one (I): `502[17]`, `602[13,5]`, or index=(13, 5)."""
         wanted = self._known(parameter) if index is None else target(parameter, self._model, index)
         self._must_be_one_drive("read")
@@ -118,10 +118,11 @@ class VltOperations:
         if store:
             raise NotSupported(
                 "whether a VLT keeps a write over power-off is not known, so store=True cannot be promised; write "
-                "without it, and see parameter 517 where the drive has it"
+                "without it, and see parameter 517 where the drive has it",
+                says="store=True",
             )
         if type(attempts) is not int or attempts < 1:
-            raise UsageError(f"attempts={attempts!r} would never send anything, use 1 or more")
+            raise UsageError(f"attempts of {attempts!r} would never send anything, use 1 or more", says="attempts")
         sent, places = data_for(wanted, value, decimals)
         return self._write(wanted, sent, places, attempts)
 
@@ -152,7 +153,7 @@ class VltOperations:
         stops = self._stops()
         if how not in stops:
             remedy = "; VLT 2000 can with parameter 514 = 1, then use dc_brake=True" if how is Stop.DC_BRAKE else ""
-            raise NotSupported(f"this VLT cannot stop by {how.value}{remedy}")
+            raise NotSupported(f"this VLT cannot stop by {how.value}{remedy}", says="dc_brake=True")
         return self._commander.stop(*stops[how])
 
     def reset(self) -> Exchange[None]:
@@ -177,7 +178,9 @@ class VltOperations:
         """Write the bus reference as a frequency; needs the drive's maximum frequency, option maximum_hz."""
         if self._options.maximum_hz is None:
             raise NotSupported(
-                "a VLT takes its bus reference in percent; give maximum_hz=, the drive's maximum frequency, to use Hz"
+                "a VLT takes its bus reference in percent; give the drive's maximum frequency, such as maximum_hz=50, "
+                "to use Hz",
+                says="maximum_hz=50",
             )
         return self.set_reference_percent(self._percent_of(exact(hz, BUS_REFERENCE)))
 

@@ -165,7 +165,7 @@ def test_places_that_cannot_be(tmp_path):
         CaptureWriter(tmp_path / "a.jsonl", Provenance(began=BEGAN.replace(tzinfo=None)))
     with pytest.raises(UsageError, match="too long"):
         CaptureWriter(tmp_path / "a.pcapng", Provenance(note="x" * 70000))
-    with pytest.raises(FileFormatError, match="cannot be read"):
+    with pytest.raises(FileFormatError, match="there is no such file"):
         read_capture(tmp_path / "absent.jsonl")
     writer = CaptureWriter(tmp_path / "a.jsonl", Provenance())
     writer.close()

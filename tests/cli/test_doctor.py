@@ -42,7 +42,10 @@ def test_the_port_may_be_an_option_or_the_environment(shell, monkeypatch):
     assert shell("doctor", "--protocol", "vabus", "--quick") == 0
     monkeypatch.setenv("DRIVECOMM_PORT", "line")
     assert shell("doctor", "--protocol", "vabus", "--quick", port=None) == 0
-    assert shell("doctor", "line", "--protocol", "vabus", "--quick", port="elsewhere") == 0, "the argument counts"
+    assert shell("doctor", "line", "--protocol", "vabus", "--quick", port="elsewhere") == 2
+    assert "line is the port, so that --port has no effect" in shell.err
+    monkeypatch.setenv("DRIVECOMM_PORT", "elsewhere")
+    assert shell("doctor", "line", "--protocol", "vabus", "--quick", port=None) == 0, "the argument counts"
 
 
 def test_json(shell):

@@ -157,7 +157,7 @@ def test_verbs_of_one_protocol(shell):
     ("arguments", "code", "sentence"),
     [
         (("stop", "vabus:1", "--how", "dc-brake"), 2, "dc_brake"),
-        (("stop", "vabus:1", "--how", "gently"), 2, "ramp, coast, quick and dc_brake"),
+        (("stop", "vabus:1", "--how", "gently"), 2, "they are ramp, coast, quick, dc_brake"),
         (("start", "vabus:1,ram_datasets=false", "--link-loss", "hold", "--reverse"), 2, "negative reference"),
         (("reference", "vabus:1", "25"), 2, "25Hz"),
         (("reference", "vabus:1"), 2, "with percent, with hz or with rpm"),

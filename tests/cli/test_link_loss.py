@@ -49,7 +49,16 @@ def test_hold_starts_and_leaves(shell):
     line.advance(1000)
     assert line.drives[0].motor.running
     assert shell("start", "danfoss-fc:3", "--link-loss", "hold", "--json") == 0
-    assert shell.objects == [{"drive": "danfoss-fc:3", "done": "started", "link_loss": "hold", "watchdog_s": None}]
+    assert shell.objects == [
+        {
+            "name": "danfoss-fc:3",
+            "drive": "danfoss-fc:3",
+            "line": "line",
+            "done": "started",
+            "link_loss": "hold",
+            "watchdog_s": None,
+        }
+    ]
 
 
 def test_hold_against_a_watchdog_that_is_on(shell):

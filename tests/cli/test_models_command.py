@@ -102,7 +102,7 @@ def test_the_same_model_by_each_name(models):
         (["vabus/nothing"], "vabus has no model 'nothing'; it has "),
         (["vabus/act", "--protocol", "fuji"], "vabus/act is a model of vabus, and --protocol says fuji"),
         (["modbus/x"], "no installed protocol is named 'modbus'"),
-        (["none.toml"], "none.toml: cannot be read as a model"),
+        (["none.toml"], "none.toml: there is no such file"),
     ],
 )
 def test_what_cannot_be_shown(models, arguments, what):

@@ -147,7 +147,7 @@ def test_nonsense_is_refused_in_a_sentence(run):
         (("set", "fan", "3-41", "x"), "parameter 3-41 cannot hold 'x'"),
         (("inject", "hall", "0"), "two hexadecimal digits"),
         (("inject", "roof", "00"), "there is no line 'roof'"),
-        (("fault", "nowhere.toml"), "nowhere.toml: cannot be read as a fault"),
+        (("fault", "nowhere.toml"), "nowhere.toml: there is no such file"),
         (("show", "pump", "none"), "none"),
     ):
         assert run("plant", *arguments) == 2
@@ -188,7 +188,7 @@ def test_control_of_drives_that_are_named_as_options(simulated, run):
     [
         ([], "name a plant file"),
         (["-d", "vabus:1"], "a place to --listen at"),
-        (["none.toml"], "none.toml: cannot be read as a plant"),
+        (["none.toml"], "none.toml: there is no such file"),
         (["PLANT", "-d", "vabus:1"], "leave these options away"),
         (["PLANT", "--echo"], "leave these options away"),
         (["PLANT", "--speed", "0"], "a speed of 0 cannot be"),

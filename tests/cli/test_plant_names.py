@@ -7,6 +7,7 @@ import pytest
 import drivecomm.bus
 from drivecomm.line import LineSettings
 from drivecomm.plant.files import read_plant
+from drivecomm.port_names import same_port
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm.virtual.virtual_plant import VirtualPlant
 
@@ -66,7 +67,7 @@ def plant(shell, tmp_path, monkeypatch):
 
 def test_a_drive_is_read_by_its_name(shell, plant):
     assert shell("read", "pump", "480", "--plant", plant.path, port=None) == 0
-    assert shell.out == "vabus:1  480 fixed_frequency_1                    30.00 Hz\n"
+    assert shell.out == "pump  480 fixed_frequency_1                    30.00 Hz\n"
     # The echo of its line is known, too.
     assert shell("read", "mixer", "M14", "--plant", plant.path, port=None) == 0
 
@@ -94,7 +95,9 @@ def test_a_port_that_is_given_goes_its_own_way(shell, plant):
     assert "11.11 Hz" in shell.out
     assert shell("reset", "danfoss-fc:3") == 0
     # A name can mean the plant only, and its line has a port of its own.
-    assert shell("read", "pump", "480") == 0
+    assert shell("read", "pump", "480") == 2
+    assert "pump is on line hall, at HALL; leave --port line out" in shell.err
+    assert shell("read", "pump", "480", port="HALL") == 0
     assert "30.00 Hz" in shell.out
 
 
@@ -104,6 +107,115 @@ def test_an_environment_with_a_port_is_a_given_port(shell, plant, monkeypatch):
     monkeypatch.setenv("DRIVECOMM_PORT", "line")
     assert shell("reset", "danfoss-fc:3", port=None) == 0
     assert shell("reset", "fan", port=None) == 2
+    assert shell("read", "pump", "480", port=None) == 0
+    assert "30.00 Hz" in shell.out
+
+
+def sent_on(line):
+    """What is sent on a line from now on."""
+    sent, transmit = [], line.transmit
+    line.transmit = lambda data: (sent.append(data), transmit(data))
+    return sent
+
+
+@pytest.mark.parametrize("how", ["port", "environment", "plant and port"])
+@pytest.mark.parametrize("command", [("start", "--link-loss", "hold"), ("reset",), ("write", "3-41", "5")])
+def test_a_drive_that_is_not_armed_is_the_same_by_its_port_and_address(shell, plant, monkeypatch, how, command):
+    Path(plant.path).rename("plant.toml")
+    verb, *further = command
+    sent = sent_on(plant.line("hall"))
+    call = [verb, "danfoss-fc:3", *further]
+    if how == "environment":
+        monkeypatch.setenv("DRIVECOMM_PORT", "HALL")
+    elif how == "plant and port":
+        call += ["--plant", "plant.toml"]
+    assert shell(*call, port=None if how == "environment" else "HALL") == 2
+    assert "fan is read-only in plant.toml" in shell.err
+    assert sent == []
+    # Reading and stopping it are allowed, and on a line that is not the plant's it is another drive.
+    assert shell("status", "danfoss-fc:3", port="HALL") == 0
+    assert shell("stop", "danfoss-fc:3", port="HALL") == 0
+    shell.line(virtual_drive("danfoss-fc", 3))
+    assert shell("reset", "danfoss-fc:3") == 0
+
+
+def test_a_port_is_the_same_by_its_link(shell, plant, tmp_path):
+    (tmp_path / "HALL").touch()
+    (tmp_path / "adapter").symlink_to(tmp_path / "HALL")
+    Path(plant.path).rename("plant.toml")
+    assert shell("reset", "danfoss-fc:3", port=str(tmp_path / "adapter")) == 2
+    assert "fan is read-only in plant.toml" in shell.err
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        ("socket://localhost:4001", "rfc2217://127.0.0.1:4001", True),
+        ("socket://Hall:4001", "socket://hall:4001", True),
+        ("socket://hall:4001", "socket://hall:4002", False),
+        ("socket://hall:x", "socket://hall:x", True),
+        ("/dev/../dev/null", "/dev/null", True),
+        ("COM1", "COM2", False),
+        ("", "", False),
+    ],
+)
+def test_names_of_one_port(one, other, same):
+    assert same_port(one, other) is same
+
+
+def test_a_plant_file_that_cannot_be_read_keeps_nobody_from_stopping(shell, plant):
+    Path(plant.path).unlink()
+    Path("plant.toml").write_text("no plant")
+    assert shell("reset", "danfoss-fc:3", port="HALL") == 2
+    assert "plant.toml: cannot be read as a plant" in shell.err
+    assert shell("stop", "danfoss-fc:3", port="HALL") == 0
+    assert "commanded" in shell.out
+
+
+def test_a_suggestion_for_a_name(shell, plant):
+    assert shell("status", "pmup", "--plant", plant.path, port=None) == 2
+    assert "there is no drive 'pmup' in this plant; is pump meant? It has pump, fan, mixer" in shell.err
+    assert shell("read", "pump", "output_frequncy", "--plant", plant.path, port=None) == 2
+    assert "is output_frequency meant?" in shell.err
+    assert shell("status", "pump", "--model", "agil", "--plant", plant.path, port=None) == 2
+    assert "vabus has no model 'agil'; is agile meant?" in shell.err
+    assert shell("status", "vabsu:1", port="HALL") == 2
+    assert "no installed protocol is named 'vabsu'; is vabus meant?" in shell.err
+    assert shell("call", "fan", "jgo", "--plant", plant.path, port=None) == 2
+    assert "is jog meant?" in shell.err
+    assert shell("status", "pump,modle=agile", "--plant", plant.path, port=None) == 2
+    assert "no option 'modle'" in shell.err
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        ("read", "pump", "480"),
+        ("write", "pump", "480", "12"),
+        ("reference", "pump", "10Hz"),
+        ("stop", "pump"),
+        ("reset", "pump"),
+        ("status", "pump"),
+        ("wait", "pump", "not_ready"),
+        ("start", "pump", "--link-loss", "hold"),
+        ("call", "pump", "control_word", "word=0"),
+        ("backup", "pump", "pump.toml"),
+        ("restore", "pump", "pump.toml", "--dry-run"),
+    ],
+)
+def test_names_of_the_plant_in_every_output(shell, plant, call):
+    if call[0] == "restore":
+        shell("backup", "pump", "pump.toml", "--plant", plant.path, port=None)
+    shell(*call, "--plant", plant.path, "--json", port=None)
+    assert shell.objects
+    for told in shell.objects:
+        assert (told["name"], told["drive"], told["line"]) == ("pump", "vabus:1", "hall"), told
+    if call[0] != "backup":
+        shell(*call, "--plant", plant.path, port=None)
+        assert shell.out.startswith("pump  ") or "drivecomm: HALL: pump: " in shell.err
+    if call[0] in ("read", "status"):
+        shell(*call[:1], "vabus:1", *call[2:], "--json", port="HALL")
+        assert (shell.objects[0]["name"], shell.objects[0]["line"]) == ("vabus:1", "HALL")
 
 
 @pytest.mark.usefixtures("plant")
@@ -271,15 +383,21 @@ class TestOtherCommands:
         assert shell("poll", "vabus:1", "480", "--cycles", "1", "--plant", plant.path, "--json", port=None) == 0
         assert [(one["drive"], one["quality"]) for one in shell.objects] == [("pump", "good")]
 
-    def test_options_behind_a_name_go_before_those_of_the_plant(self, shell, plant):
+    def test_options_behind_a_name_go_before_those_of_the_plant(self, shell, plant, monkeypatch):
         words = ("poll", "pump,model=act", "480", "--cycles", "1", "--plant", plant.path, "--json")
-        # A name means the plant whatever port is given.
-        assert shell(*words, port="nowhere") == 0
+        # A name means the plant, and its line has a port of its own.
+        assert shell(*words, port="nowhere") == 2
+        assert "--port has no effect" in shell.err
+        monkeypatch.setenv("DRIVECOMM_PORT", "nowhere")
+        assert shell(*words, port=None) == 0
         assert shell.objects[0]["quality"] == "good"
 
     def test_poll_what_the_plant_says(self, shell, plant, tmp_path):
         assert shell("poll", "--cycles", "2", "--plant", plant.path, "--json", port=None) == 0
         assert [(one["drive"], one["parameter"]) for one in shell.objects] == [("pump", "480")] * 2
+        # The same, named as a plan: a plant file says what is polled, too.
+        assert shell("poll", "--cycles", "1", "--plan", plant.path, "--json", port=None) == 0
+        assert [(one["drive"], one["parameter"]) for one in shell.objects] == [("pump", "480")]
         path = tmp_path / "idle.toml"
         path.write_text(PLANT.replace("poll =", "# poll ="))
         assert shell("poll", "--plant", str(path), port=None) == 2
@@ -444,6 +562,27 @@ class TestScan:
         assert "exists already; name another file, or write --force" in shell.err
         assert path.read_text() == before
         assert shell(*wide, "--force") == 0
+
+    def test_two_files_become_one_plant_as_they_say(self, shell, tmp_path):
+        """Take the # away before the names, as the file tells, and put the lines together."""
+        for port, number in (("line", 1), ("/dev/ttyUSB0", 2)):
+            shell.line(virtual_drive("vabus", 1), virtual_drive("vabus", 2), name=port)
+            path = tmp_path / f"{number}.toml"
+            assert shell("scan", "--protocol", "vabus", "-a", "1-3", "--write", str(path), port=port) == 0
+            text = path.read_text().replace("# name", "name")
+            path.write_text(text)
+            assert [drive.name for drive in read_plant(path).drives] == ["pump1", "pump2"]
+            assert shell("status", "pump2", "--plant", str(path), port=None) == 0
+            assert shell.out.startswith("pump2  ")
+        assert read_plant(path).lines[0].name == "ttyUSB0"
+
+    def test_flags_without_effect(self, shell, plant):
+        assert shell("scan", "--force") == 2
+        assert "--force is for a file that --write names" in shell.err
+        assert shell("scan", "--plant", plant.path) == 2
+        assert "--plant has no effect" in shell.err
+        assert shell("scan", "--protocol", "vabus", "-a", "99") == 2
+        assert "no drive of these protocols can have the address 99" in shell.err
 
     def test_nothing_is_written_when_nobody_is_there(self, shell, tmp_path):
         shell.line()

@@ -89,15 +89,17 @@ def test_what_is_cut_off_is_said(shell, session):
 def test_calls_that_cannot_be(shell, session, tmp_path):
     shell.line()
     for words, what in [
-        (["replay", str(tmp_path / "absent.jsonl")], "cannot be read"),
+        (["replay", str(tmp_path / "absent.jsonl")], "there is no such file"),
         (["replay", str(session), "--faster", "0"], "is no speed"),
         (["replay", str(session), "--listen", "pty:x", "--commands"], "without --listen"),
-        (["replay", str(session), "--listen", "nowhere"], "cannot listen"),
+        (["replay", str(session), "--listen", "pty:x"], "--port has no effect"),
         (["replay", str(session), "--record", str(tmp_path / "b.jsonl")], "records nothing"),
     ]:
         assert shell(*words) == 2, words
         assert what in shell.err
         assert shell.err.count("\n") == 1
+    assert shell("replay", str(session), "--listen", "nowhere", port=None) == 2
+    assert "cannot listen" in shell.err
     assert shell("replay", str(session), port=None) == 2
     assert "give --port" in shell.err
 

@@ -68,8 +68,8 @@ def test_drives_on_a_port():
     (line,) = watching.watched_lines(["vabus:1,model=agile", "danfoss-fc:3"], options)
     assert (line.name, line.options) == ("/dev/ttyUSB0", {"parity": "E", "echo": "expect", "rs485": True})
     assert [(drive.name, drive.options) for drive in line.drives] == [
-        ("vabus:1", {"model": "agile"}),
-        ("danfoss-fc:3", {}),
+        ("vabus:1", {"parity": "E", "model": "agile"}),
+        ("danfoss-fc:3", {"parity": "E"}),
     ]
 
 
@@ -81,7 +81,7 @@ def test_calls_that_cannot_be(shell, plant_file, tmp_path, monkeypatch):
         (["vabus:1"], None, 2, "no port: give --port"),
         ([plant_file, "vabus:1"], None, 2, "give one plant file or drives, not both"),
         ([plant_file], "line", 2, "leave --port and DRIVECOMM_PORT out"),
-        ([str(tmp_path / "none.toml")], None, 2, "cannot be read as a plant"),
+        ([str(tmp_path / "none.toml")], None, 2, "there is no such file"),
         ([plant_file, "--json"], None, 2, "use drivecomm poll for --json"),
         ([plant_file, "--for", "0"], None, 2, "--for 0 s watches nothing"),
         ([plant_file], None, 2, "watch needs a terminal; use drivecomm poll where there is none"),

@@ -352,7 +352,7 @@ def test_plan_files_that_cannot_be(tmp_path, before, after, message):
 
 
 def test_plan_files_that_are_not_there_or_empty(tmp_path):
-    with pytest.raises(FileFormatError, match="cannot be read as a poll plan"):
+    with pytest.raises(FileFormatError, match="there is no such file"):
         read_plan(tmp_path / "none.toml")
     with pytest.raises(FileFormatError, match=r"a plan has one or more \[\[drive\]\]"):
         read_plan(written(tmp_path, "format = 1"))

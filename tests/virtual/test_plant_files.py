@@ -192,7 +192,7 @@ def test_what_is_no_plant(read, tmp_path, text, sentences):
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(FileFormatError, match=r"none\.toml: cannot be read as a plant"):
+    with pytest.raises(FileFormatError, match=r"none\.toml: there is no such file"):
         read_plant(tmp_path / "none.toml")
 
 

@@ -14,6 +14,7 @@ from drivecomm.cli.demo.sites import real_site, virtual_sites
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit
 from drivecomm.conformance.vectors import packaged_vectors
+from drivecomm.errors import UsageError
 from drivecomm.registry import installed
 
 if TYPE_CHECKING:
@@ -32,6 +33,12 @@ def demo(
 
     Exit code 1 when a step failed.
     """
+    if line.port is None:
+        line.refuse("without --port the tour is on virtual lines")
+        if allow_motion:
+            raise UsageError("without --port no motor is real, so that --allow-motion has no effect; leave it out")
+    elif allow_motion:
+        line.must_be_armed()
     console = Console(width=_WIDTH, quiet=line.json)
     tour = stops.Tour(console)
     sites: AbstractContextManager[list[Site]] = virtual_sites() if line.port is None else real_site(line)

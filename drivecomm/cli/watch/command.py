@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drivecomm.cli.drive_names import parse_drive, plant_file
+from drivecomm.cli.drive_names import plant_file
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.logging_option import Log
 from drivecomm.errors import DriveCommError, UsageError
@@ -91,6 +91,8 @@ def watched_lines(what: list[str], line: LineOptions) -> list[WatchedLine]:
     from drivecomm.watching import WatchedDrive, WatchedLine, lines_of  # noqa: PLC0415 - as above
 
     options = _options(line)
+    if what:
+        line.refuse("the drives are named here", "plant")
     what = what or _usual_plant(line)
     plants = [word for word in what if word.endswith(".toml") and ":" not in word.partition(",")[0]]
     if plants and len(what) > 1:
@@ -103,8 +105,10 @@ def watched_lines(what: list[str], line: LineOptions) -> list[WatchedLine]:
         return lines_of(read_plant(Path(plants[0])), options)
     if not what:
         raise UsageError("nothing to watch; name a plant file, or drives such as vabus:1,model=agile with --port")
-    names = [parse_drive(word) for word in what]
-    drives = tuple(WatchedDrive(protocol=one.protocol, address=one.address, options=one.options) for one in names)
+    names = [line.reaching(word)[1] for word in what]
+    drives = tuple(
+        WatchedDrive(protocol=one.protocol, address=one.address, name=one.name, options=one.options) for one in names
+    )
     return [WatchedLine(name=line.named_port, port=line.named_port, drives=drives, options=options)]
 
 
@@ -116,7 +120,7 @@ def _usual_plant(line: LineOptions) -> list[str]:
 
 def _options(line: LineOptions) -> dict[str, Any]:
     given = {**line.facts, "low_latency": line.low_latency}
-    if line.echo != "off":
+    if "echo" in line.given or line.echo != "off":
         given["echo"] = line.echo
     if line.rs485:
         given["rs485"] = True

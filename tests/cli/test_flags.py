@@ -1,0 +1,185 @@
+"""A flag counts or is refused: none is taken and then forgotten, whatever the plant file says of a drive."""
+
+from dataclasses import fields
+
+import pytest
+
+import drivecomm.bus
+from drivecomm.cli.help_text import flowing
+from drivecomm.cli.line_options import WITHOUT_EFFECT, LineOptions
+from drivecomm.plant.files import read_plant
+from drivecomm.virtual.virtual_plant import VirtualPlant
+
+PLANT = """
+format = 1
+
+[[line]]
+name = "hall"
+port = "HALL"
+baudrate = 9600
+parity = "E"
+
+[[drive]]
+name = "fan"
+drive = "danfoss-fc:3"
+options = { model = "fc300", baudrate = 9600, bytesize = 8, parity = "E", stopbits = 1, attempts = 2 }
+poll = [{ parameters = ["3-41"] }]
+"""
+
+FACTS = {"baudrate": "19200", "bytesize": "7", "parity": "o", "stopbits": "2", "timeout": "0.2", "attempts": "1"}
+VALUES = {
+    **FACTS,
+    "port": "OTHER",
+    "echo": "auto",
+    "rs485": None,
+    "low_latency": None,
+    "trace": None,
+    "record": "heard.jsonl",
+    "plant": "other.toml",
+    "arm": None,
+}
+COMMANDS = [
+    ("read", "fan", "3-41"),
+    ("status", "fan"),
+    ("status",),
+    ("write", "fan", "3-41", "5"),
+    ("reset", "fan"),
+    ("reference", "fan", "10%"),
+    ("call", "fan", "jog"),
+    ("wait", "fan", "ready", "--seconds", "0"),
+    ("start", "fan", "--link-loss", "hold"),
+    ("stop", "fan"),
+    ("stats", "fan", "--for", "0.1"),
+    ("poll", "fan", "3-41", "--cycles", "1"),
+    ("poll", "--cycles", "1"),
+    ("poll", "--plan", "plant.toml", "--cycles", "1"),
+    ("backup", "fan", "fan.toml"),
+    ("compare", "fan", "factory"),
+]
+
+
+@pytest.fixture
+def heard(shell, tmp_path, monkeypatch):
+    """Runs a call and returns what came of it: how the lines were opened, and as what each drive was spoken to."""
+    monkeypatch.delenv("DRIVECOMM_PLANT", raising=False)
+    monkeypatch.chdir(tmp_path)
+    for name in ("plant.toml", "other.toml"):
+        (tmp_path / name).write_text(
+            PLANT if name == "plant.toml" else PLANT.replace('"fan"', '"mill"').replace("fc:3", "fc:4")
+        )
+    seen = []
+    opened, drive = drivecomm.bus.open_bus, drivecomm.bus.Bus.drive
+
+    def open_bus(port, **opening):
+        seen.append((port, sorted((key, str(value)) for key, value in opening.items() if key != "trace")))
+        seen.append(opening.get("trace") is not None)
+        return opened(port, **opening)
+
+    def made(bus, *place, **options):
+        found = drive(bus, *place, **options)
+        seen.append((found.facts, options.get("read_only", ""), place))
+        return found
+
+    monkeypatch.setattr(drivecomm.bus, "open_bus", open_bus)
+    monkeypatch.setattr(drivecomm.bus.Bus, "drive", made)
+
+    def run(*call):
+        seen.clear()
+        line = VirtualPlant(read_plant(tmp_path / "plant.toml")).line("hall")
+        shell.lines.update({"HALL": line, "OTHER": line})
+        code = shell(*call, port=None)
+        return code, list(seen)
+
+    return run
+
+
+def test_all_flags_are_tried():
+    assert {field.name for field in fields(LineOptions)} - {"json", "given"} == set(VALUES)
+
+
+@pytest.mark.parametrize("flag", VALUES)
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_a_flag_counts_or_is_refused(heard, shell, command, flag):
+    _, plain = heard(*command)
+    value = [] if VALUES[flag] is None else [VALUES[flag]]
+    code, changed = heard(*command, f"--{flag.replace('_', '-')}", *value)
+    if changed == plain and command[0] != "stop":
+        assert code == 2
+        assert shell.err.count("\n") == 1
+        refused = ("has no effect", "leave --port OTHER out", "no drive 'fan' in this plant", "this plant has several")
+        assert any(words in shell.err for words in refused), shell.err
+
+
+@pytest.mark.parametrize(
+    "command", [("read", "fan", "3-41"), ("status",), ("poll", "--cycles", "1"), ("stop", "--all")]
+)
+@pytest.mark.parametrize(("flag", "value", "fact"), [("baudrate", "19200", 19200), ("stopbits", "2", 2)])
+def test_the_command_line_goes_before_the_plant_file(heard, command, flag, value, fact):
+    _, seen = heard(*command, f"--{flag}", value)
+    facts = [each[0] for each in seen if isinstance(each, tuple) and hasattr(each[0], "settings")]
+    assert facts
+    assert all(getattr(each.settings, flag) == fact for each in facts)
+
+
+@pytest.mark.parametrize(
+    ("said", "sentence"),
+    [
+        ("--baudrate=0", "a baud rate of 0 is not between 50 and 4000000"),
+        ("--parity=X", "parity 'X' is not one of N, E, O, M, S"),
+        ("--stopbits=3", "3.0 stop bits are not possible"),
+        ("--bytesize=9", "9 data bits are not possible"),
+        ("--timeout=0", "--timeout of 0 leaves no time for a reply"),
+        ("--timeout=nan", "--timeout cannot be nan"),
+        ("--attempts=0", "--attempts of 0 would never send anything"),
+    ],
+)
+@pytest.mark.parametrize("command", [("read", "fan", "3-41"), ("read", "danfoss-fc:9", "3-41", "--port", "OTHER")])
+def test_values_that_cannot_be(heard, shell, command, said, sentence):
+    assert heard(*command, said)[0] == 2
+    assert sentence in shell.err
+    assert shell.err.count("\n") == 1
+
+
+def test_two_words_for_one_thing(heard, shell):
+    assert heard("read", "fan,baudrate=9600", "3-41", "--baudrate", "19200")[0] == 2
+    assert "exclude each other" in shell.err
+    assert heard("reference", "fan", "10%", "--percent", "20", "--arm")[0] == 2
+    assert "exclude each other" in shell.err
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (("status", "--model", "fc300"), "--model is for one drive"),
+        (("poll", "--period", "2", "--cycles", "1"), "--period has no effect"),
+        (("poll", "--plan", "plant.toml", "--plant", "other.toml"), "--plant has no effect"),
+        (("demo", "--baudrate", "9600"), "--baudrate has no effect"),
+        (("demo", "--allow-motion"), "--allow-motion has no effect"),
+        (("forecast", "--trace"), "forecast opens no port, so that --trace has no effect"),
+        (("read", "fan", "3-41", "--arm"), "read commands nothing, so that --arm has no effect"),
+        (("write", "danfoss-fc:9", "3-41", "5", "--port", "OTHER", "--arm"), "--arm has no effect"),
+        (("compare", "plant.toml", "other.toml", "--port", "OTHER"), "no drive is asked, so that --port has no effect"),
+        (("demo", "--port", "HALL", "--allow-motion"), "fan is read-only in plant.toml"),
+    ],
+)
+def test_what_has_no_effect_is_refused(heard, shell, call, sentence):
+    assert heard(*call)[0] == 2
+    assert sentence in shell.err
+    assert shell.err.count("\n") == 1
+
+
+def test_help_hides_what_a_command_refuses(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    for command in WITHOUT_EFFECT:
+        drivecomm.cli.main(["models", "grow", "--help"] if command == "grow" else [command, "--help"])
+        assert "--arm" not in capsys.readouterr().out or command == "replay"
+
+
+def test_help_breaks_where_the_terminal_does(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    drivecomm.cli.main(["scan", "--help"])
+    assert "or with several values for a setting" in flowing(capsys.readouterr().out)
+    drivecomm.cli.main(["simulate", "--help"])
+    shown = capsys.readouterr().out.splitlines()
+    assert not any(line.strip() and len(line.rstrip()) < 30 and not line.startswith(("╭", "│", "╰", " Usage")) and
+                   not line.rstrip().endswith((".", ":")) for line in shown)  # fmt: skip
