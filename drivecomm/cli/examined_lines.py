@@ -32,7 +32,9 @@ def lines_to_examine(line: LineOptions) -> list[ExaminedLine]:
     if line.port is None:
         return [_of_the_plant(each, known, line) for each in known.plant.lines]
     named = [each for each in known.plant.lines if line.port in (each.name, each.reached_at)]
-    return [_of_the_plant(each, known, replace(line, port=None)) for each in named] or [ExaminedLine(options=line)]
+    return [_of_the_plant(each, known, replace(line, port=None)) for each in named] or [
+        ExaminedLine(options=replace(line, given=line.given | {"port"}))
+    ]
 
 
 def _of_the_plant(each: PlantLine, known: KnownPlant, line: LineOptions) -> ExaminedLine:
@@ -40,7 +42,7 @@ def _of_the_plant(each: PlantLine, known: KnownPlant, line: LineOptions) -> Exam
     echo: Echo = "expect" if each.echo and line.echo == "off" else line.echo
     settings = {key: value for key, value in each.settings.items() if key not in given}
     return ExaminedLine(
-        options=replace(line, port=line.port_of(each, known.file), echo=echo, **settings),
+        options=replace(line, port=line.port_of(each, known.file), echo=echo, given=line.given | {"port"}, **settings),
         name=each.name,
         drives=tuple(
             Expected(

@@ -70,7 +70,13 @@ def reached_for_stopping(line: LineOptions, text: str) -> tuple[LineOptions, Dri
             return *_by_its_address(line, text, error), str(error)
         of = plant.line(drive.line)
         settings = {key: value for key, value in of.settings.items() if getattr(line, key) is None}
-        reached = replace(line, port=line.port_of(of, str(file)), echo="expect" if of.echo else line.echo, **settings)
+        reached = replace(
+            line,
+            port=line.port_of(of, str(file)),
+            echo="expect" if of.echo else line.echo,
+            given=line.given | {"port"},
+            **settings,
+        )
         name = DriveName(
             protocol=drive.protocol,
             address=drive.address,
@@ -85,4 +91,4 @@ def _by_its_address(line: LineOptions, text: str, error: FileFormatError) -> tup
     """Return line and drive as they are named, without any plant. Raises the error where that does not suffice."""
     if ":" not in text.partition(",")[0] or line.port is None:
         raise error
-    return line, replace(parse_drive(text), line=line.port)
+    return replace(line, given=line.given | {"port"}), replace(parse_drive(text), line=line.port)

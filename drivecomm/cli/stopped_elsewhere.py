@@ -25,7 +25,7 @@ def stopped_elsewhere(line: LineOptions, drive: str, model: str | None, how: Sto
         reached, what = line, WhatToStop(how=how, protocols=((protocol, chosen),))
     else:
         reached, name, _ = reached_for_stopping(line, drive)
-        one = (str(name), name.protocol, name.address, {**name.options, **chosen})
+        one = (name.name, name.protocol, name.address, {**name.options, **chosen})
         what = WhatToStop(how=how, drives=(one,))
     answers: list[Answer] = []
     keeper = stopped_by_its_keeper(reached.named_port, what, answers.append, reached.opening)

@@ -260,7 +260,8 @@ def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
             if key in sent:
                 continue
             sent.append(key)
-            if _way(everybody, how) is Stop.COAST is not how:
+            # Where the plant file could not be read as a whole, there may be more of them than are named.
+            if not line.also and _way(everybody, how) is Stop.COAST is not how:
                 continue
             tell(_tell_all(line.name, everybody, drive.protocol, how))
         except NotSupported:

@@ -79,7 +79,7 @@ def _adr(*, broadcast_allowed: bool) -> Leaf:
         if broadcast and address is not None:
             raise ValueError(f"a broadcast has no address, and {address!r} is given")
         if not broadcast and address is None:
-            raise ValueError("it is missing, and so is broadcast=true")
+            raise ValueError("it is missing, and this is no broadcast")
         if not broadcast and (type(address) is not int or address not in _addresses(layout)):
             raise ValueError(f"{address!r} is no address of format {layout}")
         number = address or 0

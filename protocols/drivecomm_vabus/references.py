@@ -123,7 +123,8 @@ class References:
         if not self._in_ram:
             raise StateError(
                 f"{_what(wanted, -raw)}, which turns the motor the other way, and this drive has no RAM data sets to "
-                "turn it round in; write it with store=True"
+                "turn it round in; write it with store=True",
+                says="store=True",
             )
         yield from self._talk.select(wanted.number, dataset + 5, data_of(raw, wanted.type))
 
@@ -132,7 +133,8 @@ class References:
         name = str(wanted.number)
         if not self._in_ram:
             raise NotSupported(
-                f"this drive has no RAM data sets, so a reference would go to EEPROM; write {name} with store=True"
+                f"this drive has no RAM data sets, so a reference would go to EEPROM; write {name} with store=True",
+                says="store=True",
             )
         number = exact(value, name)
         if number < 0:

@@ -196,7 +196,9 @@ def test_after_a_signal_there_is_no_second_round(shell, plant, monkeypatch):
     assert shell("stop", "--all", "--plant", str(path), port=None) == 5
     assert shell.out.count("confirmed") == 3
     to_pump = [data for name, source, data in heard if (name, source, data[:2]) == ("hall", "master", b"\x04A")]
-    assert [data[3:-1] for data in to_pump] == [b"0412", b"04100000\x03"], "its mode, and without an answer 0000; once"
+    assert [data[3:-1] for data in to_pump] == [b"0412", b"00410040000\x03"], (
+        "its mode, and without an answer 0000; once"
+    )
 
 
 def test_a_mistake_of_ours_in_a_thread_is_not_swallowed(shell, plant, monkeypatch, capsys):
