@@ -515,20 +515,31 @@ def test_a_port_that_blocks_holds_nobody_up():
 
 
 @pytest.mark.parametrize("times", [1, 3])
-@pytest.mark.parametrize("after_s", [0.0, 0.003, 0.012, 0.03])
+@pytest.mark.parametrize("after_s", [0.0, 0.003, 0.012, 0.025])
 def test_a_thread_is_stopped_when_its_task_is_cancelled(after_s, times):
+    """Its request is on the wire, is waited for, or is being answered, by the line's own clock."""
+
     async def main():
         line = VirtualLine([Mortal("vabus")])
         async with open_bus_async(lambda: Blocking(line)) as bus:
             drive = bus.drive("vabus", ADDRESS)
             silent = bus.drive("vabus", 9, reply_timeout_s=20.0)
+            loop = asyncio.get_running_loop()
             for victim in (drive, silent):
+                there, cancelled = asyncio.Event(), threading.Event()
+
+                def hold(there=there, cancelled=cancelled):
+                    loop.call_soon_threadsafe(there.set)
+                    assert cancelled.wait(10)
+
+                line.call_at(line.time + after_s, hold)
                 reading = asyncio.create_task(victim.read("481"))
-                await asyncio.sleep(after_s)
+                await asyncio.wait_for(there.wait(), 10)
                 began = time.monotonic()
                 for _ in range(times):
                     reading.cancel()
                     await asyncio.sleep(0)
+                cancelled.set()
                 with pytest.raises(asyncio.CancelledError):
                     await reading
                 assert time.monotonic() - began < 1.0

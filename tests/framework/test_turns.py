@@ -1,6 +1,7 @@
 """Whose turn it is on a line: one at a time, the more urgent first, otherwise in the order of coming."""
 
 import asyncio
+import gc
 import sys
 import threading
 import time
@@ -367,6 +368,32 @@ class TestBus:
 
             assert self.crowd(work, 3) == []
 
+    def test_drives_may_be_added_while_the_counters_are_gone_through(self):
+        """Python may collect garbage whenever an object is made, and others go on meanwhile."""
+        with drivecomm.open_bus(VirtualLine([]).port) as bus:
+            to_add = iter(range(1, 127))
+
+            def add_one(phase, _):
+                if phase == "start" and (address := next(to_add, None)):
+                    bus.drive("danfoss-fc", address, set_up={"3-41": 1})
+
+            add_one("start", None)
+            before = gc.get_threshold()
+            seen, hoard = [], []
+            gc.callbacks.append(add_one)
+            try:
+                for read in (lambda: bus.counters, lambda: bus.health, lambda: bus.statistics) * 12:
+                    # Python keeps pairs that were thrown away for use again; what it has to make anew counts.
+                    hoard.append([(number, hoard) for number in range(2100)])
+                    gc.set_threshold(1)
+                    seen.append(len(read()))
+                    gc.set_threshold(*before)
+            finally:
+                gc.callbacks.remove(add_one)
+                gc.set_threshold(*before)
+            assert seen == sorted(seen)
+            assert seen[-1] > seen[0]
+
     def test_a_trace_function_cannot_wait_for_itself(self):
         line = VirtualLine([Mortal("vabus")])
         said = []
@@ -401,6 +428,21 @@ class TestBus:
 
 class TestTasks:
     """The same turns for tasks."""
+
+    def test_the_line_is_not_lost_when_it_is_handed_on_in_the_moment_in_which_the_time_is_over(self):
+        async def main():
+            turns = AsyncTurns()
+            assert await turns.take(Rank.READ, 1.0)
+            waiting = asyncio.create_task(turns.take(Rank.READ, 0.01))
+            await asyncio.sleep(0)
+            # The next round of the loop hands the line on, and sees then that the time is over.
+            time.sleep(0.02)  # noqa: ASYNC251 - on purpose
+            asyncio.get_running_loop().call_soon(turns.give_back)
+            if await waiting:
+                turns.give_back()
+            assert await turns.take(Rank.READ, 0.0)
+
+        asyncio.run(main())
 
     def test_ranks_overtake_and_equals_do_not(self):
         async def main():
