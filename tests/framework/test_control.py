@@ -144,6 +144,7 @@ def test_stored_writes_in_a_cycle_are_refused_and_nothing_is_sent():
     _, bus = one("vabus", model="agile")
     with bus:
         drive = bus.drive("vabus", 1, model="agile")
+        began = bus.now()
         for value in range(10):
             drive.write("481", value, store=True)
             drive.write("481", value)
@@ -152,6 +153,9 @@ def test_stored_writes_in_a_cycle_are_refused_and_nothing_is_sent():
             drive.write("fixed_frequency_2", 3, store=True)
         assert bus.counters["vabus:1"]["requests"] == sent
         drive.write("482", 3, store=True)
+        bus.sleep_until(began + 3599)
+        with pytest.raises(UsageError, match="within an hour"):
+            drive.write("481", 3, store=True)
         bus.sleep_until(bus.now() + 3600)
         drive.write("481", 3, store=True)
 
