@@ -5,6 +5,7 @@ from dataclasses import replace
 from decimal import Decimal
 
 import pytest
+from benches import Port
 
 import drivecomm
 from drivecomm.errors import (
@@ -300,10 +301,10 @@ def test_leaving_the_context_closes_it_also_after_an_error(line):
 
 
 def test_a_port_that_is_lost_is_opened_again(line):
-    opened = []
+    opened, closed = [], []
 
     def port():
-        opened.append(line.port())
+        opened.append(Port(line.port(), close=lambda: closed.append(line.time)))
         return opened[-1]
 
     with drivecomm.open_bus(port) as bus:
@@ -313,6 +314,7 @@ def test_a_port_that_is_lost_is_opened_again(line):
         for _ in range(3):
             with pytest.raises(LinkDownError):
                 drive.read("481")
+        assert len(closed) == 1
         line.broken = False
         with pytest.raises(LinkDownError, match=r"opened again in 0\.5 s"):
             drive.read("481")

@@ -56,6 +56,17 @@ def test_run_turn_round_stop(drive, virtual):
     assert virtual.motor.target_hz == 0
 
 
+def test_waiting_leaves_the_line_to_others(drive, virtual):
+    virtual.motor.ramp_up_s = 4
+    drive.set_reference(percent=50)
+    drive.start()
+    before = drive.bus.counters[drive.name]["requests"]
+    began = drive.bus.now()
+    drive.wait_for("at_reference")
+    asked = drive.bus.counters[drive.name]["requests"] - before
+    assert asked <= (drive.bus.now() - began) / 0.1 + 2
+
+
 def test_waiting_ends_in_time_and_at_a_fault(drive, virtual):
     with pytest.raises(StateError, match=r"did not come to 'running' within 1 s; it is (not_)?ready"):
         drive.wait_for(DriveState.RUNNING, timeout_s=1)

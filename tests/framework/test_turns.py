@@ -306,6 +306,55 @@ class TestBus:
         assert requests.index(410) < first_write
         assert sorted(done) == ["poll", "read", "reset", "status", "stop", "write"]
 
+    def test_a_stop_of_all_overtakes_what_waits(self):
+        line, recorder = VirtualLine([Mortal("vabus")]), Recorder()
+        entered, leave = threading.Event(), threading.Event()
+
+        def hold(*_):
+            if not entered.is_set():
+                entered.set()
+                assert leave.wait(10)
+
+        with drivecomm.open_bus(lambda: Port(line.port(), write=hold), trace=recorder) as bus:
+            drive = bus.drive("vabus", 3)
+            threads = [threading.Thread(target=drive.probe)]
+            threads[0].start()
+            assert entered.wait(10)
+            for call in (lambda: drive.read("481"), bus.broadcast("vabus").stop):
+                waiting = len(bus._turns._queue)
+                threads.append(threading.Thread(target=call))
+                threads[-1].start()
+                wait_for(lambda waiting=waiting: len(bus._turns._queue) > waiting)
+            leave.set()
+            for thread in threads:
+                thread.join(10)
+        asked = [event.message.parameter for event in recorder.sent() if event.message.kind in ("select", "enquiry")]
+        assert asked[1:] == [410, 481]
+
+    def test_a_bus_is_not_closed_in_the_middle_of_an_exchange(self):
+        line, closed = VirtualLine([Mortal("vabus")]), []
+        entered, leave = threading.Event(), threading.Event()
+
+        def hold(*_):
+            if not entered.is_set():
+                entered.set()
+                assert leave.wait(10)
+
+        port = Port(line.port(), write=hold, close=lambda: closed.append(leave.is_set()))
+        bus = drivecomm.open_bus(lambda: port)
+        drive, read = bus.drive("vabus", 3), []
+        reading = threading.Thread(target=lambda: read.append(drive.read("481").raw))
+        reading.start()
+        assert entered.wait(10)
+        closing = threading.Thread(target=bus.close)
+        closing.start()
+        closing.join(0.05)
+        leave.set()
+        for thread in (reading, closing):
+            thread.join(10)
+        assert read == ["000003E8"]
+        assert closed == [True]
+
     def test_a_reading_has_the_time_of_its_own_reply(self):
         """However long it takes until its thread goes on, and whoever has the line by then."""
         line = VirtualLine([Mortal("danfoss-fc", address) for address in (1, 2)])
