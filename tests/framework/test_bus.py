@@ -22,6 +22,7 @@ from drivecomm.errors import (
     UsageError,
     ValueRefusedError,
 )
+from drivecomm.exchange import Pause
 from drivecomm.line import LineSettings
 from drivecomm.registry import installed
 from drivecomm.status import Stop
@@ -321,6 +322,26 @@ def test_a_port_that_is_lost_is_opened_again(line):
         line.advance(0.5)
         assert drive.read("481").raw
         assert len(opened) == 2
+
+
+def test_an_exchange_that_is_interrupted_is_closed_at_once(line):
+    closed = []
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    def exchange():
+        try:
+            yield Pause(seconds=1.0)
+        finally:
+            closed.append(True)
+
+    with drivecomm.open_bus(lambda: Port(line.port(), wait=interrupt)) as bus:
+        # Whoever catches it holds the traceback, and with it all that was under way.
+        with pytest.raises(KeyboardInterrupt) as caught:
+            bus.run(bus.drive("vabus", 1).party, exchange())
+        assert closed == [True]
+        assert caught.value.__traceback__ is not None
 
 
 def test_a_port_that_cannot_be_opened_again_is_tried_each_time(line):

@@ -484,6 +484,22 @@ def test_a_thread_goes_on_feeding_whatever_a_callback_raises(served):
     assert virtual.peek("8-04", 0) == 0
 
 
+def test_the_block_does_not_end_before_its_thread(served):
+    _, port = served
+    entered, go_on, told = threading.Event(), threading.Event(), []
+
+    def slow(_):
+        entered.set()
+        assert go_on.wait(5)
+        told.append(True)
+
+    with drivecomm.open_bus(port) as bus:
+        with keep(bus.drive("danfoss-fc", 2, model="fc300"), "ramp", watchdog_s=0.6, on_status=slow):
+            assert entered.wait(5)
+            threading.Timer(0.1, go_on.set).start()
+        assert told == [True]
+
+
 def test_a_thread_tells_what_fails(served):
     virtual, port = served
     with drivecomm.open_bus(port, reply_timeout_s=0.05, attempts=1) as bus:

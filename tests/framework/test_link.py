@@ -199,6 +199,12 @@ def test_damage_is_drained_and_asked_again(link, events):
     assert walked.sent[1][0] >= 0.040 + 0.02
 
 
+def test_what_speaks_when_the_time_is_over_is_let_finish_before_it_is_asked_again():
+    walked = walk(ask(), [(0.105, OTHER), (0.115, b"\x7f"), (0.2, ANSWERED)])
+    assert walked.run() == ANSWER
+    assert walked.sent[1][0] >= 0.115 + TIMING.gap_s
+
+
 def test_damage_that_stays_is_a_damaged_reply():
     damaged = ANSWERED[:-1] + bytes([ANSWERED[-1] ^ 1])
     walked = walk(ask(attempts=1), [(0.030, damaged)])
@@ -531,6 +537,16 @@ def test_the_same_nameless_question_need_not_wait():
     walked = walk(ask(SELECT, attempts=1, nameless=True), [(0.3, ACK)], link=link, start=0.2)
     assert walked.run() == Ack(address=1)
     assert walked.sent[0][0] < 0.3
+
+
+def test_a_late_reply_that_names_its_question_need_not_be_outwaited():
+    link = Link()
+    with pytest.raises(NoReplyError):
+        walk(ask(attempts=1), link=link).run()
+    other = Enquiry(address=1, parameter=482)
+    walked = walk(ask(other), [(0.25, ANSWERED), (0.28, OTHER)], link=link, start=0.2)
+    assert CODEC.encode(walked.run()) == OTHER
+    assert walked.sent == [(0.2, CODEC.encode(other))]
 
 
 def test_another_drive_need_not_wait():
