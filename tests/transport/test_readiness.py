@@ -16,7 +16,12 @@ from drivecomm.transport.readiness import Readable, send_all
 def pair(request, monkeypatch):
     theirs, ours = os.pipe()
     if request.param == "many descriptors":
+
+        def full(*_):
+            raise ValueError("filedescriptor out of range in select()")
+
         monkeypatch.setattr(readiness, "_SELECTABLE", 0)
+        monkeypatch.setattr(select, "select", full)
     elif request.param == "no poll":
         monkeypatch.delattr(select, "poll", raising=False)
     yield Readable(theirs), ours, theirs
@@ -63,10 +68,10 @@ def test_what_does_not_fit_waits_for_room(pair):
         while len(b"".join(got)) < len(data):
             got.append(os.read(theirs, 65536))
 
-    thread = threading.Thread(target=take)
+    thread = threading.Thread(target=take, daemon=True)
     thread.start()
     assert send_all(lambda rest: os.write(ours, rest), ours, data, 5.0)
-    thread.join()
+    thread.join(10)
     assert b"".join(got) == data
     began = readiness._monotonic()
     assert not send_all(lambda rest: os.write(ours, rest), ours, data, 0.05)
