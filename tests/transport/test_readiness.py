@@ -68,10 +68,10 @@ def test_what_does_not_fit_waits_for_room(pair):
         while len(b"".join(got)) < len(data):
             got.append(os.read(theirs, 65536))
 
-    thread = threading.Thread(target=take, daemon=True)
+    thread = threading.Thread(target=take)
     thread.start()
     assert send_all(lambda rest: os.write(ours, rest), ours, data, 5.0)
-    thread.join(10)
+    thread.join()
     assert b"".join(got) == data
     began = readiness._monotonic()
     assert not send_all(lambda rest: os.write(ours, rest), ours, data, 0.05)
