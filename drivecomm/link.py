@@ -201,28 +201,29 @@ class Link:
         self._probe_took_s = PROBE_S
         self._patient_at = float("-inf")
         self._unclean = False
+        # Threads that make drives add to it at any time: whoever goes through it takes a copy, which is one step.
         self._partners: dict[str, _Partner] = {}
 
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
         """What has happened, by the name of the drive."""
-        return {name: partner.count for name, partner in list(self._partners.items())}
+        return {name: partner.count for name, partner in self._partners.copy().items()}
 
     @property
     def statistics(self) -> Mapping[str, Statistics]:
         """What has happened and how fast the drives answer, by the name of the drive."""
-        return {name: partner.statistics for name, partner in list(self._partners.items())}
+        return {name: partner.statistics for name, partner in self._partners.copy().items()}
 
     @property
     def health(self) -> Mapping[str, Health]:
         """Whether the drives answer, by name."""
-        return {name: partner.health for name, partner in list(self._partners.items())}
+        return {name: partner.health for name, partner in self._partners.copy().items()}
 
     def reopened(self) -> None:
         """Forget what held for the port before it was opened anew; all drives are set up again."""
         self._settings = None
         self._unclean = False
-        for name, partner in self._partners.items():
+        for name, partner in self._partners.copy().items():
             partner.health.away = True
             self._tell_away(name)
 
@@ -286,7 +287,7 @@ class Link:
             raise
 
     def _fell_silent(self, party: Party, partner: _Partner, began: float) -> None:
-        time = ProbingTime(each.health for each in list(self._partners.values()))
+        time = ProbingTime(each.health for each in self._partners.copy().values())
         if partner.health.fell_silent(began, self._now, time.least_pause_s(self._probe_took_s)):
             self._note(party, "note", detail="does not answer; it is asked again now and then")
             self._tell_away(party.name)
@@ -301,7 +302,7 @@ class Link:
         silent = f"{party.name} has not answered for {began - health.silent_since:.1f} s"
         if began < health.probe_at:
             raise NotAnsweringError(f"{silent}; it is asked again in {health.probe_at - began:.1f} s")
-        time = ProbingTime(each.health for each in self._partners.values())
+        time = ProbingTime(each.health for each in self._partners.copy().values())
         if not health.patient:
             self._listen_until = began + time.each_s
         health.patient = False
@@ -658,7 +659,7 @@ class Link:
     def _partner(self, party: Party) -> _Partner:
         partner = self._partners.get(party.name)
         if partner is None:
-            partner = self._partners[party.name] = _Partner(party.facts.settings)
+            partner = self._partners.setdefault(party.name, _Partner(party.facts.settings))
         elif partner.settings is not party.facts.settings and partner.settings != party.facts.settings:
             # Silence at other line settings says nothing about these.
             away, partner.settings, partner.health = partner.health.away, party.facts.settings, Health()

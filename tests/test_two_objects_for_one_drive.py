@@ -1,5 +1,7 @@
 """What one object commands, another one must not bring back."""
 
+import asyncio
+
 import pytest
 
 import drivecomm
@@ -8,6 +10,7 @@ from drivecomm.status import Stop
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 PROTOCOLS = sorted(drivecomm.protocols())
+SOMETHING = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09"}
 
 
 @pytest.fixture(params=PROTOCOLS)
@@ -31,7 +34,7 @@ def set_off(bus, protocol):
 
 
 def read_something(drive, protocol):
-    drive.read({"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09"}[protocol])
+    drive.read(SOMETHING[protocol])
     drive.status()
 
 
@@ -61,6 +64,66 @@ def test_a_broadcast_stop_is_not_undone_by_reading(line):
         read_something(first, protocol)
         virtual.advance(5)
         assert not running(virtual)
+
+
+@pytest.mark.parametrize("who", ["another object", "all"])
+def test_awaited_a_stop_by_another_is_not_undone_by_reading(line, who):
+    protocol, virtual = line
+
+    async def program():
+        async with drivecomm.open_bus_async(virtual.port) as bus:
+            first, second = bus.drive(protocol, 3), bus.drive(protocol, 3)
+            if protocol in ("danfoss-fc", "vlt3500"):
+                await first.set_reference(percent=50)
+            else:
+                await first.set_reference(hz=25)
+            await first.start()
+            assert running(virtual)
+            await (second if who == "another object" else bus.broadcast(protocol)).stop()
+            virtual.advance(20)
+            assert not running(virtual)
+            await first.read(SOMETHING[protocol])
+            await first.status()
+            if protocol == "fuji":
+                await first.call("terminals", X1=True)
+            virtual.advance(5)
+            assert not running(virtual)
+
+    asyncio.run(program())
+
+
+@pytest.mark.parametrize("who", ["another object", "all"])
+def test_a_stop_that_is_written_as_a_parameter_is_not_undone(who):
+    virtual = VirtualLine([virtual_drive("fuji", 3)])
+    with drivecomm.open_bus(virtual.port) as bus:
+        first = set_off(bus, "fuji")
+        assert running(virtual)
+        (bus.drive("fuji", 3) if who == "another object" else bus.broadcast("fuji")).write("S06", 0)
+        virtual.advance(20)
+        assert not running(virtual)
+        first.call("terminals", X1=True)
+        virtual.advance(5)
+        assert not running(virtual)
+
+
+def test_awaited_a_stop_that_is_written_as_a_parameter_is_not_undone():
+    virtual = VirtualLine([virtual_drive("fuji", 3)])
+
+    async def program(who):
+        async with drivecomm.open_bus_async(virtual.port) as bus:
+            first, second = bus.drive("fuji", 3), bus.drive("fuji", 3)
+            await first.set_reference(hz=25)
+            await first.start()
+            assert running(virtual)
+            await (second if who == "another object" else bus.broadcast("fuji")).write("S06", 0)
+            virtual.advance(20)
+            assert not running(virtual)
+            await first.call("terminals", X1=True)
+            virtual.advance(5)
+            assert not running(virtual)
+
+    asyncio.run(program("another object"))
+    asyncio.run(program("all"))
 
 
 def test_a_second_program_starts_with_the_reference_that_is_set(line):

@@ -2,6 +2,7 @@
 
 import asyncio
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 from hypothesis import given, settings
@@ -23,6 +24,9 @@ from drivecomm.virtual import FaultPlan, VirtualLine, virtual_drive
 
 EVERYBODY = list(installed.working())
 READ = bytes.fromhex("04 41 30 30 34 38 31 05")
+VALUE = drivecomm.encode(
+    "vabus", {"kind": "value", "address": 1, "parameter": 481, "data": "000003E8"}, direction="reply"
+)
 
 
 def pieces_of(*said):
@@ -267,6 +271,18 @@ def test_no_faster_than_drives_can_hear():
     outcomes = asked(capture, line, faster=1e6)
     assert not any(outcome.differs for outcome in outcomes)
     assert line.time < capture.pieces[-1].time_s + 1
+
+
+def test_however_fast_each_drive_has_its_pause():
+    said = []
+    for n in range(5):
+        said += [(n * 0.4, "master", READ), (n * 0.4 + 0.04, "drive", VALUE)]
+    line, spoken = VirtualLine([virtual_drive("vabus", 1)]), []
+    line.monitor = spoken.append
+    asked(pieces_of(*said), line, faster=1e6)
+    pauses = [later.began - one.ended for one, later in pairwise(spoken) if later.source == "master"]
+    assert len(pauses) == 4
+    assert min(pauses) > 0.0099
 
 
 def test_commands_are_left_out():

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from contextlib import nullcontext
 from threading import Event
 
@@ -17,10 +18,14 @@ from drivecomm.cli import drives, entry, run, stopping
 from drivecomm.cli.stop_at_once import given_in_haste
 from drivecomm.cli.stopping import Everything
 from drivecomm.errors import NotSupported, UsageError
+from drivecomm.framing import Framed
 from drivecomm.status import Stop
 from drivecomm.virtual import virtual_drive
 
 posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
+
+# The beginnings of VABus selects to the drives 1 and 2.
+PUMP, LIFT = b"\x04\x41\x02", b"\x04\x42\x02"
 
 
 def test_a_plant(shell, plant):
@@ -57,7 +62,7 @@ def test_what_a_drive_cannot_is_done_otherwise_and_said(shell, plant):
 
 
 def test_one_that_is_silent_keeps_nobody_from_being_stopped(shell, plant):
-    path, lines, _ = plant
+    path, lines, heard = plant
     hall = lines["hall"]
     hall.power_off(hall.drives[0])
     began = hall.time
@@ -68,6 +73,41 @@ def test_one_that_is_silent_keeps_nobody_from_being_stopped(shell, plant):
     order = [line.split()[1] for line in shell.out.splitlines() if line.startswith("hall:")]
     assert order == ["danfoss-fc:*", "lift", "fan"]
     assert hall.time - began < 5
+    said = [data for name, source, data in heard if name == "hall" and source == "master"]
+    pump, lift = ([number for number, data in enumerate(said) if data.startswith(head)] for head in (PUMP, LIFT))
+    assert sum(number < lift[0] for number in pump) == 1, "once before the others, and again after them"
+    assert len(pump) == 2
+
+
+def test_one_that_missed_a_telegram_is_stopped_in_the_end(shell, plant, monkeypatch):
+    path, lines, _ = plant
+    pump = lines["hall"].drives[0]
+    hear, missed = pump.hear, []
+
+    def hear_badly(find, now):
+        if isinstance(find, Framed) and find.data.startswith(PUMP) and not missed:
+            missed.append(find)
+            return None
+        return hear(find, now)
+
+    monkeypatch.setattr(pump, "hear", hear_badly)
+    assert shell("stop", "--all", "--plant", str(path), port=None) == 0
+    assert missed
+    assert "hall: pump  stop (ramp) confirmed" in shell.out
+
+
+def test_a_port_that_takes_long_to_open_keeps_no_other_line_waiting(shell, plant, monkeypatch):
+    path, lines, _ = plant
+    stopped, opened = threading.Event(), shell.open
+    lines["yard"].monitor = lambda sent: stopped.set() if sent.source == "drive" else None
+
+    def slow(name):
+        if name == "hall":
+            assert stopped.wait(5), "the other line waits for this one"
+        return opened(name)
+
+    monkeypatch.setattr(shell, "open", slow)
+    assert shell("stop", "--all", "--plant", str(path), port=None) == 0
 
 
 def test_a_line_that_is_not_there_keeps_no_other_from_being_stopped(shell, plant):

@@ -5,6 +5,7 @@ import inspect
 import threading
 import time
 from collections import Counter
+from functools import partial
 
 import pytest
 from benches import ADDRESS, PROTOCOLS, READABLE, WRITABLE, Mortal, Recorder, model_of, set_reference
@@ -15,6 +16,7 @@ from drivecomm.async_drive import AsyncBroadcast, AsyncDrive
 from drivecomm.bus import Bus, open_bus
 from drivecomm.drive import Broadcast, Drive
 from drivecomm.errors import DeadlineError, LinkDownError, NoReplyError, NotAnsweringError, PortError, UsageError
+from drivecomm.exchange import Pause
 from drivecomm.runners.asynchronous import ThreadRunner, VirtualTimeRunner, runner_for
 from drivecomm.virtual import VirtualLine
 
@@ -516,25 +518,55 @@ def test_a_port_that_blocks_holds_nobody_up():
 
 
 @pytest.mark.parametrize("times", [1, 3])
-@pytest.mark.parametrize("after_s", [0.0, 0.003, 0.012, 0.03])
+@pytest.mark.parametrize("after_s", [0.0, 0.003, 0.012, 0.025])
 def test_a_thread_is_stopped_when_its_task_is_cancelled(after_s, times):
+    """Its request is on the wire, is waited for, or is being answered, by the line's own clock."""
+
     async def main():
         line = VirtualLine([Mortal("vabus")])
         async with open_bus_async(lambda: Blocking(line)) as bus:
             drive = bus.drive("vabus", ADDRESS)
             silent = bus.drive("vabus", 9, reply_timeout_s=20.0)
+            loop = asyncio.get_running_loop()
             for victim in (drive, silent):
+                there, cancelled = asyncio.Event(), threading.Event()
+
+                def hold(there=there, cancelled=cancelled):
+                    loop.call_soon_threadsafe(there.set)
+                    assert cancelled.wait(10)
+
+                line.call_at(line.time + after_s, hold)
                 reading = asyncio.create_task(victim.read("481"))
-                await asyncio.sleep(after_s)
+                await asyncio.wait_for(there.wait(), 10)
                 began = time.monotonic()
                 for _ in range(times):
                     reading.cancel()
                     await asyncio.sleep(0)
+                cancelled.set()
                 with pytest.raises(asyncio.CancelledError):
                     await reading
                 assert time.monotonic() - began < 1.0
                 assert (await drive.read("482")).raw == "000009C4"
             assert bus.counters[drive.name]["timeouts"] == 0
+
+    asyncio.run(main())
+
+
+def test_a_thread_that_lets_time_pass_is_stopped_when_its_task_is_cancelled():
+    def pausing():
+        yield Pause(seconds=5.0)
+
+    async def main():
+        line = VirtualLine([Mortal("vabus")])
+        async with open_bus_async(lambda: Blocking(line)) as bus:
+            drive, there = bus.drive("vabus", ADDRESS), asyncio.Event()
+            line.call_at(0.01, partial(asyncio.get_running_loop().call_soon_threadsafe, there.set))
+            waiting = asyncio.create_task(bus.run(drive.party, pausing()))
+            await asyncio.wait_for(there.wait(), 10)
+            waiting.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await waiting
+            assert line.time < 4.0
 
     asyncio.run(main())
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from decimal import Decimal
 
 import pytest
+from benches import Port
 
 import drivecomm
 from drivecomm.errors import (
@@ -21,6 +22,7 @@ from drivecomm.errors import (
     UsageError,
     ValueRefusedError,
 )
+from drivecomm.exchange import Pause
 from drivecomm.line import LineSettings
 from drivecomm.registry import installed
 from drivecomm.status import Stop
@@ -300,10 +302,10 @@ def test_leaving_the_context_closes_it_also_after_an_error(line):
 
 
 def test_a_port_that_is_lost_is_opened_again(line):
-    opened = []
+    opened, closed = [], []
 
     def port():
-        opened.append(line.port())
+        opened.append(Port(line.port(), close=lambda: closed.append(line.time)))
         return opened[-1]
 
     with drivecomm.open_bus(port) as bus:
@@ -313,12 +315,33 @@ def test_a_port_that_is_lost_is_opened_again(line):
         for _ in range(3):
             with pytest.raises(LinkDownError):
                 drive.read("481")
+        assert len(closed) == 1
         line.broken = False
         with pytest.raises(LinkDownError, match=r"opened again in 0\.5 s"):
             drive.read("481")
         line.advance(0.5)
         assert drive.read("481").raw
         assert len(opened) == 2
+
+
+def test_an_exchange_that_is_interrupted_is_closed_at_once(line):
+    closed = []
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    def exchange():
+        try:
+            yield Pause(seconds=1.0)
+        finally:
+            closed.append(True)
+
+    with drivecomm.open_bus(lambda: Port(line.port(), wait=interrupt)) as bus:
+        # Whoever catches it holds the traceback, and with it all that was under way.
+        with pytest.raises(KeyboardInterrupt) as caught:
+            bus.run(bus.drive("vabus", 1).party, exchange())
+        assert closed == [True]
+        assert caught.value.__traceback__ is not None
 
 
 def test_a_port_that_cannot_be_opened_again_is_tried_each_time(line):

@@ -9,9 +9,11 @@ from drivecomm.drive import Drive
 from drivecomm.errors import NotSupported, StateError, UsageError, ValueRefusedError
 from drivecomm.models.files import load_model
 from drivecomm.registry import installed
-from drivecomm.status import DriveState
+from drivecomm.status import DriveState, DriveStatus
+from drivecomm.stored_writes import is_stored
 from drivecomm.virtual.drives import virtual_drive
 from drivecomm.virtual.line import VirtualLine
+from drivecomm.waiting import Waiting
 from drivecomm_vabus.options import VabusOptions
 
 DRIVES = {
@@ -56,13 +58,55 @@ def test_run_turn_round_stop(drive, virtual):
     assert virtual.motor.target_hz == 0
 
 
+@pytest.mark.parametrize("protocol", ["danfoss-fc", "fuji"])
+def test_a_reference_of_zero_is_one(protocol):
+    virtual, bus = one(protocol, **DRIVES[protocol])
+    with bus:
+        drive = bus.drive(protocol, 1, **DRIVES[protocol])
+        drive.set_reference(percent=30)
+        drive.start()
+        drive.set_reference(percent=0)
+        drive.wait_for("at_reference")
+        assert virtual.motor.output_hz == 0
+
+
+def test_waiting_leaves_the_line_to_others(drive, virtual):
+    virtual.motor.ramp_up_s = 4
+    drive.set_reference(percent=50)
+    drive.start()
+    before = drive.bus.counters[drive.name]["requests"]
+    began = drive.bus.now()
+    drive.wait_for("at_reference")
+    asked = drive.bus.counters[drive.name]["requests"] - before
+    assert asked <= (drive.bus.now() - began) / 0.1 + 2
+
+
 def test_waiting_ends_in_time_and_at_a_fault(drive, virtual):
+    began = drive.bus.now()
     with pytest.raises(StateError, match=r"did not come to 'running' within 1 s; it is (not_)?ready"):
         drive.wait_for(DriveState.RUNNING, timeout_s=1)
+    assert drive.bus.now() - began < 1.5
     virtual.trip(4, drive.bus.now())
     with pytest.raises(StateError, match=r"has a fault( 4.*)? and will not come to 'running'; reset it first"):
         drive.wait_for(DriveState.RUNNING, timeout_s=100)
     assert drive.wait_for(DriveState.FAULT).fault
+
+
+def told(**facts):
+    return DriveStatus(**{"word": 0, "state": DriveState.READY, "running": False, "fault": False, **facts})
+
+
+def test_a_motor_that_stands_is_at_no_reference():
+    waiting = Waiting("fan", "at_reference", 10.0, now=0.0)
+    assert not waiting.over(told(at_reference=True), 1.0)
+    assert waiting.over(told(at_reference=True, running=True), 1.0)
+
+
+def test_a_status_without_the_reference_cannot_be_waited_for():
+    waiting = Waiting("fan", "at_reference", 10.0, now=0.0)
+    assert not waiting.over(told(at_reference=None), 1.0)
+    with pytest.raises(NotSupported, match="does not say whether the reference is reached"):
+        waiting.over(told(at_reference=None, running=True), 1.0)
 
 
 @pytest.mark.parametrize(("goal", "seconds"), [("somewhere", 1), (DriveState.READY, -1), ("at_reference", "soon")])
@@ -116,6 +160,21 @@ def test_a_value_is_written_by_its_text_and_read_back():
             drive.write("10", "9601 baud")
 
 
+def test_the_text_of_an_option_is_found_in_any_capitals_and_never_guessed(tmp_path):
+    own = tmp_path / "own.toml"
+    own.write_text(
+        'format = 1\nprotocol = "vabus"\nname = "own"\nextends = "agile"\n'
+        '[[parameter]]\naddress = "11"\nname = "twofold"\ntype = "uint"\nvalues = { 1 = "on", 2 = "on" }\n',
+        encoding="utf-8",
+    )
+    _, bus = one("vabus", model="agile")
+    with bus:
+        drive = bus.drive("vabus", 1, model=str(own))
+        assert drive.write_and_read("baud_rate", "9600 BAUD").value == 3
+        with pytest.raises(ValueRefusedError, match="is no number"):
+            drive.check_write("twofold", "on")
+
+
 class Deaf:
     """A drive's operations whose writes are confirmed and forgotten."""
 
@@ -144,6 +203,7 @@ def test_stored_writes_in_a_cycle_are_refused_and_nothing_is_sent():
     _, bus = one("vabus", model="agile")
     with bus:
         drive = bus.drive("vabus", 1, model="agile")
+        began = bus.now()
         for value in range(10):
             drive.write("481", value, store=True)
             drive.write("481", value)
@@ -152,6 +212,9 @@ def test_stored_writes_in_a_cycle_are_refused_and_nothing_is_sent():
             drive.write("fixed_frequency_2", 3, store=True)
         assert bus.counters["vabus:1"]["requests"] == sent
         drive.write("482", 3, store=True)
+        bus.sleep_until(began + 3599)
+        with pytest.raises(UsageError, match="within an hour"):
+            drive.write("481", 3, store=True)
         bus.sleep_until(bus.now() + 3600)
         drive.write("481", 3, store=True)
 
@@ -173,6 +236,18 @@ def test_what_a_drive_always_stores_counts_too(tmp_path):
         drive.write("216", 5)
         with pytest.raises(UsageError, match="215 of vlt3500:1 was stored"):
             drive.write("215", 5)
+        assert is_stored(drive.capabilities, drive.model, "215[2]", store=False), "an element of it is, too"
+        assert not is_stored(drive.capabilities, drive.model, "216[2]", store=False)
+
+
+def test_stored_writes_are_counted_for_each_drive():
+    line = VirtualLine([virtual_drive("vabus", address, model="agile") for address in (1, 2)])
+    with drivecomm.open_bus(line.port, stored_writes_per_hour=1) as bus:
+        for address in (1, 2):
+            drive = bus.drive("vabus", address, model="agile")
+            drive.write("481", 5, store=True)
+            with pytest.raises(UsageError, match=f"481 of vabus:{address} was stored 1 times"):
+                drive.write("481", 5, store=True)
 
 
 def test_a_reference_in_revolutions(tmp_path):
@@ -195,4 +270,7 @@ def test_a_reference_in_revolutions(tmp_path):
             drive.set_reference(rpm=1200, hz=40)
         drive.write("372", 0)
         with pytest.raises(UsageError, match="no name plate"):
+            drive.set_reference(rpm=1200)
+        drive.write("372", 3600)
+        with pytest.raises(UsageError, match="has no pole pairs; correct its name plate"):
             drive.set_reference(rpm=1200)

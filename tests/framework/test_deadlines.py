@@ -64,6 +64,15 @@ def test_between_attempts(line, virtual, bus, recorder):
     assert 8 <= len(sent_at(recorder)) <= 10
 
 
+def test_a_stop_ends_in_its_time_too(line, virtual, bus, recorder):
+    virtual.alive = False
+    drive = bus.drive("vabus", ADDRESS, attempts=100, reply_timeout_s=0.1, deadline_s=1.0)
+    with pytest.raises((DeadlineError, NoReplyError)):
+        drive.stop()
+    assert line.time <= 1.05
+    assert sent_at(recorder)
+
+
 def test_a_reply_time_that_was_cut_short_is_not_called_silence(line, virtual, bus):
     """Nobody waited for the 500 ms that a message about them would speak of, and the drive may be there."""
     virtual.alive = False

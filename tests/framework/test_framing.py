@@ -73,6 +73,11 @@ def test_a_telegram_in_pieces_says_how_much_is_missing(framer):
     assert not framer.begun
 
 
+def test_a_whole_telegram_behind_the_beginning_of_another_does_not_go_before_it(framer):
+    assert framer.feed(b"<4ab") == []
+    assert shape(framer.feed(b"<1a")) == [("Framed", b"<4ab<1"), ("Noise", b"a")]
+
+
 def test_noise_around_telegrams_is_handed_out_in_order(framer):
     found = framer.feed(b"xy<1az<2bc!")
     assert shape(found) == [
@@ -259,6 +264,26 @@ def test_a_telegram_longer_than_what_is_looked_at_first():
 
     telegram = b"<x" + b"a" * 1000
     assert shape(Framer(Long(), "reply").feed(b"!" + telegram + b"?")) == [
+        ("Noise", b"!"),
+        ("Framed", telegram),
+        ("Noise", b"?"),
+    ]
+
+
+def test_a_telegram_whose_length_stands_behind_what_is_looked_at_first():
+    class Late(Letters):
+        """600 letters, and then how many thousands more."""
+
+        def measure(self, head, _):
+            if head[:1] != b"<":
+                return 0
+            return 602 if len(head) < 602 else 602 + 1000 * int(head[601:602])
+
+        def decode(self, data, _):
+            return Word(data.decode())
+
+    telegram = b"<" + b"a" * 600 + b"2" + b"a" * 2000
+    assert shape(Framer(Late(), "reply").feed(b"!" + telegram + b"?")) == [
         ("Noise", b"!"),
         ("Framed", telegram),
         ("Noise", b"?"),

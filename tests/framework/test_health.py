@@ -9,7 +9,7 @@ from benches import ADDRESS, PROTOCOLS, READABLE, Mortal, Port, Recorder, runnin
 import drivecomm
 from drivecomm.errors import DamagedReplyError, NoReplyError, NotAnsweringError
 from drivecomm.growing_pause import GrowingPause
-from drivecomm.health import FIRST_PAUSE_S, LONGEST_PAUSE_S, PROBING_SHARE, Health, ProbingTime
+from drivecomm.health import FIRST_PAUSE_S, LONGEST_PAUSE_S, PROBING_SHARE, Health, ProbingTime, UsualDelays
 from drivecomm.motor import Command
 from drivecomm.virtual import FaultPlan, VirtualLine, virtual_drive
 
@@ -147,6 +147,26 @@ class TestTheRules:
         assert time.each_s * number == pytest.approx(LONGEST_PAUSE_S * PROBING_SHARE)
         # If each takes longer than its part, its pause grows until the part is kept.
         assert number * 0.2 / time.least_pause_s(0.2) == pytest.approx(PROBING_SHARE)
+
+    def test_drives_that_answer_again_take_no_part_in_it(self):
+        back, silent = Health(), Health()
+        for health in (back, silent):
+            health.fell_silent(0.0, 1.0)
+        back.answered()
+        assert back.away, "it is still to be set up"
+        assert ProbingTime([back, silent]).number == 1
+
+    def test_one_quick_reply_does_not_shorten_the_probes_of_drives_that_are_usually_slow(self):
+        delays = UsualDelays()
+        for delay_s in (0.02, 0.001):
+            delays.answered("vabus", delay_s)
+        assert 0.019 < delays.least_ear_s("vabus") < 0.022
+        assert delays.least_ear_s("fuji") == pytest.approx(0.012), "of which nothing is known"
+        for _ in range(200):
+            delays.answered("vabus", 0.001)
+        assert delays.least_ear_s("vabus") < 0.002
+        delays.answered("vabus", 5.0)
+        assert delays.least_ear_s("vabus") == pytest.approx(0.03), "no longer than this"
 
 
 def test_a_drive_never_heard_is_refused_after_its_first_call(line, recorder, virtual, drive):

@@ -66,3 +66,20 @@ def test_facts_are_overridden_by_name():
     assert {"baudrate", "bytesize", "parity", "stopbits", "reply_timeout_s", "gap_s", "attempts"} <= LINE_FACT_NAMES
     with pytest.raises(UsageError):
         facts.override({"baudrate": 1})
+
+
+def test_of_a_pause_in_seconds_and_one_in_characters_the_longer_holds():
+    def pauses(baudrate, seconds):
+        timing = Timing(
+            reply_timeout_s=0.5,
+            gap_s=seconds,
+            turnaround_s=seconds,
+            broadcast_pause_s=seconds,
+            gap_characters=4,
+            turnaround_characters=6,
+        )
+        facts = LineFacts(settings=LineSettings(baudrate=baudrate), timing=timing)
+        return facts.gap_s, facts.turnaround_s, facts.broadcast_pause_s
+
+    assert pauses(1000, 0.01) == pytest.approx((0.04, 0.06, 0.06))
+    assert pauses(1000, 0.1) == pytest.approx((0.1, 0.1, 0.1))

@@ -41,6 +41,7 @@ class Walk:
         self.arrivals = sorted(arrivals)
         self.sent = []
         self.configured = []
+        self.configured_at = []
         self.waits = []
         self.receives = []
         self.note = note
@@ -62,6 +63,7 @@ class Walk:
             self.sent.append((round(self.time, 6), effect.data))
         elif isinstance(effect, Configure):
             self.configured.append(effect.settings)
+            self.configured_at.append(round(self.time, 6))
             return Arrival(self.time, b"", self.note)
         else:
             assert isinstance(effect, Wait)
@@ -83,6 +85,16 @@ class Walk:
 def walk(exchange, arrivals=(), *, link=None, who=None, **options):
     link = link or Link()
     return Walk(link.run(who or party(), exchange), arrivals, **options)
+
+
+def cut_off(steps, kind, time=0.0):
+    """Walk up to the first effect of this kind, carry it out, unless it is one of setting the port, and end there."""
+    effect = next(steps)
+    while not isinstance(effect, kind):
+        effect = steps.send(Arrival(time))
+    if kind is not Configure:
+        steps.send(Arrival(time))
+    steps.close()
 
 
 @pytest.fixture
@@ -185,6 +197,12 @@ def test_damage_is_drained_and_asked_again(link, events):
     assert any(event.what == "damaged" and "check characters" in event.detail for event in events)
     # The line has been quiet for the gap before anything is sent again.
     assert walked.sent[1][0] >= 0.040 + 0.02
+
+
+def test_what_speaks_when_the_time_is_over_is_let_finish_before_it_is_asked_again():
+    walked = walk(ask(), [(0.105, OTHER), (0.115, b"\x7f"), (0.2, ANSWERED)])
+    assert walked.run() == ANSWER
+    assert walked.sent[1][0] >= 0.115 + TIMING.gap_s
 
 
 def test_damage_that_stays_is_a_damaged_reply():
@@ -365,6 +383,58 @@ def test_reopened_forgets_the_settings_and_the_unfinished():
     assert walked.sent == [(0.0, ASKED)]
 
 
+def test_a_port_that_was_opened_anew_has_nothing_to_drain():
+    link = Link()
+    cut_off(link.run(party(), ask()), Send)
+    link.reopened()
+    walked = walk(ask(), [(0.130, ANSWERED)], link=link, start=0.1)
+    assert walked.run() == ANSWER
+    assert walked.sent == [(0.1, ASKED)]
+
+
+def test_the_late_reply_to_a_question_that_was_cut_off_confirms_nothing_else():
+    link = Link()
+    cut_off(link.run(party(), ask(SELECT, attempts=1, nameless=True)), Send)
+    other = Select(address=1, dataset=5, parameter=481, data="00000001")
+    walked = walk(ask(other, attempts=1, nameless=True), [(0.3, ACK), (1.1, ACK)], link=link, start=0.1)
+    assert walked.run() == Ack(address=1)
+    assert walked.sent[0][0] >= TIMING.late_s
+    assert walked.time == 1.1
+
+
+def test_line_settings_do_not_change_while_a_request_is_on_the_wire():
+    link = Link()
+    slow = LineSettings(baudrate=9600, parity="E")
+    cut_off(link.run(party(), ask(SELECT)), Send)
+    walked = walk(ask(), [(0.2, ANSWERED)], link=link, who=party("vabus:2", settings=slow), start=0.001)
+    walked.run()
+    assert walked.configured_at[0] >= len(SELECTED) * CHARACTER_S
+
+
+def test_line_settings_do_not_change_before_a_broadcast_is_over():
+    link = Link()
+    everybody = Select(address=32, parameter=410, data="0002")
+
+    def tell():
+        yield Tell(message=everybody)
+
+    walk(tell(), link=link).run()
+    slow = LineSettings(baudrate=9600, parity="E")
+    walked = walk(ask(), [(0.2, ANSWERED)], link=link, who=party("vabus:2", settings=slow), start=0.001)
+    walked.run()
+    assert walked.configured_at[0] >= len(CODEC.encode(everybody)) * CHARACTER_S + TIMING.broadcast_pause_s
+
+
+def test_who_was_interrupted_while_setting_the_port_does_not_rely_on_how_it_stood():
+    link = Link()
+    walk(ask(), [(0.030, ANSWERED)], link=link).run()
+    slow = LineSettings(baudrate=9600, parity="E")
+    cut_off(link.run(party("vabus:2", settings=slow), ask()), Configure, time=0.1)
+    walked = walk(ask(), [(0.3, ANSWERED)], link=link, start=0.2)
+    assert walked.run() == ANSWER
+    assert walked.configured == [SETTINGS]
+
+
 def test_an_error_on_the_line_is_thrown_into_the_exchange():
     def patient():
         try:
@@ -447,6 +517,19 @@ def test_a_late_reply_that_names_nothing_is_outwaited():
     assert walked.time == 1.2
 
 
+def test_what_stops_a_motor_is_not_held_back_by_a_late_reply_and_not_confirmed_by_it():
+    link = Link()
+    with pytest.raises(NoReplyError):
+        walk(ask(SELECT, attempts=1, nameless=True), link=link).run()
+    stop = Select(address=1, parameter=410, data="0000")
+    walked = walk(
+        ask(stop, attempts=1, acts=True, nameless=True, urgent=True), [(0.9, ACK), (1.2, ACK)], link=link, start=0.2
+    )
+    assert walked.run() == Ack(address=1)
+    assert walked.sent[0] == (0.2, CODEC.encode(stop))
+    assert walked.time == 1.2
+
+
 def test_the_same_nameless_question_need_not_wait():
     link = Link()
     with pytest.raises(NoReplyError):
@@ -454,6 +537,16 @@ def test_the_same_nameless_question_need_not_wait():
     walked = walk(ask(SELECT, attempts=1, nameless=True), [(0.3, ACK)], link=link, start=0.2)
     assert walked.run() == Ack(address=1)
     assert walked.sent[0][0] < 0.3
+
+
+def test_a_late_reply_that_names_its_question_need_not_be_outwaited():
+    link = Link()
+    with pytest.raises(NoReplyError):
+        walk(ask(attempts=1), link=link).run()
+    other = Enquiry(address=1, parameter=482)
+    walked = walk(ask(other), [(0.25, ANSWERED), (0.28, OTHER)], link=link, start=0.2)
+    assert CODEC.encode(walked.run()) == OTHER
+    assert walked.sent == [(0.2, CODEC.encode(other))]
 
 
 def test_another_drive_need_not_wait():

@@ -1,5 +1,6 @@
 """Model files: what is read from them, and what is said about bad ones."""
 
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 
@@ -187,3 +188,11 @@ def test_elements_of_a_parameter_have_units_of_their_own(read):
     assert CommonName("deceleration_time", model).given(2) == 2
     assert parameter_at("481[2]", model) is model.parameters["481"]
     assert parameter_at("482", model) is None
+
+
+def test_a_model_knows_itself_by_all_that_it_names():
+    model = replace(load_model("drivecomm_vabus", "vabus", "agile"), identified_by={"type": "A.*", "software": "5"})
+    assert model.matches({"type": "ACU", "software": "5", "serial": "1"})
+    assert not model.matches({"type": "ACU", "software": "50"})
+    assert not model.matches({"type": "ACU"})
+    assert not replace(model, identified_by={}).matches({"type": "ACU", "software": "5"})

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import drivecomm
 from drivecomm.errors import FileFormatError, NoReplyError, UsageError
-from drivecomm.exchange import Ask, Pause
+from drivecomm.exchange import Ask, Pause, Tell
 from drivecomm.line import LineSettings
 from drivecomm.plant import Plant, PlantDrive, PlantLine, PlantLinkLoss, PlantRead
 from drivecomm.plant.files import read_plant
@@ -23,7 +23,9 @@ from drivecomm.read_only import ReadOnly
 from drivecomm.registry import installed
 from drivecomm.runners.script import play
 from drivecomm.scanning import Found
+from drivecomm.virtual import VirtualLine
 from drivecomm.virtual.virtual_plant import VirtualPlant
+from drivecomm_vabus.telegrams import Select
 
 PLANT = Plant(
     lines=(PlantLine(name="hall"), PlantLine(name="yard")),
@@ -154,6 +156,38 @@ def test_a_read_only_drive_cannot_be_set_up():
     served = Served()
     with served.plant as plant, pytest.raises(UsageError, match="cannot be set up: no"):
         plant.bus("hall").drive("vabus", 1, set_up={"480": 1}, read_only="no")
+
+
+def test_a_verb_that_tells_without_being_answered_is_not_let_through():
+    """Whoever is told is commanded, too."""
+    vabus = installed["vabus"]
+
+    class Shouting:
+        def __init__(self, operations):
+            self._operations = operations
+
+        def __getattr__(self, name):
+            return getattr(self._operations, name)
+
+        @property
+        def extra(self):
+            return {"shout": self.shout}
+
+        def shout(self):
+            yield Tell(message=Select(address=1, parameter=410, data="000F"))
+
+    shouting = replace(vabus, name="shouting", operations=lambda *given: Shouting(vabus.operations(*given)))
+    take_away = installed.register(shouting)
+    try:
+        sent = []
+        with drivecomm.open_bus(VirtualLine([]).port, trace=sent.append) as bus:
+            bus.drive("shouting", 1).call("shout")
+            assert len(sent) == 1
+            with pytest.raises(UsageError, match="not today"):
+                bus.drive("shouting", 1, read_only="not today").call("shout")
+            assert len(sent) == 1
+    finally:
+        take_away()
 
 
 def test_awaited_it_is_refused_alike():

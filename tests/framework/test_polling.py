@@ -3,6 +3,7 @@
 import asyncio
 import math
 import threading
+import time
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -109,6 +110,15 @@ def test_without_a_period_as_often_as_the_line_has_time():
     assert sum(one is calm for one, _, _ in done) == 20
     assert sum(one is greedy for one, _, _ in done) in {80, 81}
     assert all(result.late_s <= 0.1 + 1e-9 for one, _, result in done if one is calm)
+
+
+def test_what_has_no_period_lets_those_go_first_that_were_due_a_little_later():
+    greedy, calm = item("greedy", period_s=0), item("calm", period_s=0.5)
+    schedule = Schedule([greedy, calm], start_s=0.0)
+    for one in (schedule.due(0.0), schedule.due(0.0)):
+        schedule.finished(one, 0.1, reading(), time_s=0.1)
+    # The one is due since 0.1, the other since 0.5.
+    assert [schedule.due(0.6) for _ in range(2)] == [calm, greedy]
 
 
 def test_a_failure_without_a_period_rests_before_the_next():
@@ -494,6 +504,55 @@ def test_many_buses_end_when_their_reader_has_enough():
     assert not [thread for thread in threading.enumerate() if thread.name == "drivecomm poll"]
     for bus in buses:
         bus.close()
+
+
+def test_a_reader_who_takes_their_time_misses_nothing(monkeypatch):
+    monkeypatch.setattr("drivecomm.poll_loops._WAITING_RESULTS", 1)
+    monkeypatch.setattr("drivecomm.poll_loops._NAP_S", 0.001)
+    _, buses, drives = many(2)
+    plan = [PollItem(drive=drive, parameter="481", period_s=1.0, name=str(id(drive))) for drive in drives]
+    due = {}
+    for number, result in enumerate(drivecomm.poll(plan, cycles=400)):
+        assert result.due_s == due.get(result.drive, result.due_s)
+        due[result.drive] = result.due_s + 1.0
+        if not number:
+            # The lines wait meanwhile, many of their naps long.
+            time.sleep(0.05)
+    assert number == 799
+    for bus in buses:
+        bus.close()
+
+
+def test_a_plan_that_is_given_up_is_never_asleep_for_long():
+    class Patient(Pump):
+        """Its bus as well; notes how long the loop wants to sleep."""
+
+        def __init__(self):
+            self.time, self.naps = 0.0, []
+
+        @property
+        def bus(self):
+            return self
+
+        def check_read(self, parameter):
+            pass
+
+        def now(self):
+            return self.time
+
+        wall_time = now
+
+        def sleep_until(self, until):
+            self.naps.append(until - self.time)
+            self.time = until
+
+        def polled(self, _):
+            return reading(self.time)
+
+    patient = Patient()
+    assert len(list(poll([PollItem(drive=patient, parameter="481", period_s=5.0)], cycles=2))) == 2
+    assert sum(patient.naps) == pytest.approx(5.0)
+    assert max(patient.naps) < 0.1001
 
 
 def test_what_breaks_in_a_thread_reaches_the_reader():

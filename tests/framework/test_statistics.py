@@ -48,6 +48,20 @@ def test_percentiles_are_as_exact_as_their_class():
             previous = found
 
 
+def test_a_bound_belongs_to_the_class_below_it():
+    histogram = times(1.0, 1.001, 2.0)
+    assert histogram.classes[:3] == [1, 2, 0]
+
+
+def test_within_a_class_replies_are_taken_to_be_spaced_evenly():
+    assert times(11, 12, 13, 14).percentile_s(50) == pytest.approx(0.0125)
+
+
+def test_the_longest_and_the_shortest_may_come_in_any_order():
+    histogram = times(5.0, 9.0, 2.0)
+    assert (histogram.shortest_s, histogram.longest_s) == (0.002, 0.009)
+
+
 def test_what_takes_longer_than_all_classes():
     assert times(5.0, 2500.0).percentile_s(100) == pytest.approx(2.5)
 

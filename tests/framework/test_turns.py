@@ -1,6 +1,7 @@
 """Whose turn it is on a line: one at a time, the more urgent first, otherwise in the order of coming."""
 
 import asyncio
+import gc
 import random
 import signal
 import sys
@@ -47,6 +48,8 @@ class QuickPort:
                 (Select(address=address, parameter=410, data="0007"), Ack(address=address)),
                 (Select(address=address, parameter=410, data="0006"), Ack(address=address)),
                 (Enquiry(address=address, parameter=11), Value(address=address, parameter=11, data="0000")),
+                (Enquiry(address=address, parameter=412), Value(address=address, parameter=412, data="0001")),
+                (Select(address=address, parameter=410, data="0000"), Ack(address=address)),
             ):
                 self._replies[codec.encode(sent)] = codec.encode(reply)
         self._waiting = b""
@@ -409,6 +412,55 @@ class TestBus:
         kinds = [message.kind for _, message in virtual.heard if getattr(message, "parameter", None) == 481]
         assert kinds == ["select", "enquiry", "enquiry"], "the write before anybody's reading of the same parameter"
 
+    def test_a_stop_of_all_overtakes_what_waits(self):
+        line, recorder = VirtualLine([Mortal("vabus")]), Recorder()
+        entered, leave = threading.Event(), threading.Event()
+
+        def hold(*_):
+            if not entered.is_set():
+                entered.set()
+                assert leave.wait(10)
+
+        with drivecomm.open_bus(lambda: Port(line.port(), write=hold), trace=recorder) as bus:
+            drive = bus.drive("vabus", 3)
+            threads = [threading.Thread(target=drive.probe)]
+            threads[0].start()
+            assert entered.wait(10)
+            for call in (lambda: drive.read("481"), bus.broadcast("vabus").stop):
+                waiting = len(bus._turns._waiting)
+                threads.append(threading.Thread(target=call))
+                threads[-1].start()
+                wait_for(lambda waiting=waiting: len(bus._turns._waiting) > waiting)
+            leave.set()
+            for thread in threads:
+                thread.join(10)
+        asked = [event.message.parameter for event in recorder.sent() if event.message.kind in ("select", "enquiry")]
+        assert asked[1:] == [410, 481]
+
+    def test_a_bus_is_not_closed_in_the_middle_of_an_exchange(self):
+        line, closed = VirtualLine([Mortal("vabus")]), []
+        entered, leave = threading.Event(), threading.Event()
+
+        def hold(*_):
+            if not entered.is_set():
+                entered.set()
+                assert leave.wait(10)
+
+        port = Port(line.port(), write=hold, close=lambda: closed.append(leave.is_set()))
+        bus = drivecomm.open_bus(lambda: port)
+        drive, read = bus.drive("vabus", 3), []
+        reading = threading.Thread(target=lambda: read.append(drive.read("481").raw))
+        reading.start()
+        assert entered.wait(10)
+        closing = threading.Thread(target=bus.close)
+        closing.start()
+        closing.join(0.05)
+        leave.set()
+        for thread in (reading, closing):
+            thread.join(10)
+        assert read == ["000003E8"]
+        assert closed == [True]
+
     def test_a_reading_has_the_time_of_its_own_reply(self):
         """However long it takes until its thread goes on, and whoever has the line by then."""
         line = VirtualLine([Mortal("danfoss-fc", address) for address in (1, 2)])
@@ -471,6 +523,32 @@ class TestBus:
 
             assert self.crowd(work, 3) == []
 
+    def test_drives_may_be_added_while_the_counters_are_gone_through(self):
+        """Python may collect garbage whenever an object is made, and others go on meanwhile."""
+        with drivecomm.open_bus(VirtualLine([]).port) as bus:
+            to_add = iter(range(1, 127))
+
+            def add_one(phase, _):
+                if phase == "start" and (address := next(to_add, None)):
+                    bus.drive("danfoss-fc", address, set_up={"3-41": 1})
+
+            add_one("start", None)
+            before = gc.get_threshold()
+            seen, hoard = [], []
+            gc.callbacks.append(add_one)
+            try:
+                for read in (lambda: bus.counters, lambda: bus.health, lambda: bus.statistics) * 12:
+                    # Python keeps pairs that were thrown away for use again; what it has to make anew counts.
+                    hoard.append([(number, hoard) for number in range(2100)])
+                    gc.set_threshold(1)
+                    seen.append(len(read()))
+                    gc.set_threshold(*before)
+            finally:
+                gc.callbacks.remove(add_one)
+                gc.set_threshold(*before)
+            assert seen == sorted(seen)
+            assert seen[-1] > seen[0]
+
     def test_a_trace_function_cannot_wait_for_itself(self):
         line = VirtualLine([Mortal("vabus")])
         said = []
@@ -505,6 +583,21 @@ class TestBus:
 
 class TestTasks:
     """The same turns for tasks."""
+
+    def test_the_line_is_not_lost_when_it_is_handed_on_in_the_moment_in_which_the_time_is_over(self):
+        async def main():
+            turns = AsyncTurns()
+            assert await turns.take(Rank.READ, 1.0)
+            waiting = asyncio.create_task(turns.take(Rank.READ, 0.01))
+            await asyncio.sleep(0)
+            # The next round of the loop hands the line on, and sees then that the time is over.
+            time.sleep(0.02)  # noqa: ASYNC251 - on purpose
+            asyncio.get_running_loop().call_soon(turns.give_back)
+            if await waiting:
+                turns.give_back()
+            assert await turns.take(Rank.READ, 0.0)
+
+        asyncio.run(main())
 
     def test_ranks_overtake_and_equals_do_not(self):
         async def main():

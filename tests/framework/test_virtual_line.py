@@ -100,6 +100,30 @@ def test_what_is_sent_too_early_waits_its_turn():
     assert port.read(1.1, 9) == b"\x41\x06"
 
 
+def test_what_was_handed_over_is_out_when_all_of_it_is():
+    line = VirtualLine([])
+    port = master(line)
+    port.write(ENQUIRY)
+    port.write(ENQUIRY)
+    assert line.backlog_s == pytest.approx(16 * 10 / 9600)
+    line.advance(0.01)
+    assert line.backlog_s == pytest.approx(16 * 10 / 9600 - 0.01)
+
+
+def test_a_drive_does_not_answer_into_what_its_master_says_next():
+    line, speakers = VirtualLine([Parrot(delay_s=0.01)]), []
+    line.monitor = lambda sent: speakers.append(sent.source)
+    port = master(line)
+    port.write(ENQUIRY)
+    line.advance(8 * 10 / 9600 + 0.001)
+    port.write(b"U" * 30)
+    line.advance(1.0)
+    assert speakers == ["master", "master"]
+    port.write(ENQUIRY)
+    line.advance(1.0)
+    assert speakers[2:] == ["master", "drive"]
+
+
 def test_stop_bits_count():
     slow = LineSettings(baudrate=300, bytesize=8, stopbits=2)
     assert slow.character_s == pytest.approx(11 / 300)
@@ -206,10 +230,12 @@ def test_a_little_off_is_still_heard():
 
 def test_a_drive_with_other_settings_does_not_answer():
     drive = virtual_drive("vabus", 1, baudrate=9600)
-    line = VirtualLine([drive])
+    line, speakers = VirtualLine([drive]), []
+    line.monitor = lambda sent: speakers.append(sent.source)
     with drivecomm.open_bus(line.port) as bus:
         with pytest.raises(NoReplyError):
             bus.drive("vabus", 1, attempts=1).read("481")
+        assert set(speakers) == {"master"}
         assert bus.drive("vabus", 1, baudrate=9600).read("481").raw == drive.peek("481", line.time)
 
 

@@ -1,6 +1,7 @@
 """The helper that reads and sets a drive's own watchdog: what is written, in which order, and what is refused."""
 
 import asyncio
+from dataclasses import replace
 from decimal import Decimal
 
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 
 import drivecomm
 from drivecomm.errors import NotSupported, StateError, UnexpectedReplyError, UsageError, ValueRefusedError
+from drivecomm.keeping import keep
 from drivecomm.models.files import load_model, read_model
 from drivecomm.registry import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -66,6 +68,25 @@ def test_what_is_set_is_what_the_drive_holds_and_says(protocol, model, policy, t
     assert after == read_watchdog(bench.drive)
     assert str(after).startswith(f"{policy} after {time_s}")
     assert {parameter: bench.holds(parameter) for parameter in held} == held
+
+
+def test_a_watchdog_that_is_set_as_it_was_is_switched_off_before_its_time_is_changed():
+    bench = Bench("danfoss-fc", "fc300")
+    bench.drive.write("8-03", 1)
+    with keep(bench.drive, "ramp", watchdog_s=5):
+        pass
+    assert [message.pnu for message in bench.writes[-2:]] == [804, 803]
+
+
+def test_no_watchdog_waits_for_no_time_at_all_whatever_its_parameter_takes():
+    model = load_model("drivecomm_danfoss_fc", "danfoss-fc", "fc300")
+    model = replace(model, parameters={**model.parameters, "8-03": replace(model.find("8-03"), minimum=None)})
+    bench = Bench("danfoss-fc", "fc300")
+    drive = bench.bus.drive("danfoss-fc", 2, model=model)
+    for time_s in (0, -1):
+        with pytest.raises(ValueRefusedError, match=f"cannot wait {time_s} s"):
+            set_watchdog(drive, "ramp", time_s)
+    assert bench.sent == []
 
 
 @pytest.mark.parametrize(("protocol", "model", "policy", "time_s", "held"), KNOWN, ids=str)

@@ -80,6 +80,21 @@ def test_noise_is_no_protocol(seed):
     assert line.passed <= 200
 
 
+def test_one_telegram_may_be_chance():
+    enquiry = bytes.fromhex("0441303034383105")
+
+    class Once:
+        def listen(self, *_):
+            return Overheard(pieces=[Piece(time_s=1.0, data=enquiry)], spoilt=0)
+
+    class Twice:
+        def listen(self, *_):
+            return Overheard(pieces=[Piece(time_s=at, data=enquiry) for at in (1.0, 2.0)], spoilt=0)
+
+    assert detect(Once(), PROTOCOLS) is None
+    assert detect(Twice(), PROTOCOLS).protocols == ("vabus",)
+
+
 def test_a_silent_line_is_not_understood():
     class Silent:
         def listen(self, *_):

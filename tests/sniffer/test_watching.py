@@ -57,6 +57,11 @@ def test_a_late_reply_is_told_from_one_that_nobody_asked_for():
     assert statistics["vabus:1"].counters["strays"] == 2
 
 
+def test_what_comes_long_after_a_question_does_not_answer_it():
+    events, _ = watched((0.0, ENQUIRY), (0.6, OTHER), (0.63, value(480)), (9.0, value(481)))
+    assert outcomes(events) == ["unanswered", "answered", "stray"]
+
+
 def test_a_damaged_reply_is_no_timeout():
     damaged = value()[:-1] + b"\x00"
     _, statistics = watched((0.0, ENQUIRY), (0.03, damaged), (0.6, ENQUIRY), (0.63, value()))

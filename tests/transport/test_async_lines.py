@@ -53,6 +53,21 @@ def place(tmp_path):
 # asyncio over real ports
 
 
+def test_a_short_reply_time_is_kept_behind_a_long_one(serving):
+    async def main():
+        with serving([virtual_drive("vabus", 1)], "pty") as server:
+            async with drivecomm.open_bus_async(server.address) as bus:
+                patient = bus.drive("vabus", 1, reply_timeout_s=20.0)
+                hasty = bus.drive("vabus", 9, reply_timeout_s=0.1, attempts=1)
+                await patient.probe()
+                began = time.monotonic()
+                with pytest.raises(drivecomm.NoReplyError):
+                    await hasty.probe()
+                assert time.monotonic() - began < 5.0
+
+    asyncio.run(main())
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_drive_is_read_and_written(example, kind, serving):
     async def main():

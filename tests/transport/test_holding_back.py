@@ -19,6 +19,7 @@ import pytest
 from drivecomm.line import LineSettings
 from drivecomm.transport import tty_channel
 from drivecomm.transport.serial_port import SerialPort
+from drivecomm.transport.socket_channel import SocketChannel
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux holds bytes back")
 
@@ -137,6 +138,17 @@ class TestHoldingBack:
         assert port.read(port.now() + 5, 1024) == whole
         thread.join()
 
+    def test_more_than_can_be_held_back_in_pieces(self, port, peer):
+        def speak():
+            for _ in range(4):
+                peer.send(b"x" * 256)
+                time.sleep(0.005)
+
+        thread = threading.Thread(target=speak)
+        thread.start()
+        assert port.read(port.now() + 5, 1024) == b"x" * 1024
+        thread.join()
+
     def test_every_length_after_every_other(self, port, peer):
         for first in (1, 2, 14, 254, 255, 256, 300):
             for second in (1, 13, 255, 256):
@@ -235,6 +247,17 @@ class TestTerminals:
         thread.join()
         assert changes == []
         port.close()
+
+
+def test_a_connection_sends_at_once_and_asks_whether_the_other_end_is_there():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        channel = SocketChannel(f"socket://127.0.0.1:{server.getsockname()[1]}")
+        with socket.socket(fileno=os.dup(channel.descriptor)) as same:
+            assert same.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+            assert same.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+        peer, _ = server.accept()
+        peer.close()
+        channel.close()
 
 
 def kernel_speed(descriptor):

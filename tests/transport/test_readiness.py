@@ -16,7 +16,12 @@ from drivecomm.transport.readiness import Readable, send_all
 def pair(request, monkeypatch):
     theirs, ours = os.pipe()
     if request.param == "many descriptors":
+
+        def full(*_):
+            raise ValueError("filedescriptor out of range in select()")
+
         monkeypatch.setattr(readiness, "_SELECTABLE", 0)
+        monkeypatch.setattr(select, "select", full)
     elif request.param == "no poll":
         monkeypatch.delattr(select, "poll", raising=False)
     yield Readable(theirs), ours, theirs

@@ -11,6 +11,7 @@ import pytest
 
 import drivecomm
 from drivecomm.line import LineSettings
+from drivecomm.transport.rfc2217_client import Rfc2217Client
 from drivecomm.transport.serial_port import SerialPort
 from drivecomm.virtual import virtual_drive
 
@@ -28,6 +29,23 @@ def test_a_drive_is_read(example, kind, serving):
         counters = bus.counters[drive.name]
         assert counters["retries"] == 0
         assert counters["replies"] == counters["requests"]
+
+
+def test_a_serial_server_is_asked_only_for_what_changes(serving, monkeypatch):
+    asked, confirmed = [], Rfc2217Client._confirmed
+
+    def note(self, items, limit_s):
+        asked.append(sorted(item.name for item in items))
+        confirmed(self, items, limit_s)
+
+    with serving([], "rfc2217") as server:
+        port = SerialPort(server.address)
+        port.configure(LineSettings(baudrate=19200))
+        monkeypatch.setattr(Rfc2217Client, "_confirmed", note)
+        port.configure(LineSettings(baudrate=4800))
+        port.configure(LineSettings(baudrate=4800, parity="E"))
+        port.close()
+    assert [names for names in asked if names] == [["baudrate"], ["parity"]]
 
 
 @pytest.mark.parametrize("kind", KINDS)

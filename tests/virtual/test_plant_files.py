@@ -196,6 +196,12 @@ def test_a_file_that_is_not_there(tmp_path):
         read_plant(tmp_path / "none.toml")
 
 
+def test_a_fault_is_one_thing():
+    for text in ('line = "a"', 'drive = "pump"\npower = { off_at_s = 1 }\ntrip = { code = 5 }'):
+        with pytest.raises(FileFormatError, match=r"a fault is one of .*; write one of them"):
+            read_fault(text)
+
+
 @pytest.mark.parametrize("text", ["=", "kind = 3", 'kind = "drop"', 'line = "a"\nkind = "drop"\nmore = 3'])
 def test_a_text_that_is_no_fault(text):
     with pytest.raises(FileFormatError, match="fault"):
