@@ -22,7 +22,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 from command_lines import CommandLine, fork, load
-from invariant import Judge
+from invariant import Judge, in_the_set
 from random_scripts import SIGNALS, STOPPING, script
 from simulated_plant import SimulatedPlant
 
@@ -126,6 +126,8 @@ class Script:
                 self.plant.order("power", drive=drive, state="on")
 
     def _start(self, **how):
+        if how["kind"] == "restore":
+            how["value"] = in_the_set(how["drive"])
         command = CommandLine(how.pop("words"), **how)
         self.commands.append(command)
         for name, given in (("closed outputs", command.stdout != "file"), ("full disks", command.largest is not None)):

@@ -45,11 +45,13 @@ class Judge:
     def of_the_processes(self):
         for command in self.commands:
             told = command.complaint
+            if self._may_end_by_a_signal(command):
+                continue
             if "Traceback" in told or "Exception ignored" in told or "Fatal Python" in told:
                 yield f"{command.name} shows a traceback"
             if command.code == NOT_READ and command.stdout in {"gone", "leaves"}:
                 continue
-            if command.code not in CODES and not command.killed and not self._may_end_by_a_signal(command):
+            if command.code not in CODES and not command.killed:
                 yield f"{command.name} ended with {command.code}"
 
     def _may_end_by_a_signal(self, command):
@@ -138,17 +140,25 @@ class Judge:
             return
         last = max(done, key=lambda each: each.ended)
         others = [each for each in self._of(drive, "write", "restore") if each is not last]
+        if last.kind == "restore":
+            # Its file may have been replaced while it was being read.
+            others += self._of(drive, "backup")
         if any(each.ended is None or each.ended > last.began for each in others):
             return
         if any(at > last.began and whom == drive for at, what, whom in self.happened if what == "power"):
             return
-        wanted = last.told["value"] if last.kind == "write" else _in_the_set(drive)
+        wanted = last.told["value"]
         if wanted is not None and plant.value(drive) != wanted:
             yield f"{drive} holds {plant.value(drive)}, and {last.name} said that it wrote {wanted}"
 
 
-def _in_the_set(drive):
+def in_the_set(drive):
+    """Return the value of the writable parameter in the drive's parameter set; None where there is none."""
     parameter = WRITABLE[DRIVES[drive][1].partition(":")[0]][0]
-    settings = tomllib.loads(Path(f"{drive}.toml").read_text())["settings"]
+    try:
+        settings = tomllib.loads(Path(f"{drive}.toml").read_text())["settings"]
+    except (OSError, ValueError, KeyError):
+        # There is none, or one that was cut off.
+        return None
     each = settings.get(parameter) or settings.get(f"{parameter}[1]")
     return None if each is None else each["value"]

@@ -9,9 +9,9 @@ WATCHDOG_S = 1.5
 POLICIES = {"vabus": ("trip",), "danfoss-fc": ("ramp", "trip"), "fuji": ("trip",), "vlt3500": ()}
 _IN_PEACE = {"stdout": "file", "signals": [], "spawned": False, "largest": None}
 KINDS = {
-    "start": 5,
-    "keep": 4,
-    "stop": 5,
+    "start": 7,
+    "keep": 5,
+    "stop": 7,
     "stop protocol": 1,
     "stop all": 2,
     "status": 1,
