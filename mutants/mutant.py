@@ -1,4 +1,4 @@
-"""A mutant: one mistake that an author could have made, planted in a copy of a protocol package."""
+"""A mutant: one mistake that an author could have made, planted in a copy of a package."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 HERE = Path(__file__).parent
+FRAMEWORK = "framework"
 _KEYS = {"id", "mistake", "file", "old", "new"}
 
 
@@ -16,7 +17,9 @@ class Mutant:
     """One mistake, and where it is planted.
 
     id: names it. mistake: what is wrong, in one line. file: of the package. old: a text that stands exactly once in
-    that file. new: what stands there instead. same: why nobody could ever notice, for one that changes nothing.
+    that file. new: what stands there instead. same: why nobody could ever notice, for one that changes nothing. tests:
+    which tests judge it, as for pytest and from the project's folder; none for a protocol package, which the
+    conformance kit judges.
     """
 
     id: str
@@ -25,6 +28,7 @@ class Mutant:
     old: str
     new: str
     same: str = ""
+    tests: tuple[str, ...] = ()
 
     def planted_in(self, text: str) -> str:
         """Return the text of the file with the mistake in it. Raises ValueError unless `old` stands there once."""
@@ -35,10 +39,12 @@ class Mutant:
 
 def package_folder(protocol: str) -> Path:
     """Return the folder of the protocol's package as it is installed."""
-    spec = find_spec("drivecomm_" + protocol.replace("-", "_"))
-    if spec is None or spec.origin is None:
-        raise ValueError(f"the package of {protocol} is not installed")
-    return Path(spec.origin).parent
+    return _folder("drivecomm_" + protocol.replace("-", "_"))
+
+
+def framework_folder() -> Path:
+    """Return the folder of the framework as it is installed."""
+    return _folder("drivecomm")
 
 
 def protocols() -> list[str]:
@@ -46,16 +52,41 @@ def protocols() -> list[str]:
     return sorted(path.stem for path in HERE.glob("*.toml"))
 
 
+def themes() -> list[str]:
+    """Return the names of the files with mutants of the framework."""
+    return sorted(path.stem for path in (HERE / FRAMEWORK).glob("*.toml"))
+
+
 def mutants_of(protocol: str) -> list[Mutant]:
     """Return the mutants of a protocol in the order of their file. Raises ValueError when one of them is not whole."""
-    entries = tomllib.loads((HERE / f"{protocol}.toml").read_text(encoding="utf-8"))["mutant"]
+    return _read(HERE / f"{protocol}.toml", {"same"})
+
+
+def framework_mutants_of(theme: str) -> list[Mutant]:
+    """Return the mutants of one file in its order. Raises ValueError when one of them is not whole."""
+    found = _read(HERE / FRAMEWORK / f"{theme}.toml", {"same", "tests"})
+    if unjudged := [mutant.id for mutant in found if not mutant.tests]:
+        raise ValueError(f"{theme}: no tests judge {unjudged[0]}")
+    return found
+
+
+def _read(path: Path, may_have: set[str]) -> list[Mutant]:
+    """Return the mutants of a file; the tests that stand at its top judge those that name none of their own."""
+    content = tomllib.loads(path.read_text(encoding="utf-8"))
     found: dict[str, Mutant] = {}
-    for entry in entries:
-        if not entry.keys() >= _KEYS or not entry.keys() <= _KEYS | {"same"}:
-            raise ValueError(
-                f"{protocol}: {entry.get('id')}: a mutant has {', '.join(sorted(_KEYS))}, and may have same"
-            )
+    for entry in content["mutant"]:
+        if not entry.keys() >= _KEYS or not entry.keys() <= _KEYS | may_have:
+            must, may = ", ".join(sorted(_KEYS)), " and ".join(sorted(may_have))
+            raise ValueError(f"{path.stem}: {entry.get('id')}: a mutant has {must}, and may have {may}")
         if entry["id"] in found:
-            raise ValueError(f"{protocol}: {entry['id']} stands there twice")
-        found[entry["id"]] = Mutant(**entry)
+            raise ValueError(f"{path.stem}: {entry['id']} stands there twice")
+        tests = tuple(entry.get("tests", content.get("tests", ())))
+        found[entry["id"]] = Mutant(**{**entry, "tests": tests})
     return list(found.values())
+
+
+def _folder(package: str) -> Path:
+    spec = find_spec(package)
+    if spec is None or spec.origin is None:
+        raise ValueError(f"the package {package} is not installed")
+    return Path(spec.origin).parent

@@ -1,10 +1,11 @@
-"""Judge the conformance kit by its mutants: each is planted, and the kit has to notice.
+"""Judge the conformance kit and the tests by mutants: each is planted, and has to be noticed.
 
     make mutants
-    python mutants/run.py [PROTOCOL ...] [--only ID] [--write]
+    python mutants/run.py [PROTOCOL ... | framework] [--only ID] [--write] [--jobs N]
 
-Prints what killed each mutant. Exit code 1 when one survives that changes behaviour, or one does not that changes
-nothing. `--write` puts the list into the page of the documentation.
+The kit judges those of the protocol packages, the tests those of the framework. Prints what killed each. Exit code 1
+when one survives that changes behaviour, or one does not that changes nothing. `--write` puts the lists into the pages
+of the documentation.
 """
 
 from __future__ import annotations
@@ -13,44 +14,66 @@ import argparse
 import os
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import TYPE_CHECKING
 
-from kill_list import write_page
-from mutant import mutants_of, protocols
-from planting import judged
+from kill_list import FRAMEWORK_PAGE, PAGE, write_page
+from mutant import FRAMEWORK, framework_mutants_of, mutants_of, protocols, themes
+from planting import judged, judged_by_tests
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from mutant import Mutant
     from planting import Fate
 
 
 def main() -> int:
     """Judge them; return the exit code."""
-    known = protocols()
-    parser = argparse.ArgumentParser(description="Judge the conformance kit by planted mistakes.")
-    parser.add_argument("names", nargs="*", metavar="PROTOCOL", help="only these; all unless given")
+    packages = protocols()
+    known = [*packages, FRAMEWORK]
+    parser = argparse.ArgumentParser(description="Judge the conformance kit and the tests by planted mistakes.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"only these, of {', '.join(known)}; all unless given")
     parser.add_argument("--only", metavar="ID", default="", help="the mutants with this in their id")
-    parser.add_argument("--write", action="store_true", help="write the list into docs/mutants.md")
+    parser.add_argument("--write", action="store_true", help="write the lists into the documentation")
+    parser.add_argument("--jobs", type=int, metavar="N", default=os.cpu_count(), help="how many are judged at a time")
     given = parser.parse_args()
     if unknown := sorted(set(given.names) - set(known)):
         parser.error(f"there are no mutants of {unknown[0]!r}; they are of {', '.join(known)}")
-    if given.write and (given.names or given.only):
-        parser.error("the list in the documentation is of all mutants; give --write alone")
-    fates = {protocol: _hunt(protocol, given.only) for protocol in given.names or known}
-    wrong = [fate for each in fates.values() for fate in each if fate.survived != bool(fate.mutant.same)]
+    names = given.names or known
+    chosen = [name for name in packages if name in names]
+    if given.write and (given.only or chosen not in ([], packages)):
+        parser.error("a list in the documentation is whole; give --write without --only, for all protocols or none")
+    of_packages = {
+        name: _hunt(name, _named(mutants_of(name), given.only), partial(judged, name), given.jobs) for name in chosen
+    }
+    of_framework = {
+        theme: _hunt(theme, _named(framework_mutants_of(theme), given.only), judged_by_tests, given.jobs)
+        for theme in (themes() if FRAMEWORK in names else ())
+    }
+    fates = [fate for each in (*of_packages.values(), *of_framework.values()) for fate in each]
+    wrong = [fate for fate in fates if fate.survived != bool(fate.mutant.same)]
     for fate in wrong:
         print(f"wrong: {fate.mutant.id}: " + ("nothing noticed it" if fate.survived else f"{fate.check} noticed it"))
-    if given.write:
-        write_page(fates)
+    if given.write and chosen:
+        write_page(PAGE, of_packages)
+    if given.write and of_framework:
+        write_page(FRAMEWORK_PAGE, of_framework)
+    killed = sum(not fate.survived for fate in fates)
+    print(f"{len(fates)} planted, {killed} killed, {sum(bool(fate.mutant.same) for fate in fates)} change nothing")
     return 1 if wrong else 0
 
 
-def _hunt(protocol: str, only: str) -> list[Fate]:
-    chosen = [mutant for mutant in mutants_of(protocol) if only in mutant.id]
+def _named(mutants: Iterable[Mutant], part: str) -> list[Mutant]:
+    return [mutant for mutant in mutants if part in mutant.id]
+
+
+def _hunt(group: str, mutants: list[Mutant], judge: Callable[[Mutant], Fate], jobs: int) -> list[Fate]:
     # Each is judged in a process of its own; the threads only wait for them.
-    with ThreadPoolExecutor(os.cpu_count()) as crew:
+    with ThreadPoolExecutor(jobs) as crew:
         fates = []
-        for fate in crew.map(lambda mutant: judged(protocol, mutant), chosen):
-            print(f"{protocol:<12}{fate.mutant.id:<44}{fate.check or 'survived'}", flush=True)
+        for fate in crew.map(judge, mutants):
+            print(f"{group:<16}{fate.mutant.id:<44}{fate.check or 'survived'}", flush=True)
             fates.append(fate)
     return fates
 

@@ -92,6 +92,10 @@ def actions(bus, names, random, **settings):
             name = written[protocol]
             doing.append(lambda drive=drive, name=name: drive.write(name, random.randint(1, 40)))
         doing.append(lambda drive=drive: drive.status())
+        if protocol == "danfoss-fc":
+            # With a reference it would be looked at first, and what a master sends here is one telegram.
+            doing.append(lambda drive=drive: drive.call("control_word", word=0x043C | random.randint(0, 3)))
+            continue
         name = reference.get(protocol)
         doing.append(lambda drive=drive, name=name: _refer(drive, name, random.randint(0, 100)))
     return doing

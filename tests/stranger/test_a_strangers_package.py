@@ -166,7 +166,7 @@ class TestASimulatedDrive:
         monkeypatch.setenv("DRIVECOMM_CONTROL", told["control"])
         [read] = shell("read", "acme:5,model=a10", "reference", "--port", "line", "--json").objects
         assert read["value"] == "12.34"
-        lost = shell("write", "acme:5,model=a10", "reference", "30", "--port", "line", "--attempts", "1")
+        lost = shell("write", "acme:5,model=a10", "reference", "30", "--port", "line", "--attempts", "1", "--arm")
         assert lost.code == 4, "the fault script knows what a write of this protocol is"
         assert shell("plant", "show", "mixer", "001").out == "mixer 001 is 3000\n"
         assert shell("plant", "trip", "mixer", "7").code == 0

@@ -1,0 +1,98 @@
+"""The mutants of the framework fit the code, the list of them is whole, and some are planted and noticed."""
+
+import random
+from dataclasses import replace
+from pathlib import Path
+
+import planting
+import pytest
+from kill_list import FRAMEWORK_PAGE, listed_ids
+from mutant import FRAMEWORK, HERE, Mutant, framework_folder, framework_mutants_of, themes
+from planting import judged_by_tests
+
+ALL = [mutant for theme in themes() for mutant in framework_mutants_of(theme)]
+# Of those that are noticed within a second or two.
+QUICK = [mutant for theme in ("framing", "health", "numbers", "polling") for mutant in framework_mutants_of(theme)]
+PLANTED_EACH_TIME = 2
+NOTHING = Mutant(
+    id="nothing", mistake="none", file="version.py", old='__version__ = "', new='# no mistake\n__version__ = "'
+)
+
+
+def test_there_are_at_least_120_that_change_something():
+    assert sum(not mutant.same for mutant in ALL) >= 120
+
+
+def test_none_has_the_name_of_another():
+    names = [mutant.id for mutant in ALL]
+    assert sorted(set(names)) == sorted(names)
+
+
+@pytest.mark.parametrize("mutant", ALL, ids=[mutant.id for mutant in ALL])
+def test_it_fits_the_code(mutant):
+    changed = mutant.planted_in((framework_folder() / mutant.file).read_text(encoding="utf-8"))
+    compile(changed, mutant.file, "exec")
+    for test in mutant.tests:
+        assert (HERE.parent / test.partition("::")[0]).exists(), test
+
+
+def test_the_list_in_the_documentation_names_them_all():
+    assert listed_ids(FRAMEWORK_PAGE) == [mutant.id for mutant in ALL]
+
+
+def test_some_are_planted_and_noticed_and_the_work_tree_stays_as_it_is():
+    changing = [mutant for mutant in QUICK if not mutant.same]
+    for mutant in random.Random(FRAMEWORK).sample(changing, PLANTED_EACH_TIME):
+        before = (framework_folder() / mutant.file).read_bytes()
+        assert "::test_" in judged_by_tests(mutant).check, mutant.mistake
+        assert (framework_folder() / mutant.file).read_bytes() == before
+
+
+def judging(folder: Path, text: str, mutant: Mutant = NOTHING) -> Mutant:
+    """Return a mutant that a test with this text judges."""
+    test = folder / "test_judge.py"
+    test.write_text(f"import subprocess, sys, threading\n\nimport drivecomm\n\n\ndef test_it():\n    {text}\n")
+    return replace(mutant, tests=(str(test),))
+
+
+def test_what_changes_nothing_survives(tmp_path):
+    assert judged_by_tests(judging(tmp_path, "assert drivecomm.__version__")).survived
+
+
+def test_the_copy_is_judged_also_by_the_programs_that_a_test_starts(tmp_path):
+    mutant = replace(NOTHING, new='__version__ = "planted ')
+    for text in (
+        "assert not drivecomm.__version__.startswith('planted')",
+        "assert b'planted' not in subprocess.check_output([sys.executable, '-m', 'drivecomm', '--version'])",
+    ):
+        assert judged_by_tests(judging(tmp_path, text, mutant)).check.endswith("test_judge.py::test_it")
+
+
+def test_a_test_that_fails_without_the_mistake_too_has_noticed_nothing(tmp_path):
+    with pytest.raises(ValueError, match=r"nothing: .*test_it fails without it, too"):
+        judged_by_tests(judging(tmp_path, "raise AssertionError"))
+
+
+def test_tests_that_cannot_be_loaded_are_no_kill(tmp_path):
+    first = (framework_folder() / "__init__.py").read_text(encoding="utf-8").partition("\n")[0]
+    broken = replace(NOTHING, id="broken", file="__init__.py", old=first, new="raise ImportError('planted')\n" + first)
+    with pytest.raises(ValueError, match=r"broken: the package cannot be judged with it: .*ImportError: planted"):
+        judged_by_tests(judging(tmp_path, "pass", broken))
+
+
+def test_what_comes_to_no_end_is_ended_and_noticed(tmp_path, monkeypatch):
+    monkeypatch.setattr(planting, "TESTS_S", 3)
+    mutant = judging(tmp_path, "threading.Event().wait()")
+    assert judged_by_tests(mutant).check == "its judges came to no end"
+
+
+def test_a_mutant_that_no_tests_judge_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("mutant.HERE", tmp_path)
+    (tmp_path / FRAMEWORK).mkdir()
+    entry = '[[mutant]]\nid = "a"\nmistake = "b"\nfile = "c"\nold = "d"\nnew = "e"\n'
+    (tmp_path / FRAMEWORK / "theme.toml").write_text(entry)
+    with pytest.raises(ValueError, match="theme: no tests judge a"):
+        framework_mutants_of("theme")
+    (tmp_path / FRAMEWORK / "theme.toml").write_text('tests = ["tests"]\n' + entry + 'because = "f"\n')
+    with pytest.raises(ValueError, match=r"a mutant has .*, and may have same and tests"):
+        framework_mutants_of("theme")
