@@ -7,13 +7,13 @@ there. The object and all it refers to do no I/O, read no clock and import nothi
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol as Interface
+from typing import TYPE_CHECKING, Any, Literal, Protocol as Interface
 
 from drivecomm.protocol.status import Stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-    from typing import Literal, TypeAlias
+    from typing import TypeAlias
 
     from drivecomm.protocol.exchange import Exchange
     from drivecomm.protocol.framing import Codec, Damaged, Framed
