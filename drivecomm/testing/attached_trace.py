@@ -7,16 +7,15 @@ from dataclasses import dataclass
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from drivecomm.cli.output import fields_text
+from drivecomm.link import ARROWS, fields_text, hex_text, line_text
 from drivecomm.protocol import Damaged, Framed, Framer
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from drivecomm.capture import Piece, Source
+    from drivecomm.capture import Piece
     from drivecomm.protocol import Codec, Direction, Find, VirtualDrive
 
-_ARROWS: dict[Source, str] = {"master": "->", "drive": "<-", "unknown": "??"}
 _MOST_PIECES = 5000
 _MOST_LINES = 80
 
@@ -68,14 +67,8 @@ class LineTrace:
                 meaning = fields_text(find.message)
             else:
                 meaning = f"[damaged: {find.error}]" if isinstance(find, Damaged) else "[no telegram]"
-            parts = (
-                f"{_time_of(together, place):12.4f}",
-                _ARROWS[source],
-                find.data.hex(" ").upper(),
-                meaning,
-                *remarks,
-            )
-            yield "  ".join(parts)
+            time_s, arrow = _time_of(together, place), ARROWS.get(source, "??")
+            yield line_text(time_s, arrow, hex_text(find.data), meaning, remarks=remarks)
             # The bytes of a damaged telegram are looked at again; here they are shown once.
             place += len(find.data)
 
@@ -88,9 +81,9 @@ class LineTrace:
         said = []
         settings = together[0].piece.settings
         if settings is not None and all(settings != drive.settings for drive in self._drives):
-            said.append(f"[sent with {settings}, which no drive here listens with]")
+            said.append(f"sent with {settings}, which no drive here listens with")
         if any(heard.spoilt for heard in together):
-            said.append("[met others on the wire, or broke off]")
+            said.append("met others on the wire, or broke off")
         return said
 
 

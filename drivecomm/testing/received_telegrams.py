@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.cli.output import fields_text
+from drivecomm.link import fields_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
