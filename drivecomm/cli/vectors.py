@@ -1,4 +1,4 @@
-"""The vectors commands: test vectors of protocols, the packaged ones and a stranger's."""
+"""The vectors commands: test vectors of protocols, built-in and third-party."""
 
 from __future__ import annotations
 

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.bus import open_bus
 from drivecomm.protocol import Framed, LineSettings, Motor, sort_out
-from drivecomm.testing.case import shown
-from drivecomm.testing.known_models import known_model
-from drivecomm.testing.report import CheckFailure
+from drivecomm.testing.checking import CheckFailure, shown
+from drivecomm.testing.subjects import known_model
 from drivecomm.virtual import OfDrive, VirtualLine
 
 if TYPE_CHECKING:

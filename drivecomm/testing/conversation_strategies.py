@@ -16,7 +16,6 @@ from drivecomm.bus import open_bus
 from drivecomm.errors import DriveCommError
 from drivecomm.models import load_model
 from drivecomm.protocol import installed
-from drivecomm.testing.limits import limits
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 if TYPE_CHECKING:
@@ -180,3 +179,31 @@ class _Bench:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._bus.close()
+
+
+FARTHEST = 1 << 33
+"""No field of a drive telegram has more than 32 bits."""
+
+
+def limits(start: int, accepts: Callable[[int], bool]) -> tuple[int, int]:
+    """Return the lowest and the highest number that is accepted, as far as all between them are.
+
+    start: a number that is accepted.
+    """
+    return start - _reach(lambda distance: accepts(start - distance)), start + _reach(
+        lambda distance: accepts(start + distance)
+    )
+
+
+def _reach(accepts: Callable[[int], bool]) -> int:
+    sound, step = 0, 1
+    while step < FARTHEST and accepts(step):
+        sound, step = step, step * 2
+    refused = step
+    while refused - sound > 1:
+        middle = (sound + refused) // 2
+        if accepts(middle):
+            sound = middle
+        else:
+            refused = middle
+    return sound

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
     from drivecomm.testing.entry import Entry
 
-Deed: TypeAlias = Literal["send", "reply", "silence", "garbage", "pause_s"]
+Action: TypeAlias = Literal["send", "reply", "silence", "garbage", "pause_s"]
 
-DEEDS: tuple[Deed, ...] = ("send", "reply", "silence", "garbage", "pause_s")
+ACTIONS: tuple[Action, ...] = ("send", "reply", "silence", "garbage", "pause_s")
 
 ERROR_NAMES = tuple(
     sorted(
@@ -36,15 +36,15 @@ ERROR_NAMES = tuple(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
+class WireStep:
     """What happens on the wire next.
 
-    deed: who does what. data: the bytes of a send, a reply or garbage. seconds: for a reply and garbage how long after
+    action: who does what. data: the bytes of a send, reply or garbage. seconds: for a reply and garbage how long after
     the end of the step before they begin; for a pause how long the master must be silent; for silence how long the
     reply time is, None for the drive's own.
     """
 
-    deed: Deed
+    action: Action
     data: bytes = b""
     seconds: float | None = None
 
@@ -83,7 +83,7 @@ class ExchangeVector:
     source: str
     address: int
     calls: tuple[Call, ...]
-    steps: tuple[Step, ...]
+    steps: tuple[WireStep, ...]
     printed: bool = False
     model: str = ""
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -129,31 +129,31 @@ def _expected(entry: Entry) -> Expected:
     )
 
 
-def _steps(entry: Entry) -> tuple[Step, ...]:
+def _steps(entry: Entry) -> tuple[WireStep, ...]:
     # Nothing on the wire is a conversation too: a call that must be refused before anything is sent.
     if "steps" in entry and entry.is_empty_list("steps"):
         return ()
     parts = entry.parts("steps", "step")
     steps = tuple(map(_step, parts))
     for step, part, following in zip(steps, parts, (*steps[1:], None), strict=True):
-        if step is steps[0] and step.deed in ("reply", "silence"):
-            raise part.wrong(f"{step.deed} comes after a send")
-        if step.deed == "pause_s" and (following is None or following.deed != "send"):
+        if step is steps[0] and step.action in ("reply", "silence"):
+            raise part.wrong(f"{step.action} comes after a send")
+        if step.action == "pause_s" and (following is None or following.action != "send"):
             raise part.wrong("after a pause comes a send")
     return steps
 
 
-def _step(part: Entry) -> Step:
-    deed: Deed = part.one_of(DEEDS)  # type: ignore[assignment]
-    if deed == "pause_s":
-        step = Step(deed=deed, seconds=part.seconds("pause_s"))
-    elif deed == "silence":
+def _step(part: Entry) -> WireStep:
+    action: Action = part.one_of(ACTIONS)  # type: ignore[assignment]
+    if action == "pause_s":
+        step = WireStep(action=action, seconds=part.seconds("pause_s"))
+    elif action == "silence":
         if not part.flag("silence"):
             raise part.wrong("silence is true or absent")
-        step = Step(deed=deed, seconds=part.seconds("at_least_s"))
-    elif deed == "send":
-        step = Step(deed=deed, data=part.data("send"))
+        step = WireStep(action=action, seconds=part.seconds("at_least_s"))
+    elif action == "send":
+        step = WireStep(action=action, data=part.data("send"))
     else:
-        step = Step(deed=deed, data=part.data(deed), seconds=part.seconds("after_s"))
+        step = WireStep(action=action, data=part.data(action), seconds=part.seconds("after_s"))
     part.all_read()
     return step

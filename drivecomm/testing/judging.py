@@ -1,183 +1,201 @@
-"""All checks of a protocol in one row, and judging it by them.
+"""Run the conformance tests of a protocol: all checks, in the order in which a mistake is found soonest.
 
     from drivecomm.testing import judge
     report = judge(plugin)
     assert report.ok, str(report)
 
-Checks come in the order in which a mistake is found soonest, so who only wants to know whether there is one may stop
-at the first failure: `first_failure`. A check touches nothing but its own objects, so they may be run in any order
-and by several processes.
+or, as tests of pytest that `-k` chooses among, each named as in the report:
+
+    from drivecomm.testing import conformance_tests
+    test_conformance = conformance_tests("toy")
+
+A check touches nothing but its own objects, so checks may be run in any order and by several processes.
 """
 
 from __future__ import annotations
 
 from contextlib import contextmanager
-from functools import lru_cache, partial
-from importlib.util import find_spec
-from inspect import getdoc
-from typing import TYPE_CHECKING, TypeAlias
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.models import model_names
 from drivecomm.protocol import installed
-from drivecomm.testing import (
-    confusion_checks,
-    contract_checks,
-    document_checks,
-    foreign_checks,
-    guarding_checks,
-    live_checks,
-    motion_checks,
-    parameter_checks,
-    purpose_checks,
-    silence_checks,
-)
-from drivecomm.testing.checks import checks_of
-from drivecomm.testing.extent import FULL
-from drivecomm.testing.known_models import known_model
-from drivecomm.testing.report import Check, Report, Verdict, try_out
+from drivecomm.testing.checking import Check, registered
+from drivecomm.testing.checks import HAS_PROPERTIES, foreign, live
+from drivecomm.testing.report import Report, carry_out, try_out
+from drivecomm.testing.subjects import Case, forms_of, known_model
 from drivecomm.testing.vectors import VectorFile, packaged_vectors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
-    from typing import Any
 
     from drivecomm.protocol import Direction, Protocol
-    from drivecomm.testing.extent import Extent
+    from drivecomm.testing.checking import Registered
+    from drivecomm.testing.report import CheckResult
 
-_Checks: TypeAlias = "tuple[Callable[..., None], ...]"
 
-_CONTRACT: _Checks = (
-    contract_checks.has_all_fields,
-    contract_checks.has_addresses,
-    contract_checks.has_frozen_options,
-    contract_checks.operations_are_whole,
-    contract_checks.virtual_drives_are_whole,
-    contract_checks.finds_its_examples,
-    contract_checks.refuses_what_cannot_be,
-    contract_checks.speaks_to_all_without_waiting,
-    contract_checks.judges_every_pair,
-    contract_checks.is_honest_about_blind_spots,
-)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Extent:
+    """How much is tried.
 
-_DOCUMENTS: _Checks = (
-    document_checks.has_a_readme,
-    document_checks.names_the_source_of_its_facts,
-    document_checks.has_a_source_for_every_vector,
-    document_checks.has_vectors_for_everything,
-    document_checks.has_a_source_for_every_parameter,
-    document_checks.has_models_in_order,
-    document_checks.explains_its_options,
-)
+    examples: of each property. dear_every: every so many vectors are put through the checks that cost most: all flips,
+    all truncations in a stream, compiled against interpreted. every_way: whether an exchange is played in all ways.
+    live: how many exchanges are played in real time, in each way. every_model: whether parameters and commands are
+    tried with all models of the package, or with its default one.
+    """
 
-_PARAMETERS: _Checks = (
-    parameter_checks.reads_what_the_drive_holds,
-    parameter_checks.is_found_by_name,
-    parameter_checks.writes_what_was_given,
-    parameter_checks.stores_nothing_where_it_cannot,
-)
+    examples: int
+    dear_every: int
+    every_way: bool
+    live: int
+    every_model: bool
 
-_COMMANDS: _Checks = (
-    motion_checks.runs_at_the_reference,
-    motion_checks.runs_backwards,
-    motion_checks.stops_in_every_way,
-    motion_checks.tells_its_faults,
-    motion_checks.is_reset_and_stands,
-    motion_checks.asking_moves_nothing,
-    motion_checks.does_not_repeat_an_old_command,
-    silence_checks.a_lost_answer_is_asked_for_again,
-    silence_checks.a_start_is_not_repeated,
-    silence_checks.a_stop_is_repeated,
-    silence_checks.a_deaf_drive_is_reported,
-    purpose_checks.tells_asking_from_acting,
-    purpose_checks.tells_what_requests_are_for,
-    purpose_checks.what_only_asks_moves_no_drive,
-    guarding_checks.guards_its_limits,
-    guarding_checks.forgets_what_was_not_stored,
-    guarding_checks.heeds_the_sign_of_a_reference,
-)
 
-_CONFUSION: _Checks = (
-    confusion_checks.an_answer_answers_its_question_only,
-    confusion_checks.another_drive_is_not_believed,
-    confusion_checks.a_write_is_not_confirmed_by_another,
-    confusion_checks.a_disturbed_line_tells_no_lies,
-)
+FULL = Extent(examples=40, dear_every=1, every_way=True, live=2, every_model=True)
+"""Everything: what a maintainer runs before a release, some twenty seconds for each protocol."""
 
-_FOREIGN: _Checks = (
-    foreign_checks.is_not_believed,
-    foreign_checks.is_not_answered,
-    foreign_checks.does_not_spoil_a_reading,
-)
+QUICK = Extent(examples=12, dear_every=4, every_way=False, live=0, every_model=False)
+"""A few seconds: what a maintainer runs at every change, and what hunts for mutants run."""
 
-_DIRECTIONS: dict[Direction, str] = {"request": "requests", "reply": "replies"}
 
-_LIVE = {
-    "terminal": live_checks.goes_as_written_over_a_terminal,
-    "terminal-awaited": live_checks.goes_as_written_over_a_terminal_awaited,
-    "socket": live_checks.goes_as_written_over_a_socket,
-    "thread": live_checks.goes_as_written_in_a_thread,
-}
+def judge(plugin: Protocol, extent: Extent = FULL, *, only: str = "") -> Report:
+    """Run all checks of a protocol, or those whose name contains a text. Raises UsageError if there is none.
+
+    A protocol that is not installed is, for as long as it takes; one whose name another has is refused.
+    """
+    return Report(results=tuple(results(plugin, extent, only=only)), left_out=left_out())
+
+
+def results(plugin: Protocol, extent: Extent = FULL, *, only: str = "") -> Iterator[CheckResult]:
+    """Run the checks one by one, as `judge` does; whoever has heard enough stops asking."""
+    with _installed(plugin):
+        chosen = [check for check in all_checks(plugin, extent) if only in check.name]
+        if not chosen:
+            raise UsageError(f"no check has {only!r} in its name; run all of them to see their names")
+        yield from map(try_out, chosen)
+
+
+def first_failure(plugin: Protocol, extent: Extent = FULL) -> CheckResult | None:
+    """Run the checks up to the first that fails; None when all hold."""
+    return next((result for result in results(plugin, extent) if not result.passed), None)
+
+
+def run_checks(plugin: Protocol, vectors: VectorFile) -> Report:
+    """Put a protocol through all checks that a vector file gives rise to. Raises nothing that a codec does."""
+    return carry_out(checks_of(plugin, vectors))
+
+
+def conformance_tests(protocol: str, extent: Extent = FULL) -> Callable[[Check], None]:
+    """Return a test function that runs every check of an installed protocol as a test of its own.
+
+    extent: how much is tried, `FULL` or `QUICK`. Raises UnknownProtocolError for a protocol that is not installed.
+    """
+    import pytest  # noqa: PLC0415 - the checks run without it
+
+    checks = list(all_checks(installed[protocol], extent))
+
+    @pytest.mark.parametrize("check", checks, ids=[check.name for check in checks])
+    def test_conformance(check: Check) -> None:
+        check.run()
+
+    return test_conformance
+
+
+def left_out() -> tuple[str, ...]:
+    """Return what cannot be checked here, and why."""
+    return () if HAS_PROPERTIES else ("properties need hypothesis; install drivecomm[test]",)
 
 
 def all_checks(plugin: Protocol, extent: Extent = FULL) -> Iterator[Check]:
     """Yield every check of a protocol that is installed, the quick ones that find most first."""
     name = plugin.name
-    for function in _CONTRACT:
-        yield _check(f"{name}/contract", function, plugin)
-    for function in _DOCUMENTS:
-        yield _check(f"{name}/documents", function, plugin)
+    for theme in ("contract", "documents"):
+        yield from (each.on(f"{name}/{theme}", plugin) for each in registered(theme))
     vectors = _vectors(plugin)
     yield from checks_of(plugin, vectors, extent)
     models = _models(plugin, extent)
-    for theme in (_PARAMETERS, _COMMANDS, _CONFUSION):
+    for theme in ("parameters", "commands", "confusion"):
         for model in models:
-            for function in theme:
-                title = f"{name}/models/{model}/{_title(function)}"
-                yield Check(title, _with_model(function, plugin, model), _first(function))
-    for other in foreign_checks.others(plugin):
-        for function in _FOREIGN:
-            yield _check(f"{name}/foreign traffic/{other.name}", function, plugin, other)
+            for each in registered(theme):
+                yield Check(f"{name}/models/{model}/{each.name}", _with_model(each, plugin, model), each.meaning)
+    for other in foreign.others(plugin):
+        prefix = f"{name}/foreign traffic/{other.name}"
+        yield from (each.on(prefix, plugin, other) for each in registered("foreign traffic"))
     yield from _properties(plugin, extent)
-    for exchange in live_checks.sample(vectors.exchanges, extent.live):
-        for title, play in _LIVE.items():
-            yield Check(f"{name}/{vectors.name}/{exchange.id}/{title}", partial(play, plugin, exchange), _first(play))
+    for exchange in live.sample(vectors.exchanges, extent.live):
+        yield from (each.on(f"{name}/{vectors.name}/{exchange.id}", plugin, exchange) for each in registered("live"))
 
 
-def judge(plugin: Protocol, extent: Extent = FULL, *, only: str = "") -> Report:
-    """Judge a protocol by all checks, or by those whose name contains a text. Raises UsageError if there is none.
+def checks_of(plugin: Protocol, vectors: VectorFile, extent: Extent = FULL) -> Iterator[Check]:
+    """Yield every check of every vector, stream, refusal and exchange, and those of the protocol's schemas.
 
-    A protocol that is not installed is, for as long as it takes; one whose name another has is refused.
+    Where the extent is less than full, the dear ones come for some of the vectors only. Raises FileFormatError for
+    vectors of another protocol.
     """
-    with _installed(plugin):
-        chosen = matching(all_checks(plugin, extent), only)
-        return Report(verdicts=tuple(map(try_out, chosen)), left_out=left_out())
+    if vectors.protocol != plugin.name:
+        raise FileFormatError(f"{vectors.name}: holds vectors of {vectors.protocol!r}, not of {plugin.name!r}")
+    prefix = f"{plugin.name}/{vectors.name}"
+    listed = frozenset(
+        (vector.direction, vector.data) for vector in (*vectors.vectors, *_vectors(plugin).vectors) if vector.valid
+    )
+    cases = [Case(plugin=plugin, vector=vector, listed=listed) for vector in vectors.vectors]
+    yield from _checks_of_cases(prefix, cases, dear=False)
+    ways = [way for way in registered("exchanges") if extent.every_way or not way.dear]
+    for exchange in vectors.exchanges:
+        yield from (way.on(f"{prefix}/{exchange.id}", plugin, exchange) for way in ways)
+    for refuse in vectors.refusals:
+        yield from (each.on(f"{prefix}/{refuse.id}", plugin, refuse) for each in registered("refusals"))
+    for named in forms_of(plugin):
+        yield from (each.on(f"{prefix}/{named.name}", named.form) for each in registered("schemas"))
+    for stream in vectors.streams:
+        yield from (each.on(f"{prefix}/{stream.id}", plugin, stream) for each in registered("streams"))
+    yield from _checks_of_cases(prefix, cases[:: extent.dear_every], dear=True)
 
 
-def verdicts(plugin: Protocol, extent: Extent = FULL, *, only: str = "") -> Iterator[Verdict]:
-    """Judge a protocol check by check; who has heard enough stops asking."""
-    with _installed(plugin):
-        yield from map(try_out, matching(all_checks(plugin, extent), only))
+def _checks_of_cases(prefix: str, cases: Iterable[Case], *, dear: bool) -> Iterator[Check]:
+    for case in cases:
+        for each in registered("vectors"):
+            if each.dear is dear and each.applies_to(case.vector):
+                yield each.on(f"{prefix}/{case.vector.id}", case)
 
 
-def first_failure(plugin: Protocol, extent: Extent = FULL) -> Verdict | None:
-    """Judge a protocol up to the first check that fails; None when all hold."""
-    return next((verdict for verdict in verdicts(plugin, extent) if not verdict.passed), None)
+def _properties(plugin: Protocol, extent: Extent) -> Iterator[Check]:
+    if not HAS_PROPERTIES:
+        return
+    from drivecomm.testing.checks import properties  # noqa: PLC0415 - needs hypothesis, which not everybody has
+
+    @lru_cache
+    def source(direction: Direction) -> properties.Drawn:
+        return properties.drawn(plugin, direction)
+
+    def holds(function: Any, direction: Direction) -> Callable[[], None]:
+        return lambda: properties.try_examples(function, source(direction), extent.examples)
+
+    directions: dict[Direction, str] = {"request": "requests", "reply": "replies"}
+    for each in registered("properties"):
+        for direction, telegrams in directions.items():
+            name = f"{plugin.name}/properties/{telegrams}/{each.name}"
+            yield Check(name, holds(each.function, direction), each.meaning)
 
 
-def matching(checks: Iterable[Check], only: str) -> list[Check]:
-    """Return the checks whose name contains a text. Raises UsageError when none does."""
-    found = [check for check in checks if only in check.name]
-    if not found:
-        raise UsageError(f"no check has {only!r} in its name; run all of them to see their names")
-    return found
+def _with_model(each: Registered, plugin: Protocol, model: str) -> Callable[[], None]:
+    # A model that cannot be read is a failure of each of its checks, and not of all of them at once.
+    return lambda: each.function(plugin, known_model(plugin, model))
 
 
-def left_out() -> tuple[str, ...]:
-    """Return what cannot be checked here, and why."""
-    if find_spec("hypothesis") is None:
-        return ("properties need hypothesis; install drivecomm[test]",)
-    return ()
+def _models(plugin: Protocol, extent: Extent) -> list[str]:
+    others = [name for name in model_names(plugin.package, plugin.name) if name != plugin.default_model]
+    return [plugin.default_model, *(others if extent.every_model else ())]
+
+
+def _vectors(plugin: Protocol) -> VectorFile:
+    try:
+        return packaged_vectors(plugin)
+    except FileFormatError:
+        # The checks of the documents say so; all that needs no vectors is checked all the same.
+        return VectorFile(name="vectors.toml", protocol=plugin.name)
 
 
 @contextmanager
@@ -192,52 +210,3 @@ def _installed(plugin: Protocol) -> Iterator[None]:
         yield
     finally:
         take_away()
-
-
-def _vectors(plugin: Protocol) -> VectorFile:
-    try:
-        return packaged_vectors(plugin)
-    except FileFormatError:
-        # The checks of the documents say so; all that needs no vectors is judged all the same.
-        return VectorFile(name="vectors.toml", protocol=plugin.name)
-
-
-def _models(plugin: Protocol, extent: Extent) -> list[str]:
-    others = [name for name in model_names(plugin.package, plugin.name) if name != plugin.default_model]
-    return [plugin.default_model, *(others if extent.every_model else ())]
-
-
-def _with_model(function: Callable[..., None], plugin: Protocol, model: str) -> Callable[[], None]:
-    # A model that cannot be read is a failure of each of its checks, and not of all of them at once.
-    return lambda: function(plugin, known_model(plugin, model))
-
-
-def _properties(plugin: Protocol, extent: Extent) -> Iterator[Check]:
-    if left_out():
-        return
-    from drivecomm.testing import property_checks  # noqa: PLC0415 - needs hypothesis, which not everybody has
-
-    @lru_cache
-    def source(direction: Direction) -> property_checks.Drawn:
-        return property_checks.drawn(plugin, direction)
-
-    def holds(function: Any, direction: Direction) -> None:
-        property_checks.try_examples(function, source(direction), extent.examples)
-
-    for function in property_checks.PROPERTIES:
-        for direction, telegrams in _DIRECTIONS.items():
-            title = f"{plugin.name}/properties/{telegrams}/{_title(function)}"
-            yield Check(title, partial(holds, function, direction), _first(function))
-
-
-def _check(prefix: str, function: Callable[..., None], *values: object) -> Check:
-    return Check(f"{prefix}/{_title(function)}", partial(function, *values), _first(function))
-
-
-def _title(function: Callable[..., None]) -> str:
-    return function.__name__.replace("_", " ")
-
-
-def _first(function: Callable[..., None]) -> str:
-    """Return the first line of a docstring: what must hold."""
-    return (getdoc(function) or "").partition("\n")[0]

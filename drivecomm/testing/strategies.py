@@ -24,9 +24,8 @@ from hypothesis import strategies as st
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.plant import TRANSMISSION_FAULTS, FaultPlan
 from drivecomm.protocol import installed
-from drivecomm.testing.case import codec_for
-from drivecomm.testing.conversation_strategies import VerbCall, conversations, verb_calls
-from drivecomm.testing.limits import limits
+from drivecomm.testing.conversation_strategies import VerbCall, conversations, limits, verb_calls
+from drivecomm.testing.subjects import codec_for
 from drivecomm.testing.vectors import packaged_vectors
 
 if TYPE_CHECKING:

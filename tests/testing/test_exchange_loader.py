@@ -8,8 +8,8 @@ from hypothesis import given, strategies as st
 
 from drivecomm import errors
 from drivecomm.errors import FileFormatError
-from drivecomm.testing import Call, Entry, ExchangeVector, Expected, Step, load_vectors
-from drivecomm.testing.exchange_vectors import DEEDS, ERROR_NAMES, read_exchange
+from drivecomm.testing import Call, Entry, ExchangeVector, Expected, WireStep, load_vectors
+from drivecomm.testing.exchange_vectors import ACTIONS, ERROR_NAMES, read_exchange
 
 HEAD = 'format = 2\nprotocol = "vabus"\n'
 EXCHANGE = """
@@ -38,7 +38,7 @@ def test_the_least_that_an_exchange_has(load):
     assert (vector.id, vector.source, vector.address) == ("one", "somewhere", 1)
     assert (vector.printed, vector.model, vector.options, vector.note) == (False, "", {}, "")
     assert vector.calls == (Call(call="read", arguments={"parameter": "481"}),)
-    assert vector.steps == (Step(deed="send", data=b"\x04"), Step(deed="reply", data=b"A\x06"))
+    assert vector.steps == (WireStep(action="send", data=b"\x04"), WireStep(action="reply", data=b"A\x06"))
 
 
 def test_all_that_an_exchange_can_have(load):
@@ -73,7 +73,7 @@ note = "all of it"
     assert first.expected == Expected(error="NoReplyError", error_text="within")
     assert second.expected == Expected(result={"word": 7})
     assert last.expected == Expected(result={})
-    assert [step.deed for step in vector.steps] == [
+    assert [step.action for step in vector.steps] == [
         "garbage",
         "send",
         "silence",
@@ -102,7 +102,7 @@ def test_every_key_is_explained():
     section = text.partition("## `[[exchange]]`")[2].partition("\n## ")[0]
     for name in [field.name for field in fields(ExchangeVector)] + [field.name for field in fields(Expected)]:
         assert f"`{name}`" in section, name
-    assert all(f"{{ {deed} = " in section for deed in DEEDS)
+    assert all(f"{{ {action} = " in section for action in ACTIONS)
 
 
 def steps(text):
@@ -162,7 +162,9 @@ def test_what_is_wrong_is_named(load, text, what):
 
 
 SCALARS = st.one_of(st.booleans(), st.integers(-9, 9), st.sampled_from(["", "04", "read", "NoReplyError"]))
-LISTS = st.lists(st.dictionaries(st.sampled_from([*DEEDS, "call", "after_s", "error", "result"]), SCALARS), max_size=3)
+LISTS = st.lists(
+    st.dictionaries(st.sampled_from([*ACTIONS, "call", "after_s", "error", "result"]), SCALARS), max_size=3
+)
 
 
 @given(

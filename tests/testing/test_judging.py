@@ -8,7 +8,7 @@ from altered import Altered
 
 from drivecomm.errors import UsageError
 from drivecomm.protocol import Ask, Pause, Stop, VirtualReply, installed
-from drivecomm.testing import FULL, QUICK, all_checks, first_failure, judge, left_out, try_out, verdicts
+from drivecomm.testing import FULL, QUICK, all_checks, first_failure, judge, left_out, results, try_out
 
 # test_vectors and test_properties run what is left out here.
 ELSEWHERE = ("/vectors.toml/", "/properties/")
@@ -349,7 +349,7 @@ def test_judging_stops_when_enough_was_heard(in_place_of):
     plugin = in_place_of("vabus", title="")
     verdict = first_failure(plugin, QUICK)
     assert verdict.check.name == "vabus/contract/has all fields"
-    assert next(verdicts(plugin, QUICK)).check.name == verdict.check.name
+    assert next(results(plugin, QUICK)).check.name == verdict.check.name
 
 
 def test_a_protocol_that_is_not_installed_is_for_the_time_being():

@@ -6,17 +6,18 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, TelegramError
 from drivecomm.protocol import fields_of
-from drivecomm.testing.case import codec_for, expect, shown
-from drivecomm.testing.report import CheckFailure
+from drivecomm.testing.checking import CheckFailure, check, expect, is_valid, shown
+from drivecomm.testing.subjects import codec_for
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drivecomm.protocol import Message, Protocol
-    from drivecomm.testing.case import Case
+    from drivecomm.testing.subjects import Case
     from drivecomm.testing.vectors import Refuse
 
 
+@check("vectors", "decode")
 def decodes(case: Case) -> None:
     """Decoding gives the fields of the vector, or is refused in its category."""
     vector = case.vector
@@ -45,6 +46,7 @@ def _refused_as(case: Case, category: str | None) -> None:
         raise CheckFailure(f"decoded as {fields_of(found)}, the vector says it is refused ({category})")
 
 
+@check("vectors", "encode", applies_to=lambda vector: vector.valid and vector.canonical)
 def encodes(case: Case) -> None:
     """Encoding the fields of the vector gives its bytes."""
     vector = case.vector
@@ -52,6 +54,7 @@ def encodes(case: Case) -> None:
     expect(built == vector.data, f"encoded as {shown(built)}, the vector has {shown(vector.data)}")
 
 
+@check("vectors", "encode", applies_to=lambda vector: vector.valid and not vector.canonical)
 def survives_its_own_encoder(case: Case) -> None:
     """What was decoded is refused by the encoder, or encoded so that it says the same again."""
     vector, codec = case.vector, case.codec
@@ -64,6 +67,7 @@ def survives_its_own_encoder(case: Case) -> None:
     expect(again == message, f"decoded {message}, encoded and decoded again {again}")
 
 
+@check("vectors", "trailing", applies_to=is_valid)
 def refuses_what_follows(case: Case) -> None:
     """A telegram with anything behind it is no telegram."""
     vector = case.vector
@@ -72,6 +76,7 @@ def refuses_what_follows(case: Case) -> None:
         expect(_refuses(case, longer) or _is_listed(case, longer), f"decoded with {shown(tail)} behind it")
 
 
+@check("vectors", "truncated", applies_to=is_valid)
 def refuses_truncations(case: Case) -> None:
     """The beginning of a telegram is none, unless it is a shorter one that the vectors list."""
     data = case.vector.data
@@ -80,6 +85,7 @@ def refuses_truncations(case: Case) -> None:
         expect(_refuses(case, cut) or _is_listed(case, cut), f"the first {length} bytes are decoded, {shown(cut)}")
 
 
+@check("vectors", "flipped", applies_to=is_valid, dear=True)
 def refuses_flips(case: Case) -> None:
     """Every single wrong bit is noticed, except where the protocol declares that it cannot."""
     data, direction = case.vector.data, case.vector.direction
@@ -105,6 +111,7 @@ def _is_listed(case: Case, data: bytes) -> bool:
     return (case.vector.direction, data) in case.listed
 
 
+@check("refusals", "refuse")
 def refuses_to_encode(plugin: Protocol, refuse: Refuse) -> None:
     """An encoder raises an error of the tree for these fields."""
     codec = codec_for(plugin, refuse.options)

@@ -6,9 +6,9 @@ from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, DriveError, NotSupported, UsageError
-from drivecomm.testing.bench import bench, raise_all
-from drivecomm.testing.case import expect
-from drivecomm.testing.outcomes import as_data
+from drivecomm.testing.bench import bench
+from drivecomm.testing.calls import as_data
+from drivecomm.testing.checking import check, expect, raise_all
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,6 +22,7 @@ _READABLE = 0.75
 _KEPT = 0.85
 
 
+@check("parameters")
 def reads_what_the_drive_holds(plugin: Protocol, model: Model) -> None:
     """Every parameter is read as the drive holds it, with the name, unit and scale of the model."""
     wrong = []
@@ -71,6 +72,7 @@ def _can_be_held(info: ParameterInfo) -> bool:
     return info.start is not None and (isinstance(info.start, str) or info.start % info.factor == 0)
 
 
+@check("parameters")
 def is_found_by_name(plugin: Protocol, model: Model) -> None:
     """A parameter is the same by the name in the model and by its address."""
     wrong = []
@@ -92,6 +94,7 @@ def is_found_by_name(plugin: Protocol, model: Model) -> None:
     raise_all(wrong)
 
 
+@check("parameters")
 def writes_what_was_given(plugin: Protocol, model: Model) -> None:
     """A value that is written is read back as it was given, at the ends of its range too, or refused as a whole."""
     wrong: list[str] = []
@@ -173,6 +176,7 @@ def _values(info: ParameterInfo) -> list[Decimal]:
     return [*sorted(near - {start}), start]
 
 
+@check("parameters")
 def stores_nothing_where_it_cannot(plugin: Protocol, model: Model) -> None:
     """Where no write can be stored, asking for it is refused before anything is sent."""
     wrong = []

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from drivecomm.errors import DriveCommError, NotSupported, TelegramError
 from drivecomm.protocol import Framed, sort_out
 from drivecomm.testing.bench import bench
-from drivecomm.testing.case import expect, shown
+from drivecomm.testing.checking import check, expect, shown
 from drivecomm.testing.vectors import packaged_vectors
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from drivecomm.testing.bench import Bench
 
 
+@check("commands")
 def tells_asking_from_acting(plugin: Protocol, model: Model) -> None:
     """A request that only asks changes no motor and no parameter; all that reads, looks and probes only asks."""
     asks = plugin.only_asks
@@ -38,6 +39,7 @@ def tells_asking_from_acting(plugin: Protocol, model: Model) -> None:
             expect(asks(find.message), f"{shown(find.data)} is sent to ask, and is said to do more")
 
 
+@check("commands")
 def tells_what_requests_are_for(plugin: Protocol, model: Model) -> None:
     """What reads a parameter is for reading, what changes one for writing, and what moves a motor is no reading."""
     purpose = plugin.purpose
@@ -58,6 +60,7 @@ def tells_what_requests_are_for(plugin: Protocol, model: Model) -> None:
         )
 
 
+@check("commands")
 def what_only_asks_moves_no_drive(plugin: Protocol, model: Model) -> None:
     """No request of the vectors that is said to ask only gives a virtual drive's motor another command."""
     asks, options = plugin.only_asks, sort_out(plugin, model, {})[1]
