@@ -1,7 +1,7 @@
 """Drive models: what the parameters of one drive series mean, as data with a source, and how it is read and judged.
 
 What they are is here and loads nothing else; files are read by `drivecomm.models.files`, common names are in
-`drivecomm.models.quantities`. docs/models.md explains the files.
+`drivecomm.models.quantities`. docs/reference/models.md explains the files.
 """
 
 from drivecomm.models.model import Access as Access

@@ -9,7 +9,7 @@ from drivecomm.echo import Echo
 from drivecomm.line import LINE_FACT_NAMES
 from drivecomm.statistics import COUNTERS
 
-PAGE = (ROOT / "docs" / "bus-engine.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "explanation" / "bus.md").read_text(encoding="utf-8")
 
 
 def rows_under(heading):

@@ -10,7 +10,7 @@ from drivecomm.models import Watchdog
 from drivecomm.models.check import check_model
 from drivecomm.models.schema import PARAMETER_KEYS, TABLES, TEXTS
 
-PAGE = ROOT / "docs" / "models.md"
+PAGE = ROOT / "docs" / "reference" / "models.md"
 
 
 @pytest.fixture
