@@ -8,13 +8,13 @@ from threading import RLock
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.link import fields_text
-from drivecomm.protocol import Framed, LineSettings, Motor, Telegram
-from drivecomm.virtual import OfDrive
+from drivecomm.protocol import Framed, Telegram
+from drivecomm.virtual import DriveProxy
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from drivecomm.protocol import Codec, Damaged, Message, Protocol, VirtualDrive, VirtualReply
+    from drivecomm.protocol import Damaged, Message, Protocol, VirtualDrive, VirtualReply
 
 MOST_KEPT = 50_000
 """How many telegrams are kept; a test of a million exchanges must not fill the memory with them."""
@@ -79,24 +79,14 @@ class Record:
             self._damaged.clear()
 
 
-class RecordingDrive:
+class RecordingDrive(DriveProxy):
     """Stands in place of a virtual drive and does what it does; what is for it is written down before."""
 
-    address = OfDrive[int]()
-    settings = OfDrive[LineSettings]()
-    gap_s = OfDrive[float]()
-    motor = OfDrive[Motor]()
-
     def __init__(self, plugin: Protocol, drive: VirtualDrive, record: Record) -> None:
+        super().__init__(drive)
         self._plugin = plugin
-        self.inner = drive
         self._record = record
         self._alone = record.alone
-
-    @property
-    def codec(self) -> Codec:
-        """The telegrams that it understands."""
-        return self.inner.codec
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Write down what is for the drive, and let it act."""
@@ -108,29 +98,32 @@ class RecordingDrive:
                     protocol=self._plugin.name, direction="request", data=find.data, message=find.message
                 )
                 self._record.add(Received(time_s=now, telegram=telegram))
-            return self.inner.hear(find, now)
+            return super().hear(find, now)
 
     def peek(self, parameter: str, now: float) -> int | str:
         """Return what it holds. Raises ParameterAddressError."""
         with self._alone:
-            return self.inner.peek(parameter, now)
+            return super().peek(parameter, now)
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what it holds. Raises ParameterAddressError."""
         with self._alone:
-            self.inner.poke(parameter, raw)
+            super().poke(parameter, raw)
 
     def trip(self, code: int, now: float) -> None:
         """Make it trip."""
         with self._alone:
-            self.inner.trip(code, now)
+            super().trip(code, now)
 
     def power_cycle(self, now: float) -> None:
         """Switch its mains off and on, if it forgets anything by that."""
         with self._alone:
-            restart = getattr(self.inner, "power_cycle", None)
-            if restart is not None:
-                restart(now)
+            super().power_cycle(now)
+
+    def follow(self, now: float) -> None:
+        """Let it do what it does by itself."""
+        with self._alone:
+            super().follow(now)
 
     def _is_meant(self, message: Message) -> bool:
         if getattr(message, "broadcast", False) is True:
