@@ -21,7 +21,7 @@ from .link import (
     TraceEvent as TraceEvent,
     Wait as Wait,
 )
-from .port import Port as Port
+from .port import Port as Port, PortProxy as PortProxy
 from .statistics import (
     COUNTERS as COUNTERS,
     REPLY_TIME_BOUNDS_MS as REPLY_TIME_BOUNDS_MS,
