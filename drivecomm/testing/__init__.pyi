@@ -1,7 +1,6 @@
 from .calls import call_blocking as call_blocking
 from .checking import Check as Check, CheckFailure as CheckFailure
 from .conversation_strategies import limits as limits
-from .entry import Entry as Entry
 from .exchange_vectors import Call as Call, ExchangeVector as ExchangeVector, Expected as Expected, WireStep as WireStep
 from .fixtures import LineMaker as LineMaker, MakesDrive as MakesDrive, MakesLine as MakesLine, MakesPlant as MakesPlant
 from .judging import (

@@ -7,7 +7,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from drivecomm.cli.drive_names import DriveName, parse_drive
 from drivecomm.errors import UsageError
@@ -32,46 +32,14 @@ _MOST_TRACES = 8
 """Property tests make a line for each example, and the last ones are those that failed."""
 
 
-class MakesLine(Protocol):
-    """The fixture `virtual_line`."""
+MakesLine: TypeAlias = "Callable[..., WatchedLine]"
+"""The fixture `virtual_line`: see `LineMaker.line`."""
 
-    def __call__(
-        self,
-        drives: Iterable[str],
-        *,
-        listen: str | None = None,
-        faults: float | FaultPlan = 0.0,
-        echo: bool = False,
-        paced: bool = False,
-    ) -> WatchedLine:
-        """Make a line; see `LineMaker.line`."""
-        ...
+MakesDrive: TypeAlias = "Callable[..., WatchedDrive]"
+"""The fixture `virtual_drive`: see `LineMaker.drive`."""
 
-
-class MakesDrive(Protocol):
-    """The fixture `virtual_drive`."""
-
-    def __call__(
-        self,
-        name: str,
-        *,
-        listen: str | None = None,
-        faults: float | FaultPlan = 0.0,
-        echo: bool = False,
-        paced: bool = False,
-        model: str | Path | Model | None = None,
-        **options: Any,
-    ) -> WatchedDrive:
-        """Make a drive; see `LineMaker.drive`."""
-        ...
-
-
-class MakesPlant(Protocol):
-    """The fixture `virtual_plant`."""
-
-    def __call__(self, plant: str | Path | Plant, *, listen: str | None = None) -> WatchedPlant:
-        """Make a plant; see `LineMaker.plant`."""
-        ...
+MakesPlant: TypeAlias = "Callable[..., WatchedPlant]"
+"""The fixture `virtual_plant`: see `LineMaker.plant`."""
 
 
 class LineMaker:

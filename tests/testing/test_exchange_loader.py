@@ -8,8 +8,9 @@ from hypothesis import given, strategies as st
 
 from drivecomm import errors
 from drivecomm.errors import FileFormatError
-from drivecomm.testing import Call, Entry, ExchangeVector, Expected, WireStep, load_vectors
+from drivecomm.testing import Call, ExchangeVector, Expected, WireStep, load_vectors
 from drivecomm.testing.exchange_vectors import ACTIONS, ERROR_NAMES, read_exchange
+from drivecomm.tomlfile import Table
 
 HEAD = 'format = 2\nprotocol = "vabus"\n'
 EXCHANGE = """
@@ -119,44 +120,68 @@ def calls(text):
         (EXCHANGE.replace('source = "somewhere"', ""), "exchange one: the key 'source' is missing"),
         (EXCHANGE.replace('"somewhere"', '" "'), "exchange one: source is empty"),
         (EXCHANGE.replace("address = 1", ""), "exchange one: the key 'address' is missing"),
-        (EXCHANGE.replace("address = 1", 'address = "1"'), "exchange one: address is not a whole number"),
-        (EXCHANGE.replace("address = 1", "address = true"), "exchange one: address is not a whole number"),
-        (EXCHANGE + "colour = 3", "exchange one: the key 'colour' is not known"),
+        (
+            EXCHANGE.replace("address = 1", 'address = "1"'),
+            "line 7: exchange one: address cannot be '1'; write a whole number",
+        ),
+        (
+            EXCHANGE.replace("address = 1", "address = true"),
+            "exchange one: address cannot be True; write a whole number",
+        ),
+        (EXCHANGE + "colour = 3", "exchange one: unknown key 'colour'; the keys are id, source, model,"),
         (EXCHANGE + 'error = "NoReply"', "exchange one: error 'NoReply' is not one of AddressError,"),
         (EXCHANGE + 'error_text = "x"', "exchange one: an exchange without error has no error_text"),
         (
             EXCHANGE + 'error = "LinkError"\nresult = {}',
             "exchange one: an exchange that ends in an error has no result",
         ),
-        (EXCHANGE + "result = 3", "exchange one: result is not a table"),
+        (EXCHANGE + "result = 3", "exchange one: result cannot be 3; write a table in braces"),
         (calls("[]"), "exchange one: calls is empty"),
-        (calls('"read"'), "exchange one: calls is not a list"),
-        (calls('["read"]'), "exchange one: calls is not a list of tables"),
-        (calls("[{}]"), "exchange one, call 1: the key 'call' is missing"),
-        (calls('[{ call = "" }]'), "exchange one, call 1: call is empty"),
-        (calls('[{ call = "read", with = 1 }]'), "exchange one, call 1: the key 'with' is not known"),
-        (calls('[{ call = "read", arguments = 1 }]'), "exchange one, call 1: arguments is not a table"),
+        (calls('"read"'), "exchange one: calls cannot be 'read'; write a list of tables, such as [{ call = "),
+        (calls('["read"]'), "exchange one: write calls as tables"),
+        (calls("[{}]"), "exchange one, calls 1: the key 'call' is missing"),
+        (calls('[{ call = "" }]'), "exchange one, calls 1: call is empty"),
+        (
+            calls('[{ call = "read", with = 1 }]'),
+            "exchange one, calls 1: unknown key 'with'; the keys are call, arguments, result, error, error_text",
+        ),
+        (
+            calls('[{ call = "read", arguments = 1 }]'),
+            "exchange one, calls 1: arguments cannot be 1; write a table in braces",
+        ),
         (calls('[{ call = "read", result = {} }]'), "exchange one: the last call's result and error stand beside"),
-        (steps("3"), "exchange one: steps is not a list"),
-        (steps('["04"]'), "exchange one: steps is not a list of tables"),
-        (steps("[{}]"), "exchange one, step 1: has exactly one of send, reply, silence, garbage, pause_s"),
-        (steps('[{ send = "04", reply = "04" }]'), "exchange one, step 1: has exactly one of"),
-        (steps('[{ send = "0" }]'), "exchange one, step 1: send is no hexadecimal"),
-        (steps('[{ send = "04", after_s = 1 }]'), "exchange one, step 1: the key 'after_s' is not known"),
-        (steps('[{ send = "04" }, { reply = "" }]'), "exchange one, step 2: reply is empty"),
-        (steps('[{ send = "04" }, { reply = "04", after_s = -1 }]'), "exchange one, step 2: after_s is no time"),
-        (steps('[{ send = "04" }, { reply = "04", after_s = "1" }]'), "exchange one, step 2: after_s is no time"),
-        (steps('[{ send = "04" }, { reply = "04", after_s = inf }]'), "exchange one, step 2: after_s is no time"),
-        (steps('[{ send = "04" }, { reply = "04", after_s = true }]'), "exchange one, step 2: after_s is no time"),
-        (steps('[{ send = "04" }, { silence = false }]'), "exchange one, step 2: silence is true or absent"),
-        (steps('[{ send = "04" }, { pause_s = 1 }]'), "exchange one, step 2: after a pause comes a send"),
-        (steps('[{ pause_s = 1 }, { reply = "04" }]'), "exchange one, step 1: after a pause comes a send"),
-        (steps('[{ reply = "04" }]'), "exchange one, step 1: reply comes after a send"),
-        (steps("[{ silence = true }]"), "exchange one, step 1: silence comes after a send"),
+        (steps("3"), "exchange one: steps cannot be 3; write a list of tables, such as [{ send = "),
+        (steps('["04"]'), "exchange one: write steps as tables"),
+        (steps("[{}]"), "exchange one, steps 1: has exactly one of send, reply, silence, garbage, pause_s"),
+        (steps('[{ send = "04", reply = "04" }]'), "exchange one, steps 1: has exactly one of"),
+        (steps('[{ send = "0" }]'), "exchange one, steps 1: send is no hexadecimal"),
+        (steps('[{ send = "04", after_s = 1 }]'), "exchange one, steps 1: unknown key 'after_s'; the keys are send"),
+        (steps('[{ send = "04" }, { reply = "" }]'), "exchange one, steps 2: reply is empty"),
+        (
+            steps('[{ send = "04" }, { reply = "04", after_s = -1 }]'),
+            "steps 2: after_s cannot be -1; write seconds from 0 to 1e9",
+        ),
+        (
+            steps('[{ send = "04" }, { reply = "04", after_s = "1" }]'),
+            "exchange one, steps 2: after_s cannot be '1'; write seconds",
+        ),
+        (
+            steps('[{ send = "04" }, { reply = "04", after_s = inf }]'),
+            "steps 2: after_s cannot be inf; write seconds from 0 to 1e9",
+        ),
+        (
+            steps('[{ send = "04" }, { reply = "04", after_s = true }]'),
+            "exchange one, steps 2: after_s cannot be True; write seconds",
+        ),
+        (steps('[{ send = "04" }, { silence = false }]'), "exchange one, steps 2: silence is true or absent"),
+        (steps('[{ send = "04" }, { pause_s = 1 }]'), "exchange one, steps 2: after a pause comes a send"),
+        (steps('[{ pause_s = 1 }, { reply = "04" }]'), "exchange one, steps 1: after a pause comes a send"),
+        (steps('[{ reply = "04" }]'), "exchange one, steps 1: reply comes after a send"),
+        (steps("[{ silence = true }]"), "exchange one, steps 1: silence comes after a send"),
     ],
 )
 def test_what_is_wrong_is_named(load, text, what):
-    with pytest.raises(FileFormatError, match=r"some\.toml: ") as caught:
+    with pytest.raises(FileFormatError, match=r"some\.toml, line \d+: ") as caught:
         load(text)
     assert what in str(caught.value)
 
@@ -175,7 +200,7 @@ LISTS = st.lists(
 )
 def test_whatever_a_table_holds_is_read_or_refused_by_name(content):
     try:
-        vector = read_exchange(Entry("file", "exchange", "x", content))
+        vector = read_exchange(Table(content, "file", name="exchange x"))
     except FileFormatError as error:
         where = str(error)
     else:

@@ -129,7 +129,8 @@ def test_what_cannot_be(lines, path):
 
 def test_a_watched_drive_notices_that_its_master_is_silent(lines, tmp_path):
     path = tmp_path / "plant.toml"
-    drive = 'name = "gate"\ndrive = "fuji:7"\nline = "yard"\noptions = { model = "frenic" }\nvalues = { y08 = 4, y02 = 0 }\n'
+    drive = 'name = "gate"\ndrive = "fuji:7"\nline = "yard"\noptions = { model = "frenic" }\n'
+    drive += "values = { y08 = 4, y02 = 0 }\n"
     path.write_text(f'format = 1\n[[line]]\nname = "yard"\n[[drive]]\n{drive}', encoding="utf-8")
     plant = lines.plant(path)
     with drivecomm.open_bus(plant.line("yard").port) as bus:
