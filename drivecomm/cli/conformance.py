@@ -59,7 +59,7 @@ def _tell(result: CheckResult, *, as_json: bool) -> None:
             seconds=round(result.seconds, 4),
         )
     elif not result.passed:
-        say(f"FAILED {result.check.name}: {result.reason}")
+        say(f"FAILED {result.name}: {result.reason}")
 
 
 def _summarise(protocol: str, report: Report) -> None:

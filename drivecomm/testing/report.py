@@ -24,17 +24,14 @@ class CheckResult:
     seconds: float = 0.0
 
     @property
+    def name(self) -> str:
+        """The name of the check."""
+        return self.check.name
+
+    @property
     def passed(self) -> bool:
         """Whether it holds."""
         return not self.reason
-
-
-@dataclass(frozen=True, slots=True)
-class Failure:
-    """A check that did not hold, and why."""
-
-    name: str
-    reason: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,12 +47,12 @@ class Report:
     @property
     def passed(self) -> tuple[str, ...]:
         """The names of the checks that held."""
-        return tuple(result.check.name for result in self.results if result.passed)
+        return tuple(result.name for result in self.results if result.passed)
 
     @property
-    def failed(self) -> tuple[Failure, ...]:
+    def failed(self) -> tuple[CheckResult, ...]:
         """The checks that did not hold."""
-        return tuple(Failure(each.check.name, each.reason) for each in self.results if not each.passed)
+        return tuple(result for result in self.results if not result.passed)
 
     @property
     def seconds(self) -> float:
@@ -126,7 +123,7 @@ def sections_of(report: Report) -> list[Section]:
     """Return a report by theme, in the order in which it was made."""
     themes: dict[str, list[CheckResult]] = {}
     for result in report.results:
-        themes.setdefault(_theme(result.check.name), []).append(result)
+        themes.setdefault(_theme(result.name), []).append(result)
     return [Section(title=theme, rows=_rows(verdicts)) for theme, verdicts in themes.items()]
 
 

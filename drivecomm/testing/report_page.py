@@ -94,7 +94,6 @@ def _row(row: Row) -> str:
 
 def _failures(failed: Iterable[CheckResult]) -> str:
     told = "".join(
-        f'<div class="failure"><code>{escape(result.check.name)}</code><br>{escape(result.reason)}</div>'
-        for result in failed
+        f'<div class="failure"><code>{escape(result.name)}</code><br>{escape(result.reason)}</div>' for result in failed
     )
     return f"<details open><summary>what is wrong</summary>{told}</details>" if told else ""

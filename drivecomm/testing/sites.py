@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from functools import partial
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, TypeAlias
 
 from drivecomm.capture import Piece
 from drivecomm.errors import UsageError
@@ -13,42 +13,15 @@ from drivecomm.virtual import Server, parse_listen
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from types import TracebackType
 
     from drivecomm.capture import Source
     from drivecomm.plant import FaultPlan
     from drivecomm.protocol import VirtualDrive
     from drivecomm.testing.attached_trace import LineTrace
-    from drivecomm.virtual import Transmission, VirtualLine, VirtualPort
+    from drivecomm.virtual import PlantServer, Transmission, VirtualLine, VirtualPort
 
 _STEP_S = 0.005
 """How often it is looked whether something has come about, in the time of the line."""
-
-
-class Site(Protocol):
-    """A line with its clock."""
-
-    @property
-    def port(self) -> str | Callable[[], VirtualPort]:
-        """What a master opens: a path, a URL, or what `open_bus` calls to open a port."""
-        ...
-
-    @property
-    def virtual(self) -> VirtualLine:
-        """The line itself. Raises UsageError where there is none in this process."""
-        ...
-
-    def now(self) -> float:
-        """Return the time on the line's clock, in seconds."""
-        ...
-
-    def passes(self, seconds: float) -> None:
-        """Let time pass."""
-        ...
-
-    def close(self) -> None:
-        """Leave nothing behind, and raise what went wrong meanwhile."""
-        ...
 
 
 class InProcess:
@@ -135,6 +108,10 @@ def served(
     return Served(server.address, server.now, thread)
 
 
+Site: TypeAlias = InProcess | Served
+"""A line with its clock."""
+
+
 def comes_about(site: Site, condition: Callable[[], bool], within_s: float) -> bool:
     """Return whether this is so, or becomes so within a time of the line."""
     until = site.now() + within_s
@@ -146,24 +123,10 @@ def comes_about(site: Site, condition: Callable[[], bool], within_s: float) -> b
     return True
 
 
-class Serves(Protocol):
-    """What serves until it is told to stop; entering opens its ports."""
-
-    def run(self, stop: Event) -> None:
-        """Serve until the event is set."""
-        ...
-
-    def __enter__(self) -> object: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None: ...
-
-
 class ServingThread:
     """Serves from the beginning until it is closed. Raises PortError when a port cannot be had."""
 
-    def __init__(self, server: Serves) -> None:
+    def __init__(self, server: Server | PlantServer) -> None:
         self._server = server
         self._stop = Event()
         self._error: BaseException | None = None

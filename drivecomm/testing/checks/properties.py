@@ -47,25 +47,16 @@ class Drawn:
 def drawn(plugin: Protocol, direction: Direction) -> Drawn:
     """Return what examples are drawn from. Raises FileFormatError for a package without vectors."""
     codec = plugin.codec(plugin.options())
-    fields = strategies.telegram_fields(plugin, direction)
-    telegrams = fields.map(lambda drawn_fields: codec.encode(plugin.message(drawn_fields, direction)))
     return Drawn(
         plugin=plugin,
         direction=direction,
         codec=codec,
         model=known_model(plugin, plugin.default_model),
-        fields=fields,
-        telegrams=telegrams,
+        fields=strategies.telegram_fields(plugin, direction),
+        telegrams=strategies.telegrams(plugin, direction),
         junk_fields=strategies.junk_fields(plugin, direction),
-        near=st.one_of(st.binary(max_size=64), telegrams, telegrams.flatmap(_spoilt)),
+        near=strategies.near_telegrams(plugin, direction),
         noise=strategies.line_noise(codec, direction),
-    )
-
-
-def _spoilt(telegram: bytes) -> SearchStrategy[bytes]:
-    """Give a telegram that is cut, has something in it that does not belong there, or goes on behind its end."""
-    return st.tuples(st.integers(0, len(telegram)), st.integers(0, len(telegram)), st.binary(max_size=3)).map(
-        lambda spoilt: telegram[: spoilt[0]] + spoilt[2] + telegram[spoilt[1] :]
     )
 
 
