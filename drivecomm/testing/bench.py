@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.bus import open_bus
+from drivecomm.errors import DriveCommError, NotSupported
 from drivecomm.protocol import Framed, sort_out
 from drivecomm.testing.checking import CheckFailure, shown
 from drivecomm.testing.subjects import known_model
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
     from drivecomm.bus import Bus, Drive
     from drivecomm.plant import FaultPlan
-    from drivecomm.protocol import Damaged, Model, Protocol, VirtualDrive, VirtualReply
+    from drivecomm.protocol import Damaged, LineSettings, Model, Protocol, Reading, Value, VirtualDrive, VirtualReply
 
 # Longer than any ramp from standstill to the highest frequency, and than the time after which a fault can be reset.
 _SETTLED_S = 120.0
@@ -64,6 +65,28 @@ class Bench(NamedTuple):
         """Whether the drive answers, and later than the master waits for it."""
         said = self.virtual.said[-1] if self.virtual.said else None
         return said is not None and said.delay_s >= self.drive.facts.timing.reply_timeout_s
+
+    @property
+    def place(self) -> tuple[int, LineSettings]:
+        """Where the drive is heard; a write may change it."""
+        return self.virtual.address, self.virtual.settings
+
+    def write(self, parameter: str, value: Value) -> Reading | None:
+        """Write, and store where it cannot be written otherwise; returns what the drive confirms."""
+        try:
+            return self.drive.write(parameter, value)
+        except NotSupported:
+            return self.drive.write(parameter, value, store=True)
+
+    def read_first(self, model: Model) -> str:
+        """Read the first parameter that the drive tells, and return its address; empty if there is none."""
+        for info in model.parameters.values():
+            try:
+                self.drive.read(info.address)
+            except DriveCommError:
+                continue
+            return info.address
+        return ""
 
     def settle(self) -> None:
         """Let so much time pass that the motor has done what it was told to."""

@@ -58,11 +58,11 @@ def forgets_what_was_not_stored(plugin: Protocol, model: Model) -> None:
                 if not (able.stored_writes and able.volatile_writes and on.virtual.has_mains):
                     return
                 before = on.virtual.peek(info.address, on.line.time)
-                settings = (on.virtual.address, on.virtual.settings)
+                place = on.place
                 with suppress(DriveCommError):
                     on.drive.write(info.address, info.start + info.factor, store=store)  # type: ignore[operator]
                 written = on.virtual.peek(info.address, on.line.time)
-                if written == before or (on.virtual.address, on.virtual.settings) != settings:
+                if written == before or on.place != place:
                     continue
                 on.virtual.power_cycle(on.line.time)
                 kept = on.virtual.peek(info.address, on.line.time)

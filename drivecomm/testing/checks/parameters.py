@@ -5,7 +5,7 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import DriveCommError, DriveError, NotSupported, UsageError
+from drivecomm.errors import DriveCommError, DriveError, UsageError
 from drivecomm.testing.bench import bench
 from drivecomm.testing.calls import as_data
 from drivecomm.testing.checking import check, expect, raise_all
@@ -114,18 +114,18 @@ def writes_what_was_given(plugin: Protocol, model: Model) -> None:
 def _written(plugin: Protocol, model: Model, info: ParameterInfo) -> Iterator[tuple[str, bool]]:
     """Write some values; yield for each what is wrong with what came of it, and whether the drive took a new value."""
     with bench(plugin, model) as on:
-        address, settings = on.virtual.address, on.virtual.settings
+        place = on.place
         for value in _values(info):
             before = on.virtual.peek(info.address, on.line.time)
             try:
-                confirmed = _write(on, info.address, value)
+                confirmed = on.write(info.address, value)
             except (UsageError, DriveError):
                 continue
             except DriveCommError as error:
                 if not on.answers_too_late:
                     yield f"{info.address} := {value}: {error}", False
                 return
-            if (on.virtual.address, on.virtual.settings) != (address, settings):
+            if on.place != place:
                 # It was told to speak elsewhere or otherwise, and does.
                 return
             if info.access == "r":
@@ -155,13 +155,6 @@ def _wrong_write(
     if info.minimum is not None and value < info.minimum and not unchanged:
         return f"{info.address} := {value} is below its minimum {info.minimum}"
     return ""
-
-
-def _write(on: Bench, parameter: str, value: Decimal) -> Reading | None:
-    try:
-        return on.drive.write(parameter, value)
-    except NotSupported:
-        return on.drive.write(parameter, value, store=True)
 
 
 def _values(info: ParameterInfo) -> list[Decimal]:

@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, TelegramError
 from drivecomm.protocol import fields_of
+from drivecomm.testing.calls import same
 from drivecomm.testing.checking import CheckFailure, check, expect, is_valid, shown
 from drivecomm.testing.subjects import codec_for
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from drivecomm.protocol import Message, Protocol
+    from drivecomm.protocol import Protocol
     from drivecomm.testing.subjects import Case
     from drivecomm.testing.vectors import Refuse
 
@@ -27,14 +26,7 @@ def decodes(case: Case) -> None:
     found = fields_of(case.codec.decode(vector.data, vector.direction))
     for name, wanted in vector.fields.items():
         expect(name in found, f"the field {name} is missing; decoded is {found}")
-        expect(_same(found[name], wanted), f"{name} is {found[name]!r}, the vector says {wanted!r}")
-
-
-def _same(found: object, wanted: object) -> bool:
-    # True == 1 in Python, and a flag is no number.
-    if isinstance(found, list) and isinstance(wanted, list):
-        return len(found) == len(wanted) and all(map(_same, found, wanted))
-    return type(found) is type(wanted) and found == wanted
+        expect(same(found[name], wanted), f"{name} is {found[name]!r}, the vector says {wanted!r}")
 
 
 def _refused_as(case: Case, category: str | None) -> None:
@@ -116,12 +108,7 @@ def refuses_to_encode(plugin: Protocol, refuse: Refuse) -> None:
     """An encoder raises an error of the tree for these fields."""
     codec = codec_for(plugin, refuse.options)
     try:
-        data = codec.encode(_message(plugin, refuse))
+        data = codec.encode(plugin.message(refuse.fields, refuse.direction))
     except DriveCommError:
         return
     raise CheckFailure(f"encoded as {shown(data)}, the vector says it is refused ({refuse.reason or 'no reason'})")
-
-
-def _message(plugin: Protocol, refuse: Refuse) -> Message:
-    fields: Mapping[str, object] = refuse.fields
-    return plugin.message(fields, refuse.direction)
