@@ -1,4 +1,4 @@
-"""What commands print: JSON objects for scripts, lines for people."""
+"""What commands print: text, or JSON objects."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def emit(**content: Any) -> None:
 
 
 def say(text: str = "") -> None:
-    """Print a line for people."""
+    """Print a line of text."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
 
@@ -82,7 +82,7 @@ def interrupted(*, as_json: bool) -> int:
 
 
 def trace_to_standard_error(event: TraceEvent) -> None:
-    """Print a trace event for people."""
+    """Print a trace event as text."""
     sys.stderr.write(trace_line(event) + "\n")
     sys.stderr.flush()
 

@@ -1,20 +1,20 @@
 from .calls import call_blocking as call_blocking
 from .checking import Check as Check, CheckFailure as CheckFailure
-from .conversation_strategies import limits as limits
-from .exchange_vectors import Call as Call, ExchangeVector as ExchangeVector, Expected as Expected, WireStep as WireStep
-from .fixtures import LineMaker as LineMaker, MakesDrive as MakesDrive, MakesLine as MakesLine, MakesPlant as MakesPlant
-from .judging import (
+from .conformance import (
     FULL as FULL,
     QUICK as QUICK,
     all_checks as all_checks,
     checks_of as checks_of,
     conformance_tests as conformance_tests,
     first_failure as first_failure,
-    judge as judge,
     left_out as left_out,
     results as results,
     run_checks as run_checks,
+    run_conformance as run_conformance,
 )
+from .conversation_strategies import limits as limits
+from .exchange_vectors import Call as Call, ExchangeVector as ExchangeVector, Expected as Expected, WireStep as WireStep
+from .fixtures import LineMaker as LineMaker, MakesDrive as MakesDrive, MakesLine as MakesLine, MakesPlant as MakesPlant
 from .report import (
     CheckResult as CheckResult,
     Report as Report,

@@ -25,7 +25,7 @@ class TracedPiece:
     """A piece, and whether it met others on the wire or broke off."""
 
     piece: Piece
-    spoilt: bool
+    disturbed: bool
 
 
 class LineTrace:
@@ -36,10 +36,10 @@ class LineTrace:
         self._heard: deque[TracedPiece] = deque(maxlen=_MOST_PIECES)
         self._guard = Lock()
 
-    def add(self, piece: Piece, *, spoilt: bool = False) -> None:
+    def add(self, piece: Piece, *, disturbed: bool = False) -> None:
         """Note down what was on the line."""
         with self._guard:
-            self._heard.append(TracedPiece(piece, spoilt))
+            self._heard.append(TracedPiece(piece, disturbed))
 
     def lines(self) -> Iterator[str]:
         """Yield one line of text for each telegram, and for what is none: time, direction, bytes, meaning."""
@@ -84,7 +84,7 @@ class LineTrace:
         settings = together[0].piece.settings
         if settings is not None and all(settings != drive.settings for drive in self._drives):
             said.append(f"sent with {settings}, which no drive here listens with")
-        if any(heard.spoilt for heard in together):
+        if any(heard.disturbed for heard in together):
             said.append("met others on the wire, or broke off")
         return said
 

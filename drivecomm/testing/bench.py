@@ -24,7 +24,7 @@ _SETTLED_S = 120.0
 
 
 class Overheard(DriveProxy):
-    """A virtual drive behind somebody who listens, and who may keep its answers back or give others.
+    """A virtual drive whose telegrams are written down, and whose answers can be kept back or replaced.
 
     heard: the sound telegrams that came to it, in order. said: what it answered to each, None for silence. between:
     told the request and the answer, returns what is sent.

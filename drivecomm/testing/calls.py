@@ -46,7 +46,7 @@ def call_blocking(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
                 outcome = CallResult(_verb(partner, call)(**_arguments(call)))
             except DriveCommError as error:
                 outcome = CallResult(error=error)
-            judge_call(call, outcome)
+            compare(call, outcome)
 
 
 def call_awaited(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
@@ -63,7 +63,7 @@ async def _call_awaited(plugin: Protocol, vector: ExchangeVector, line: Line) ->
                 outcome = CallResult(await _verb(partner, call)(**_arguments(call)))
             except DriveCommError as error:
                 outcome = CallResult(error=error)
-            judge_call(call, outcome)
+            compare(call, outcome)
 
 
 def exchange_of(verbs: Verbs, call: Call) -> Exchange[Any]:
@@ -132,7 +132,7 @@ class CallResult:
     error: DriveCommError | None = None
 
 
-def judge_call(call: Call, outcome: CallResult) -> None:
+def compare(call: Call, outcome: CallResult) -> None:
     """Compare what came of a call with what was expected. Raises CheckFailure."""
     expected, error = call.expected, outcome.error
     if expected.error:
@@ -148,7 +148,7 @@ def judge_call(call: Call, outcome: CallResult) -> None:
     if error is not None:
         raise CheckFailure(f"{call.call} raises {type(error).__name__}: {error}") from error
     if expected.result is not None:
-        _judge_result(call.call, outcome.result, expected.result)
+        _compare_result(call.call, outcome.result, expected.result)
 
 
 def as_data(value: object) -> Any:
@@ -168,7 +168,7 @@ def as_data(value: object) -> Any:
     return value
 
 
-def _judge_result(name: str, result: object, wanted: Mapping[str, Any]) -> None:
+def _compare_result(name: str, result: object, wanted: Mapping[str, Any]) -> None:
     found = as_data(result)
     if not wanted:
         expect(found is None or found == {}, f"{name} gives {found!r}, expected is nothing")

@@ -59,17 +59,17 @@ class Check:
 class Registered:
     """A function that `check` was put on.
 
-    name: the last part of the names of its checks. applies_to: whether it is for a vector. dear: it takes long, and a
+    name: the last part of the names of its checks. applies_to: whether it is for a vector. costly: it takes long, and a
     quick run leaves it out, or runs it on some of the vectors only.
     """
 
     function: Callable[..., None]
     name: str
     applies_to: Callable[[Vector], bool]
-    dear: bool
+    costly: bool
 
     def on(self, prefix: str, *values: Any) -> Check:
-        """Return the check of these values, named behind a prefix."""
+        """Return the check of these values, named after a prefix."""
         return Check(f"{prefix}/{self.name}", lambda: self.function(*values), self.meaning)
 
     @property
@@ -82,13 +82,13 @@ _registered: dict[str, list[Registered]] = {}
 
 
 def check(
-    theme: str, name: str = "", *, applies_to: Callable[[Vector], bool] = lambda _: True, dear: bool = False
+    theme: str, name: str = "", *, applies_to: Callable[[Vector], bool] = lambda _: True, costly: bool = False
 ) -> Callable[[F], F]:
     """Register a function as a check of this theme; see `Registered`. name: that of the function if empty."""
 
     def register(function: F) -> F:
         title = name or function.__name__.replace("_", " ")
-        found = Registered(function=function, name=title, applies_to=applies_to, dear=dear)
+        found = Registered(function=function, name=title, applies_to=applies_to, costly=costly)
         _registered.setdefault(theme, []).append(found)
         return function
 

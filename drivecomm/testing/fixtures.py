@@ -68,7 +68,7 @@ class LineMaker:
     ) -> WatchedLine:
         """Make a line with these virtual drives on it.
 
-        drives: as the command line names them, `PROTOCOL:ADDRESS` with options behind commas:
+        drives: as the command line names them, `PROTOCOL:ADDRESS` with options after commas:
         "vabus:1,model=act,reply_delay_s=0.2". listen: None for a line in this process, in virtual time; "pty", "tcp" or
         "rfc2217" for a line that is served to any program on this machine, in real time; or a place, as
         `drivecomm simulate --listen` takes it. faults: the share of transmissions that are disturbed, 0 to 1, or a
@@ -103,7 +103,7 @@ class LineMaker:
         """Make a whole plant: the lines, drives and fault script of a file, or of a `Plant`.
 
         listen: None for lines in this process, in virtual time; "pty", "tcp" or "rfc2217" for lines that are served, in
-        real time, each at a place of its own; where the file says to listen is passed over. Raises FileFormatError and
+        real time, each at a place of its own; where the file says to listen is ignored. Raises FileFormatError and
         UsageError for what cannot be.
         """
         known = plant if isinstance(plant, Plant) else read_plant(Path(plant))

@@ -73,7 +73,7 @@ class Record:
             return tuple(self._damaged)
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Forget all of it."""
         with self.alone:
             self._received.clear()
             self._damaged.clear()

@@ -1,4 +1,4 @@
-"""What comes of running checks: a result of each, a report of many, and the report by theme for people."""
+"""The results of checks: one of each, a report of many, and the report by theme."""
 
 from __future__ import annotations
 
@@ -36,10 +36,7 @@ class CheckResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """The outcome of a number of checks.
-
-    left_out: what could not be checked here, and why.
-    """
+    """The results of a number of checks. left_out: what could not be checked here, and why."""
 
     results: tuple[CheckResult, ...]
     left_out: tuple[str, ...] = ()
@@ -78,7 +75,7 @@ def try_out(check: Check) -> CheckResult:
         reason = str(failure) or "it does not hold"
     except DriveCommError as error:
         reason = f"refused: {error}"
-    except Exception as error:  # noqa: BLE001 - a stranger's protocol may raise anything, and that is the finding
+    except Exception as error:  # noqa: BLE001 - a protocol may raise anything, and that is the finding
         reason = f"{type(error).__name__} outside the error tree: {error}"
     else:
         reason = ""

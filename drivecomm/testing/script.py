@@ -36,9 +36,9 @@ class Arriving:
 class Script:
     """Tells what comes to the master and judges what it sends.
 
-    reply_time_s: how long the master must wait in vain, 0 where nobody is to answer. wire_s: seconds that so many
-    characters take. slack_s: by how much a master may be early, where clocks are real. Whatever deviates raises
-    CheckFailure, at once and again at the end, for it could be caught on its way by what is judged.
+    reply_time_s: how long the master must wait for a reply that does not come, 0 where none is expected. wire_s:
+    seconds that so many characters take. slack_s: by how much a master may be early, where clocks are real. A deviation
+    raises CheckFailure at once, and again at the end, since what is tested could have caught it on its way.
     """
 
     def __init__(

@@ -60,7 +60,7 @@ def note(trace: LineTrace, sent: Transmission) -> None:
         # What a drive sends has the settings of that drive, which are no news; over plain TCP they are not known.
         settings=sent.settings if sent.source == "master" and not sent.agreed else None,
     )
-    trace.add(piece, spoilt=sent.garbled)
+    trace.add(piece, disturbed=sent.garbled)
 
 
 class Served:

@@ -69,7 +69,7 @@ class WatchedLine:
         self.virtual.call_at(time_s, action)
 
     def inject(self, data: bytes) -> None:
-        """Put bytes on the line that come from nobody. Raises UsageError when it is served in real time."""
+        """Inject foreign bytes. Raises UsageError when it is served in real time."""
         self.virtual.inject(data)
 
     def unplug(self) -> None:
@@ -135,7 +135,7 @@ class WatchedDrive:
         return self._record.damaged()
 
     def forget_received(self) -> None:
-        """Begin anew with what was received."""
+        """Forget what was received so far."""
         self._record.forget()
 
     def received_with(self, **fields: Any) -> tuple[Received, ...]:

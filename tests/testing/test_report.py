@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 import pytest
 
 from drivecomm.protocol import installed
-from drivecomm.testing import QUICK, Check, CheckFailure, carry_out, judge, page, sections_of, try_out
+from drivecomm.testing import QUICK, Check, CheckFailure, carry_out, page, run_conformance, sections_of, try_out
 
 VABUS = installed["vabus"]
 
@@ -94,7 +94,7 @@ def test_a_page_says_what_is_wrong():
 
 
 def test_a_page_of_a_sound_protocol():
-    report = judge(VABUS, QUICK, only="/contract/")
+    report = run_conformance(VABUS, QUICK, only="/contract/")
     read = Page(page(VABUS, report))
     assert f"all {len(report.passed)} checks hold" in read.text
     assert all(verdict.check.meaning in read.text for verdict in report.results)

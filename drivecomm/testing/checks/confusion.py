@@ -62,7 +62,7 @@ def _names_it(mine: _Asked, other: _Asked) -> str:
 
 @check("confusion")
 def another_drive_is_not_believed(plugin: Protocol, model: Model) -> None:
-    """The answer that another drive would give to the same question is passed over, whatever is asked."""
+    """The answer that another drive would give to the same question is ignored, whatever is asked."""
     wrong = []
     for first, second in ((plugin.addresses[0], plugin.addresses[1]), (plugin.addresses[-1], plugin.addresses[0])):
         with bench(plugin, model, addresses=(second,)) as elsewhere:

@@ -252,7 +252,7 @@ def finds_its_examples(plugin: Protocol) -> None:
 
 @check("contract")
 def speaks_to_all_without_waiting(plugin: Protocol) -> None:
-    """What goes to all drives is told and not asked, stops every motor, and nobody answers; the rest is refused."""
+    """A broadcast waits for no reply, stops every motor, and no drive answers; what cannot be broadcast is refused."""
     if plugin.broadcast_address is None:
         return
     operations = plugin.operations(plugin.broadcast_address, plugin.options(), None)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from drivecomm.bus import Verbs
 from drivecomm.errors import DriveCommError, ReplyError, TelegramError
 from drivecomm.protocol import Pause, fields_of, sort_out
-from drivecomm.testing.calls import CallResult, Line, call_awaited, call_blocking, exchange_of, judge_call
+from drivecomm.testing.calls import CallResult, Line, call_awaited, call_blocking, compare, exchange_of
 from drivecomm.testing.checking import check
 from drivecomm.testing.checks.framing import noise_of
 from drivecomm.testing.exchange_vectors import WireStep
@@ -34,19 +34,19 @@ def goes_as_written(plugin: Protocol, vector: ExchangeVector) -> None:
     _play(call_blocking, plugin, vector, ScriptedPort())
 
 
-@check("exchanges", "awaited", dear=True)
+@check("exchanges", "awaited", costly=True)
 def goes_as_written_awaited(plugin: Protocol, vector: ExchangeVector) -> None:
     """The awaited face sends, waits and results in what the vector says."""
     _play(call_awaited, plugin, vector, ScriptedPort())
 
 
-@check("exchanges", "echo", dear=True)
+@check("exchanges", "echo", costly=True)
 def goes_as_written_with_echo(plugin: Protocol, vector: ExchangeVector) -> None:
     """An adapter that hands back what is sent changes nothing."""
     _play(call_blocking, plugin, vector, ScriptedPort(echo=True), echo="expect")
 
 
-@check("exchanges", "lumps", dear=True)
+@check("exchanges", "lumps", costly=True)
 def goes_as_written_in_lumps(plugin: Protocol, vector: ExchangeVector) -> None:
     """An adapter that collects the characters of a telegram before it hands them over changes nothing."""
     _play(call_blocking, plugin, vector, ScriptedPort(in_lumps=True))
@@ -68,7 +68,7 @@ def passes_over_another_drive(plugin: Protocol, vector: ExchangeVector) -> None:
     _play(call_blocking, plugin, replace(vector, steps=tuple(steps)), ScriptedPort())
 
 
-@check("exchanges", "noise", dear=True)
+@check("exchanges", "noise", costly=True)
 def passes_over_noise(plugin: Protocol, vector: ExchangeVector) -> None:
     """Characters that begin no telegram, in front of each reply, change nothing."""
     codec = _codec(plugin, vector)
@@ -116,7 +116,7 @@ def _calls_of(vector: ExchangeVector, verbs: Verbs) -> Exchange[None]:
             outcome = CallResult((yield from exchange_of(verbs, call)))
         except DriveCommError as error:
             outcome = CallResult(error=error)
-        judge_call(call, outcome)
+        compare(call, outcome)
 
 
 def _as_script(plugin: Protocol, vector: ExchangeVector) -> list[tuple[Message, Message | ReplyError | None]] | None:

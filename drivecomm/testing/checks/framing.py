@@ -69,7 +69,7 @@ def found_in_a_row(case: Case) -> None:
         expect(telegrams == [vector.data] * 5 and len(found) == 5, f"found {_listed(found)}")
 
 
-@check("vectors", "garbage-before", applies_to=is_valid, dear=True)
+@check("vectors", "garbage-before", applies_to=is_valid, costly=True)
 def found_after_garbage(case: Case) -> None:
     """Bytes that begin no telegram do not hide the one that follows them."""
     vector, codec = case.vector, case.codec
@@ -79,7 +79,7 @@ def found_after_garbage(case: Case) -> None:
             expect(found == [vector.data], f"after {shown(garbage[:8])}... found {[shown(each) for each in found]}")
 
 
-@check("vectors", "false-starts", applies_to=is_valid, dear=True)
+@check("vectors", "false-starts", applies_to=is_valid, costly=True)
 def found_after_false_starts(case: Case) -> None:
     """A telegram that breaks off, or a character that looks like a start, does not hide the telegram that follows.
 
@@ -92,16 +92,16 @@ def found_after_false_starts(case: Case) -> None:
         framer = Framer(codec, vector.direction)
         found = [*framer.feed(start), *framer.flush(), *framer.feed(vector.data), *framer.flush()]
         telegrams = [find.data for find in found if isinstance(find, Framed)]
-        expect(vector.data in telegrams, f"behind {shown(start)} and a gap found {_listed(found)}")
+        expect(vector.data in telegrams, f"after {shown(start)} and a gap found {_listed(found)}")
         both = start + vector.data
         telegrams = frames(codec, vector.direction, [both])
         happened = any(both.find(telegram) < len(start) < both.find(telegram) + len(telegram) for telegram in telegrams)
         expect(
-            vector.data in telegrams or happened, f"behind {shown(start)} found {[shown(each) for each in telegrams]}"
+            vector.data in telegrams or happened, f"after {shown(start)} found {[shown(each) for each in telegrams]}"
         )
 
 
-@check("vectors", "garbage-after", applies_to=is_valid, dear=True)
+@check("vectors", "garbage-after", applies_to=is_valid, costly=True)
 def found_before_garbage(case: Case) -> None:
     """What follows a telegram does not hide it."""
     vector, codec = case.vector, case.codec
@@ -117,7 +117,7 @@ def found_before_garbage(case: Case) -> None:
             expect(telegrams[:1] == [vector.data], f"before {shown(garbage[:8])}... found {telegrams}")
 
 
-@check("vectors", "truncated-stream", applies_to=is_valid, dear=True)
+@check("vectors", "truncated-stream", applies_to=is_valid, costly=True)
 def nothing_in_truncations(case: Case) -> None:
     """In the beginning of a telegram there is none, unless it is one that the vectors list."""
     vector, codec = case.vector, case.codec

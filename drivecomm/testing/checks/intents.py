@@ -133,7 +133,7 @@ def _others(info: ParameterInfo) -> tuple[Decimal | str, ...]:
 
 
 def _watching(on: Bench, look: Callable[[], object]) -> list[Framed]:
-    """Return a list that collects the telegrams behind which something looks different."""
+    """Return a list that collects the telegrams after which something looks different."""
     changing: list[Framed] = []
     last = look()
 

@@ -120,7 +120,7 @@ def _losing(on: Bench, number: int) -> list[bytes]:
 
 
 def _losing_what_starts(on: Bench) -> list[bytes]:
-    """Lose the answer to the first telegram that makes the motor run, and all behind it; returns that telegram."""
+    """Lose the answer to the first telegram that makes the motor run, and all after it; returns that telegram."""
     starting: list[bytes] = []
 
     def between(find: Framed, reply: VirtualReply | None) -> VirtualReply | None:

@@ -143,7 +143,7 @@ def _written(plugin: Protocol, model: Model, info: ParameterInfo) -> Iterator[tu
 def _wrong_write(
     info: ParameterInfo, value: Decimal, reading: Reading, confirmed: Reading | None, *, unchanged: bool
 ) -> str:
-    """Return what is wrong with what is read behind a write; a command leaves nothing behind."""
+    """Return what is wrong with what is read after a write; a command leaves nothing to read."""
     # Of a number of no known type nobody knows whether its first bit is a sign; the reading says so.
     sign_unknown = value < 0 and not info.type and reading.note != ""
     if reading.value != value and not (unchanged or sign_unknown or _is_bare(info, reading)):

@@ -138,7 +138,7 @@ def finds_the_same_in_any_pieces(source: Drawn, data: DataObject) -> None:
 
 @check("properties")
 def finds_every_telegram_between_noise(source: Drawn, data: DataObject) -> None:
-    """Between characters that begin no telegram, and behind a gap, every telegram is found."""
+    """Between characters that begin no telegram, and after a gap, every telegram is found."""
     framer = Framer(source.codec, source.direction)
     sent, found = [], []
     for telegram in data.draw(st.lists(source.telegrams, min_size=1, max_size=4)):

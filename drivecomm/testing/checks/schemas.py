@@ -23,7 +23,7 @@ def compiles_whole(form: Form[Any]) -> None:
     expect(not interpreted, "a leaf cannot be said in code, so all of the schema is interpreted")
 
 
-@check("vectors", "compiled", dear=True)
+@check("vectors", "compiled", costly=True)
 def compiled_as_interpreted(case: Case) -> None:
     """Every form of the protocol reads and writes the telegram, and what is left of it, in both ways alike."""
     data = case.vector.data

@@ -61,11 +61,11 @@ def survives_its_own_encoder(case: Case) -> None:
 
 @check("vectors", "trailing", applies_to=is_valid)
 def refuses_what_follows(case: Case) -> None:
-    """A telegram with anything behind it is no telegram."""
+    """A telegram with anything after it is no telegram."""
     vector = case.vector
     for tail in (b"\x00", b"\r\n", b"\xff", vector.data[-1:], vector.data):
         longer = vector.data + tail
-        expect(_refuses(case, longer) or _is_listed(case, longer), f"decoded with {shown(tail)} behind it")
+        expect(_refuses(case, longer) or _is_listed(case, longer), f"decoded with {shown(tail)} after it")
 
 
 @check("vectors", "truncated", applies_to=is_valid)
@@ -77,7 +77,7 @@ def refuses_truncations(case: Case) -> None:
         expect(_refuses(case, cut) or _is_listed(case, cut), f"the first {length} bytes are decoded, {shown(cut)}")
 
 
-@check("vectors", "flipped", applies_to=is_valid, dear=True)
+@check("vectors", "flipped", applies_to=is_valid, costly=True)
 def refuses_flips(case: Case) -> None:
     """Every single wrong bit is noticed, except where the protocol declares that it cannot."""
     data, direction = case.vector.data, case.vector.direction

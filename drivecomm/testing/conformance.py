@@ -1,7 +1,7 @@
 """Run the conformance tests of a protocol: all checks, in the order in which a mistake is found soonest.
 
-    from drivecomm.testing import judge
-    report = judge(plugin)
+    from drivecomm.testing import run_conformance
+    report = run_conformance(plugin)
     assert report.ok, str(report)
 
 or, as tests of pytest that `-k` chooses among, each named as in the report:
@@ -40,27 +40,27 @@ if TYPE_CHECKING:
 class Extent:
     """How much is tried.
 
-    examples: of each property. dear_every: every so many vectors are put through the checks that cost most: all flips,
+    examples: of each property. costly_every: every how many vectors the checks that cost most are run on: all flips,
     all truncations in a stream, compiled against interpreted. every_way: whether an exchange is played in all ways.
     live: how many exchanges are played in real time, in each way. every_model: whether parameters and commands are
     tried with all models of the package, or with its default one.
     """
 
     examples: int
-    dear_every: int
+    costly_every: int
     every_way: bool
     live: int
     every_model: bool
 
 
-FULL = Extent(examples=40, dear_every=1, every_way=True, live=2, every_model=True)
+FULL = Extent(examples=40, costly_every=1, every_way=True, live=2, every_model=True)
 """Everything: what a maintainer runs before a release, some twenty seconds for each protocol."""
 
-QUICK = Extent(examples=12, dear_every=4, every_way=False, live=0, every_model=False)
-"""A few seconds: what a maintainer runs at every change, and what hunts for mutants run."""
+QUICK = Extent(examples=12, costly_every=4, every_way=False, live=0, every_model=False)
+"""A few seconds: what a maintainer runs at every change, and what mutants are tried with."""
 
 
-def judge(plugin: Protocol, extent: Extent = FULL, *, only: str = "") -> Report:
+def run_conformance(plugin: Protocol, extent: Extent = FULL, *, only: str = "") -> Report:
     """Run all checks of a protocol, or those whose name contains a text. Raises UsageError if there is none.
 
     A protocol that is not installed is, for as long as it takes; one whose name another has is refused.
@@ -69,7 +69,7 @@ def judge(plugin: Protocol, extent: Extent = FULL, *, only: str = "") -> Report:
 
 
 def results(plugin: Protocol, extent: Extent = FULL, *, only: str = "") -> Iterator[CheckResult]:
-    """Run the checks one by one, as `judge` does; whoever has heard enough stops asking."""
+    """Run the checks one by one, as `run_conformance` does; stop asking when you have heard enough."""
     with _installed(plugin):
         chosen = [check for check in all_checks(plugin, extent) if only in check.name]
         if not chosen:
@@ -131,7 +131,7 @@ def all_checks(plugin: Protocol, extent: Extent = FULL) -> Iterator[Check]:
 def checks_of(plugin: Protocol, vectors: VectorFile, extent: Extent = FULL) -> Iterator[Check]:
     """Yield every check of every vector, stream, refusal and exchange, and those of the protocol's schemas.
 
-    Where the extent is less than full, the dear ones come for some of the vectors only. Raises FileFormatError for
+    Where the extent is less than full, the costly ones are run on some of the vectors only. Raises FileFormatError for
     vectors of another protocol.
     """
     if vectors.protocol != plugin.name:
@@ -141,8 +141,8 @@ def checks_of(plugin: Protocol, vectors: VectorFile, extent: Extent = FULL) -> I
         (vector.direction, vector.data) for vector in (*vectors.vectors, *_vectors(plugin).vectors) if vector.valid
     )
     cases = [Case(plugin=plugin, vector=vector, listed=listed) for vector in vectors.vectors]
-    yield from _checks_of_cases(prefix, cases, dear=False)
-    ways = [way for way in registered("exchanges") if extent.every_way or not way.dear]
+    yield from _checks_of_cases(prefix, cases, costly=False)
+    ways = [way for way in registered("exchanges") if extent.every_way or not way.costly]
     for exchange in vectors.exchanges:
         yield from (way.on(f"{prefix}/{exchange.id}", plugin, exchange) for way in ways)
     for refuse in vectors.refusals:
@@ -151,13 +151,13 @@ def checks_of(plugin: Protocol, vectors: VectorFile, extent: Extent = FULL) -> I
         yield from (each.on(f"{prefix}/{named.name}", named.form) for each in registered("schemas"))
     for stream in vectors.streams:
         yield from (each.on(f"{prefix}/{stream.id}", plugin, stream) for each in registered("streams"))
-    yield from _checks_of_cases(prefix, cases[:: extent.dear_every], dear=True)
+    yield from _checks_of_cases(prefix, cases[:: extent.costly_every], costly=True)
 
 
-def _checks_of_cases(prefix: str, cases: Iterable[Case], *, dear: bool) -> Iterator[Check]:
+def _checks_of_cases(prefix: str, cases: Iterable[Case], *, costly: bool) -> Iterator[Check]:
     for case in cases:
         for each in registered("vectors"):
-            if each.dear is dear and each.applies_to(case.vector):
+            if each.costly is costly and each.applies_to(case.vector):
                 yield each.on(f"{prefix}/{case.vector.id}", case)
 
 
@@ -204,7 +204,7 @@ def _installed(plugin: Protocol) -> Iterator[None]:
         if installed[plugin.name] is plugin:
             yield
             return
-        raise UsageError(f"another protocol is installed as {plugin.name!r}; judge that one, or uninstall it")
+        raise UsageError(f"another protocol is installed as {plugin.name!r}; test that one, or uninstall it")
     take_away = installed.register(plugin)
     try:
         yield
