@@ -14,7 +14,7 @@ from drivecomm.errors import UsageError
 from drivecomm.models import load_model
 from drivecomm.plant import FaultPlan, Plant, read_plant
 from drivecomm.protocol import installed
-from drivecomm.testing.attached_trace import LineTrace
+from drivecomm.testing.line_trace import LineTrace
 from drivecomm.testing.recording import Record, RecordingDrive
 from drivecomm.testing.sites import InProcess, Served, served
 from drivecomm.testing.watched_line import WatchedDrive, WatchedLine

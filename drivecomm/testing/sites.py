@@ -17,11 +17,8 @@ if TYPE_CHECKING:
     from drivecomm.capture import Source
     from drivecomm.plant import FaultPlan
     from drivecomm.protocol import VirtualDrive
-    from drivecomm.testing.attached_trace import LineTrace
+    from drivecomm.testing.line_trace import LineTrace
     from drivecomm.virtual import PlantServer, Transmission, VirtualLine, VirtualPort
-
-_STEP_S = 0.005
-"""How often it is looked whether something has come about, in the time of the line."""
 
 
 class InProcess:
@@ -110,17 +107,6 @@ def served(
 
 Site: TypeAlias = InProcess | Served
 """A line with its clock."""
-
-
-def comes_about(site: Site, condition: Callable[[], bool], within_s: float) -> bool:
-    """Return whether this is so, or becomes so within a time of the line."""
-    until = site.now() + within_s
-    while not condition():
-        left = until - site.now()
-        if left <= 0:
-            return False
-        site.passes(min(_STEP_S, left))
-    return True
 
 
 class ServingThread:

@@ -7,20 +7,22 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.testing.recording import closest, in_words, listing, matches
-from drivecomm.testing.sites import comes_about
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.plant import FaultPlan
     from drivecomm.protocol import Damaged, Motor, VirtualDrive
-    from drivecomm.testing.attached_trace import LineTrace
+    from drivecomm.testing.line_trace import LineTrace
     from drivecomm.testing.recording import Received, Record
     from drivecomm.testing.sites import Site
     from drivecomm.virtual import VirtualLine, VirtualPort
 
 WITHIN_S = 1.0
 """How long an assertion waits, in the time of the line: another program's telegram may still be on its way."""
+
+_STEP_S = 0.005
+"""How often an assertion looks, in the time of the line."""
 
 SILENT_S = 0.1
 """How long nothing must have come, in the time of the line."""
@@ -88,7 +90,13 @@ class WatchedLine:
 
     def comes_about(self, condition: Callable[[], bool], within_s: float) -> bool:
         """Return whether this is so, or becomes so within a time of the line."""
-        return comes_about(self._site, condition, within_s)
+        until = self.now() + within_s
+        while not condition():
+            left = until - self.now()
+            if left <= 0:
+                return False
+            self.advance(min(_STEP_S, left))
+        return True
 
     def trace(self) -> str:
         """Return what was on the line, decoded, one line for each telegram: the last 80 of them."""

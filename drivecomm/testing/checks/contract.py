@@ -107,42 +107,6 @@ def has_frozen_options(plugin: Protocol) -> None:
 
 
 @check("contract")
-def is_honest_about_blind_spots(plugin: Protocol) -> None:
-    """Where a blind spot is declared, a wrong bit does go unnoticed in some telegram; no more is excused than is so."""
-    declared: dict[tuple[str, int, int], bytes] = {}
-    confirmed: set[tuple[str, int, int]] = set()
-    codec = plugin.codec(plugin.options())
-    for vector in packaged_vectors(plugin).vectors:
-        if not vector.valid or vector.options:
-            continue
-        data, direction = vector.data, vector.direction
-        for place in plugin.blind_spots(data, direction):
-            key = (direction, len(data), place)
-            declared[key] = data
-            if key in confirmed:
-                continue
-            for bit in range(8):
-                flipped = data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :]
-                if _decodes(codec, flipped, direction):
-                    confirmed.add(key)
-                    break
-    raise_all(
-        [
-            f"byte {place} of a {direction} of {length} bytes is called blind, and every wrong bit in it is noticed"
-            for direction, length, place in sorted(set(declared) - confirmed)
-        ]
-    )
-
-
-def _decodes(codec: Any, data: bytes, direction: str) -> bool:
-    try:
-        codec.decode(data, direction)
-    except TelegramError:
-        return False
-    return True
-
-
-@check("contract")
 def operations_are_whole(plugin: Protocol) -> None:
     """Operations have all verbs, capabilities and one address for each parameter; further verbs say what they do."""
     options = plugin.options()
@@ -215,6 +179,16 @@ def _pokes(drive: VirtualDrive, parameter: str) -> bool:
 
 
 @check("contract")
+def finds_its_examples(plugin: Protocol) -> None:
+    """The parameter addresses that show the forms of this protocol are parameter addresses."""
+    expect(plugin.parameter_examples, "there are no examples of parameter addresses")
+    operations = plugin.operations(plugin.addresses[0], plugin.options(), None)
+    for parameter in plugin.parameter_examples:
+        command = next(operations.read(parameter))
+        expect(isinstance(command, Ask), f"reading {parameter} begins with {command}, not with a question")
+
+
+@check("contract")
 def refuses_what_cannot_be(plugin: Protocol) -> None:
     """A wrong parameter, value or option is a UsageError before anything is sent."""
     with bench(plugin) as on:
@@ -238,16 +212,6 @@ def refuses_what_cannot_be(plugin: Protocol) -> None:
                 on.nothing_sent(f"{what} is refused")
             else:
                 raise CheckFailure(f"{what} is not refused")
-
-
-@check("contract")
-def finds_its_examples(plugin: Protocol) -> None:
-    """The parameter addresses that show the forms of this protocol are parameter addresses."""
-    expect(plugin.parameter_examples, "there are no examples of parameter addresses")
-    operations = plugin.operations(plugin.addresses[0], plugin.options(), None)
-    for parameter in plugin.parameter_examples:
-        command = next(operations.read(parameter))
-        expect(isinstance(command, Ask), f"reading {parameter} begins with {command}, not with a question")
 
 
 @check("contract")
@@ -302,3 +266,39 @@ def judges_every_pair(plugin: Protocol) -> None:
             except DriveCommError as error:
                 raise CheckFailure(f"asked whether {reply} answers {request}, it raises {error}") from error
             expect(isinstance(found, str), f"asked whether {reply} answers {request}, it says {found!r}")
+
+
+@check("contract")
+def is_honest_about_blind_spots(plugin: Protocol) -> None:
+    """Where a blind spot is declared, a wrong bit does go unnoticed in some telegram; no more is excused than is so."""
+    declared: dict[tuple[str, int, int], bytes] = {}
+    confirmed: set[tuple[str, int, int]] = set()
+    codec = plugin.codec(plugin.options())
+    for vector in packaged_vectors(plugin).vectors:
+        if not vector.valid or vector.options:
+            continue
+        data, direction = vector.data, vector.direction
+        for place in plugin.blind_spots(data, direction):
+            key = (direction, len(data), place)
+            declared[key] = data
+            if key in confirmed:
+                continue
+            for bit in range(8):
+                flipped = data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :]
+                if _decodes(codec, flipped, direction):
+                    confirmed.add(key)
+                    break
+    raise_all(
+        [
+            f"byte {place} of a {direction} of {length} bytes is called blind, and every wrong bit in it is noticed"
+            for direction, length, place in sorted(set(declared) - confirmed)
+        ]
+    )
+
+
+def _decodes(codec: Any, data: bytes, direction: str) -> bool:
+    try:
+        codec.decode(data, direction)
+    except TelegramError:
+        return False
+    return True

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, FileFormatError, ReplyError, TelegramError
-from drivecomm.protocol import Framed, Framer, installed
+from drivecomm.protocol import Framed, installed
 from drivecomm.testing.bench import bench
 from drivecomm.testing.checking import check, expect, raise_all, shown
+from drivecomm.testing.checks.framing import finds
 from drivecomm.testing.vectors import packaged_vectors
 
 if TYPE_CHECKING:
@@ -58,9 +59,7 @@ def is_not_answered(plugin: Protocol, other: Protocol) -> None:
 
 
 def _answers(drive: Overheard, data: bytes) -> bool:
-    framer = Framer(drive.codec, "request")
-    finds = [*framer.feed(data), *framer.flush()]
-    answers = [drive.hear(find, 1.0) for find in finds if isinstance(find, Framed)]
+    answers = [drive.hear(find, 1.0) for find in finds(drive.codec, "request", [data]) if isinstance(find, Framed)]
     return any(answer is not None for answer in answers)
 
 

@@ -7,8 +7,9 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
-from drivecomm.protocol import Framer, Noise
+from drivecomm.protocol import Noise
 from drivecomm.testing.checking import check, expect, shown
+from drivecomm.testing.checks.framing import finds
 from drivecomm.testing.subjects import known_model
 
 if TYPE_CHECKING:
@@ -95,8 +96,7 @@ def _exists(case: Case, address: int) -> bool:
 def _answers(case: Case, address: int) -> list[VirtualReply]:
     """Return what a drive at this address answers when the telegram arrives and nothing follows it."""
     drive = _drive(case, address)
-    framer = Framer(drive.codec, "request")
-    found = [*framer.feed(case.vector.data), *framer.flush()]
+    found = finds(drive.codec, "request", [case.vector.data])
     replies = [drive.hear(find, _NOW) for find in found if not isinstance(find, Noise)]
     return [reply for reply in replies if reply is not None]
 
