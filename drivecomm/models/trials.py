@@ -7,19 +7,24 @@ from dataclasses import dataclass, fields, replace
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.drive_options import option_names, sort_out
-from drivecomm.errors import DriveCommError, NotSupported, ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.line import LINE_FACT_NAMES
+from drivecomm.errors import (
+    DriveCommError,
+    NotSupported,
+    ParameterAddressError,
+    UsageError,
+    ValueRefusedError,
+    near,
+    unknown_key,
+)
 from drivecomm.models.files import load_model
 from drivecomm.models.rules import starts_within_limits
 from drivecomm.models.schema import PARAMETER_KEYS, Mistake
-from drivecomm.suggestions import near
+from drivecomm.protocol import LINE_FACT_NAMES, option_names, sort_out
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from drivecomm.models.model import Model, ParameterInfo
-    from drivecomm.protocol import Operations, Protocol
+    from drivecomm.protocol import Model, Operations, ParameterInfo, Protocol
 
 _PLAIN_TEXTS = ("A",)
 _PLAIN_VALUES = (Decimal(0), Decimal(1), Decimal(100))
@@ -61,9 +66,7 @@ def wrong_keys(entries: Sequence[tuple[int, Mapping[str, Any]]], plugin: Protoco
     known = PARAMETER_KEYS | plugin.parameter_keys
     for number, entry in entries:
         for key in sorted(set(entry) - known):
-            remedy = near(key, known) or f"its keys are {', '.join(sorted(known))}"
-            text = f"no parameter of {plugin.name} has this key; {remedy}"
-            yield Mistake(table="parameter", number=number, key=key, text=text)
+            yield Mistake(table="parameter", number=number, key=key, text=unknown_key(key, sorted(known)))
 
 
 def failed_trials(own: Sequence[tuple[int, ParameterInfo]], model: Model, plugin: Protocol) -> Iterator[Mistake]:

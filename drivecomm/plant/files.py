@@ -58,8 +58,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from drivecomm.errors import DriveCommError, FileFormatError, UsageError
-from drivecomm.line import LineSettings
+from drivecomm.errors import DriveCommError, FileFormatError, UsageError, closest
 from drivecomm.plant.plant import (
     Condition,
     InjectStep,
@@ -77,7 +76,7 @@ from drivecomm.plant.plant import (
     Window,
     kind_named,
 )
-from drivecomm.suggestions import closest
+from drivecomm.protocol import LineSettings
 from drivecomm.tomlfile import parse_toml, read_toml
 
 if TYPE_CHECKING:
@@ -164,7 +163,7 @@ _LARGEST = 2**63
 
 def read_plant(path: Path) -> Plant:
     """Read a plant file. Raises FileFormatError with the file's name, the entry and what is wrong in it."""
-    return plant_in(read_toml(path, "a plant")[1], path)
+    return plant_in(read_toml(path, "a plant").content, path)
 
 
 def plant_in(content: Mapping[str, Any], path: Path) -> Plant:

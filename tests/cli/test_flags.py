@@ -4,11 +4,11 @@ from dataclasses import fields
 
 import pytest
 
-import drivecomm.bus
+import drivecomm.bus.bus
 from drivecomm.cli.help_text import flowing
 from drivecomm.cli.line_options import WITHOUT_EFFECT, LineOptions
-from drivecomm.plant.files import read_plant
-from drivecomm.virtual.virtual_plant import VirtualPlant
+from drivecomm.plant import read_plant
+from drivecomm.virtual import VirtualPlant
 
 PLANT = """
 format = 1
@@ -68,7 +68,7 @@ def heard(shell, tmp_path, monkeypatch):
             PLANT if name == "plant.toml" else PLANT.replace('"fan"', '"mill"').replace("fc:3", "fc:4")
         )
     seen = []
-    opened, drive = drivecomm.bus.open_bus, drivecomm.bus.Bus.drive
+    opened, drive = drivecomm.bus.bus.open_bus, drivecomm.bus.bus.Bus.drive
 
     def open_bus(port, **opening):
         seen.append((port, sorted((key, str(value)) for key, value in opening.items() if key != "trace")))
@@ -80,8 +80,8 @@ def heard(shell, tmp_path, monkeypatch):
         seen.append((found.facts, options.get("read_only", ""), place))
         return found
 
-    monkeypatch.setattr(drivecomm.bus, "open_bus", open_bus)
-    monkeypatch.setattr(drivecomm.bus.Bus, "drive", made)
+    monkeypatch.setattr(drivecomm.bus.bus, "open_bus", open_bus)
+    monkeypatch.setattr(drivecomm.bus.bus.Bus, "drive", made)
 
     def run(*call):
         seen.clear()

@@ -1,0 +1,193 @@
+"""Parameter sets as files, in TOML, for people and for version control: one line a parameter, always in one order.
+
+format = 1
+protocol = "vabus"
+drive = "vabus:1"                 # where it was read
+model = "agile"
+firmware = "5.11"                 # left out where the drive does not tell
+time = 2026-11-21T19:00:00Z
+
+[identity]                        # what the drive told of itself
+"serial number" = "012345G678"
+
+[settings]
+"372[1]" = { name = "rated_speed", value = 1450, unit = "1/min", raw = "05AA" }
+"481[1]" = { name = "fixed_frequency_2", value = 10.00, unit = "Hz", raw = "000003E8" }
+
+[communication]                   # address, baud rate and so on: not restored unless told
+
+[measured]                        # never restored
+
+[not_read]
+"18" = "it can only be written"
+
+Numbers are exact: what stands behind the point counts as a decimal number, never as a binary one.
+"""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from decimal import Decimal
+from typing import TYPE_CHECKING
+
+from drivecomm.commissioning.parameter_sets.parameter_set import PARTS, Entry, ParameterSet, in_order
+from drivecomm.errors import FileFormatError, UsageError, near
+from drivecomm.models import quantities
+from drivecomm.tomlfile import TABLE, TEXT, WHOLE, Kind, Table, read_toml, toml_line, toml_value, write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    from drivecomm.commissioning.parameter_sets.parameter_set import Part
+    from drivecomm.protocol import Value
+
+_FORMAT = 1
+_HEAD = "# Parameters of a drive: values are physical, raw is what the telegram carried; drivecomm restore writes them."
+_TOP = {
+    "format": WHOLE,
+    **dict.fromkeys(("protocol", "drive", "model", "firmware"), TEXT),
+    "time": Kind((datetime,), "a time with its zone, as 2026-11-21T19:00:00Z"),
+    **dict.fromkeys(("identity", *PARTS, "not_read"), TABLE),
+}
+_RAW = Kind((int, str), "a whole number, or a text in quotes")
+_VALUE = Kind((int, Decimal, str), "a number, or a text in quotes")
+_KEYS = {"name": TEXT, "value": _VALUE, "unit": TEXT, "raw": _RAW, "common": TEXT}
+_MOST_DIGITS = 40
+"""No drive holds a number with more; one with millions would keep a program busy for ever."""
+
+
+def text_of(known: ParameterSet) -> str:
+    """Return a parameter set as the text of its file; the same set gives the same text."""
+    return "\n".join([_HEAD, *_lines(known), ""])
+
+
+def entries_text(known: ParameterSet, part: Part = "settings") -> str:
+    """Return one part of the text without its comments: two sets with the same parameters have the same bytes."""
+    return "\n".join(_line(entry) for entry in _ordered(known, part))
+
+
+def write_set(path: Path, known: ParameterSet) -> None:
+    """Write a parameter set, in place of an older one of the same drive; a file is there whole or not at all.
+
+    Raises UsageError for a file that is anything else, or a place where none can be written.
+    """
+    must_be_free(path, known.drive)
+    write_whole(path, text_of(known))
+
+
+def must_be_free(path: Path, drive: str) -> None:
+    """Raise UsageError if a file would be lost that is no parameter set of this drive."""
+    if not path.exists():
+        if not path.parent.is_dir():
+            raise UsageError(f"{path}: there is no folder {path.parent}; make it first")
+        return
+    try:
+        there = read_set(path)
+    except FileFormatError as error:
+        raise UsageError(f"{path}: there is a file that is no parameter set; give another name") from error
+    if there.drive != drive:
+        raise UsageError(f"{path}: this is the parameter set of {there.drive}, not of {drive}; give another name")
+
+
+def read_set(path: Path) -> ParameterSet:
+    """Read a parameter set. Raises FileFormatError with the file, the line, the key, and what is wrong there."""
+    return _set_in(read_toml(path, "a parameter set", parse_float=Decimal))
+
+
+# Writing
+
+
+def _lines(known: ParameterSet) -> Iterator[str]:
+    yield f"format = {_FORMAT}"
+    for key in ("protocol", "drive", "model", "firmware"):
+        if text := getattr(known, key):
+            yield toml_line(key, text)
+    if known.time is not None:
+        yield f"time = {known.time.astimezone(UTC).strftime('%Y-%m-%dT%H:%M:%SZ')}"
+    yield from _texts("identity", known.identity, list(known.identity))
+    for part in PARTS:
+        if entries := _ordered(known, part):
+            yield from ("", f"[{part}]", *(_line(entry) + _comment(entry) for entry in entries))
+    yield from _texts("not_read", known.not_read, in_order(known.not_read))
+
+
+def _ordered(known: ParameterSet, part: Part) -> list[Entry]:
+    return [known.entries[address] for address in in_order(entry.address for entry in known.of([part]))]
+
+
+def _texts(table: str, texts: Mapping[str, str], order: list[str]) -> Iterator[str]:
+    if texts:
+        yield from ("", f"[{table}]", *(f"{toml_value(key)} = {toml_value(texts[key])}" for key in order))
+
+
+def _line(entry: Entry) -> str:
+    fields = {
+        "name": entry.name,
+        "value": entry.value,
+        "unit": entry.unit,
+        "raw": entry.raw,
+        "common": entry.common,
+    }
+    told = {key: value for key, value in fields.items() if key == "value" or value not in ("", None)}
+    return f"{toml_value(entry.address)} = {toml_value(told)}"
+
+
+def _comment(entry: Entry) -> str:
+    meaning = " ".join("".join(sign if sign.isprintable() else " " for sign in entry.meaning).split())
+    return f" # {meaning}" if meaning else ""
+
+
+# Reading
+
+
+def _set_in(top: Table) -> ParameterSet:
+    if top.content.get("format") != _FORMAT:
+        raise top.error(f"a parameter set begins with format = {_FORMAT}", "format")
+    given = top.take(_TOP, "protocol", "drive", "model")
+    for key in ("protocol", "drive", "model"):
+        if not given[key]:
+            raise top.error(f"{key} is empty; it says where the parameters are from", key)
+    time = given.get("time")
+    if time is not None and not time.tzinfo:
+        raise top.error(f"time cannot be {time}; write it with its zone, as 2026-11-21T19:00:00Z", "time")
+    entries: dict[str, Entry] = {}
+    for part in PARTS:
+        table = top.table(part)
+        for address in table.content:
+            if address in entries:
+                raise table.error(f"{address} stands under [{entries[address].part}], too", address)
+            entries[address] = _entry(part, address, table)
+    return ParameterSet(
+        protocol=given["protocol"],
+        drive=given["drive"],
+        model=given["model"],
+        firmware=given.get("firmware", ""),
+        time=time.astimezone(UTC) if time is not None else None,
+        identity=_texts_in(top.table("identity")),
+        entries={address: entries[address] for address in in_order(entries)},
+        not_read=_texts_in(top.table("not_read")),
+    )
+
+
+def _entry(part: Part, address: str, table: Table) -> Entry:
+    inner = table.table(address)
+    given = inner.take(_KEYS, "value")
+    if not _is_sane(given["value"]) or not _is_sane(given.get("raw", 0)):
+        raise inner.error("no drive holds such a number")
+    common = given.get("common", "")
+    if common and common not in quantities():
+        known = near(common, quantities()) or "drivecomm models names lists them"
+        raise inner.error(f"unknown common name {common!r}; {known}")
+    return Entry(address=address, part=part, **given)
+
+
+def _texts_in(table: Table) -> dict[str, str]:
+    return table.take(dict.fromkeys(table.content, TEXT))
+
+
+def _is_sane(value: Value) -> bool:
+    if isinstance(value, str):
+        return True
+    number = Decimal(value)
+    return number.is_finite() and abs(number.adjusted()) < _MOST_DIGITS and len(number.as_tuple().digits) < _MOST_DIGITS
