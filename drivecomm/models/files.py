@@ -1,6 +1,6 @@
 """Models as files.
 
-A model is a TOML file; `docs/models.md` explains every key:
+A model is a TOML file; `docs/reference/models.md` explains every key:
 
 format = 1
 protocol = "vabus"

@@ -1,6 +1,6 @@
 """Models as text: what `drivecomm.models.files` reads, one key a line, so that two editions compare well.
 
-Only keys that say something are written, in the order in which docs/models.md explains them.
+Only keys that say something are written, in the order in which docs/reference/models.md explains them.
 """
 
 from __future__ import annotations

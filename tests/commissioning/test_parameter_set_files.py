@@ -96,7 +96,7 @@ def test_a_change_of_one_parameter_is_a_change_of_one_line(known, new):
 
 
 def test_the_file_of_the_page(tmp_path):
-    page = ROOT / "docs" / "parameter-sets.md"
+    page = ROOT / "docs" / "how-to" / "parameter-sets.md"
     (block,) = [block for block in blocks_of(page) if block.title == "fan.toml"]
     path = tmp_path / "fan.toml"
     path.write_text(block.code, encoding="utf-8")
