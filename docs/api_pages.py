@@ -7,6 +7,7 @@ page of their own.
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import inspect
 import pkgutil
 from typing import TYPE_CHECKING
@@ -60,6 +61,12 @@ def modules_of(name: str) -> Iterator[ModuleType]:
                 yield from (inner for inner in modules_of(below.name) if names_of(inner))
 
 
+def place_of(module: ModuleType, name: str) -> str:
+    """Return where the reader of the sources finds a name: within its own module where that has the same name."""
+    place = f"{module.__name__}.{name}"
+    return f"{place}.{name}" if hasattr(module, "__path__") and importlib.util.find_spec(place) else place
+
+
 def _page(name: str) -> Iterator[str]:
     top, errors = importlib.import_module(TOP), importlib.import_module(f"{TOP}.errors")
     for module in modules_of(name):
@@ -72,7 +79,7 @@ def _page(name: str) -> Iterator[str]:
             yield f"Its errors stand [on a page of their own]({TOP}.errors.md): {_links(errors, elsewhere)}."
         elif module is not errors and (elsewhere := _also_in(top, module, names)):
             yield f"Also exported by [`{TOP}`]({TOP}.md), and described there: {_links(top, elsewhere)}."
-        yield from (f"::: {module.__name__}.{each}" for each in names if each not in elsewhere)
+        yield from (f"::: {place_of(module, each)}" for each in names if each not in elsewhere)
 
 
 def _also_in(other: ModuleType, module: ModuleType, names: list[str]) -> list[str]:
