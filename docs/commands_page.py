@@ -49,13 +49,15 @@ def commands_page() -> str:
 
 def all_commands() -> Iterator[tuple[str, Any]]:
     """Yield the name of every command, as one types it after `drivecomm`, and its context."""
-    command = typer.main.get_command(app)
+    command: Any = typer.main.get_command(app) if isinstance(app, typer.Typer) else app
     yield from _below(command, typer.Context(command, info_name="drivecomm"), "")
 
 
 def _below(group: Any, context: typer.Context, prefix: str) -> Iterator[tuple[str, Any]]:
     for name in group.list_commands(context):
         command = group.get_command(context, name)
+        # One that is loaded when it is called.
+        command = getattr(command, "loaded", command)
         inner = typer.Context(command, info_name=name, parent=context)
         if hasattr(command, "list_commands"):
             yield from _below(command, inner, f"{prefix}{name} ")

@@ -13,19 +13,19 @@ import platformdirs
 import serial.rfc2217
 import typer.main
 
-import drivecomm.cli.simulation
-import drivecomm.testing.judging
 import drivecomm_danfoss_fc.plugin
 import drivecomm_fuji.plugin
 import drivecomm_vabus.plugin
 import drivecomm_vlt3500.plugin
-from drivecomm.cli.run import run
+from drivecomm.cli import main
+from drivecomm.testing import judge
 
-__all__ = ["asyncio", "drivecomm", "drivecomm_danfoss_fc", "drivecomm_fuji", "drivecomm_vabus", "drivecomm_vlt3500"]
+__all__ = ["asyncio", "drivecomm_danfoss_fc", "drivecomm_fuji", "drivecomm_vabus", "drivecomm_vlt3500", "judge"]
 __all__ += ["platformdirs", "serial"]
 
 # Every process that runs one command builds it once.
 typer.main.get_command = cache(typer.main.get_command)
 with contextlib.redirect_stdout(io.StringIO()):
-    run(["read", "--help"])
+    for command in ("decode", "encode", "scan", "read", "simulate", "conformance", "protocols"):
+        main([command, "--help"])
 gc.freeze()
