@@ -32,8 +32,10 @@ if TYPE_CHECKING:
     from drivecomm.tomlfile import Table
 
 FORMAT = 2
+"""The format of vector files that is read and written."""
 
 CATEGORIES: tuple[Category, ...] = get_args(Category)
+"""The categories in which an invalid telegram is refused."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
