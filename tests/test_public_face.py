@@ -13,6 +13,19 @@ from drivecomm.errors import DriveCommError, TelegramError, UnknownProtocolError
 from drivecomm.protocol import Protocol, decode, encode, installed
 
 NAMES = {
+    "AsyncBroadcast",
+    "AsyncBus",
+    "AsyncDrive",
+    "OpenPlant",
+    "keep",
+    "keep_async",
+    "open_bus_async",
+    "open_plant",
+    "poll_async",
+    "read_watchdog",
+    "read_watchdog_async",
+    "set_watchdog",
+    "set_watchdog_async",
     "AddressError",
     "Broadcast",
     "Bus",
@@ -116,9 +129,9 @@ def test_importing_loads_no_port_no_command_line_and_no_protocol():
     packages = {name.partition(".")[0] for name in loaded}
     assert packages.isdisjoint({"serial", "rich", "typer", "construct", "asyncio", "click", "hypothesis", "pytest"})
     assert not [name for name in loaded if name.startswith("drivecomm_")]
-    assert not [
-        name for name in loaded if name.startswith(("drivecomm.transport", "drivecomm.cli", "drivecomm.testing"))
-    ]
+    ports = {name for name in loaded if name.startswith("drivecomm.transport.")}
+    assert ports == {"drivecomm.transport.blocking_runner"}, "what runs exchanges, and no port"
+    assert not [name for name in loaded if name.startswith(("drivecomm.cli", "drivecomm.testing"))]
 
 
 def test_listing_protocols_loads_none_of_them():
