@@ -10,13 +10,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from drivecomm.bus.verbs import COMMON_VERBS
-from drivecomm.errors import ReadOnlyError, ReplyError, UsageError
-from drivecomm.protocol import Pause, Stop
+from drivecomm.errors import ReadOnlyError, UsageError
+from drivecomm.protocol import Pause, Stop, with_each_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.protocol import Capabilities, DriveStatus, Exchange, Message, Operations, Reading, Value
+    from drivecomm.protocol import Ask, Capabilities, DriveStatus, Exchange, Message, Operations, Reading, Tell, Value
 
 T = TypeVar("T")
 
@@ -105,21 +105,15 @@ class ReadOnly:
         A verb that sends nothing at all means to be carried out by what is sent later, and is refused, too.
         """
         asked = False
-        try:
-            command = next(exchange)
-            while True:
-                asked = True
-                if not isinstance(command, Pause) and not (self._only_asks and self._only_asks(command.message)):
-                    exchange.close()
-                    raise UsageError(self._why)
-                try:
-                    outcome = yield command
-                except ReplyError as error:
-                    command = exchange.throw(error)
-                else:
-                    command = exchange.send(outcome)
-        except StopIteration as finished:
-            if not asked:
-                raise UsageError(self._why) from None
-            result: T = finished.value
-            return result
+
+        def checked(command: Ask | Tell | Pause) -> Ask | Tell | Pause:
+            nonlocal asked
+            asked = True
+            if not isinstance(command, Pause) and not (self._only_asks and self._only_asks(command.message)):
+                raise UsageError(self._why)
+            return command
+
+        result = yield from with_each_command(exchange, checked)
+        if not asked:
+            raise UsageError(self._why)
+        return result

@@ -9,7 +9,14 @@ from .contract import (
     VirtualReply as VirtualReply,
 )
 from .decoding import decode as decode, encode as encode
-from .exchange import Ask as Ask, Exchange as Exchange, Pause as Pause, Tell as Tell
+from .exchange import (
+    Ask as Ask,
+    Exchange as Exchange,
+    Pause as Pause,
+    Tell as Tell,
+    answered as answered,
+    with_each_command as with_each_command,
+)
 from .framing import (
     Codec as Codec,
     Damaged as Damaged,
