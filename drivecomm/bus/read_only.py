@@ -16,7 +16,18 @@ from drivecomm.protocol import Pause, Stop, with_each_command
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.protocol import Ask, Capabilities, DriveStatus, Exchange, Message, Operations, Reading, Tell, Value
+    from drivecomm.protocol import (
+        Ask,
+        Capabilities,
+        DriveStatus,
+        Exchange,
+        Intent,
+        Message,
+        Operations,
+        Reading,
+        Tell,
+        Value,
+    )
 
 T = TypeVar("T")
 
@@ -25,14 +36,14 @@ class ReadOnly:
     """The operations of a drive without those that write or command; stopping it stays, always.
 
     new: makes the drive's operations, with nothing remembered; each stop and each verb gets its own. why: the sentence
-    that a refusal gives. only_asks: the protocol's, None where it has none: then no verb of its own is let through.
+    that a refusal gives. intent: the protocol's, None where it has none: then no verb of its own is let through.
     """
 
-    def __init__(self, new: Callable[[], Operations], why: str, only_asks: Callable[[Message], bool] | None) -> None:
+    def __init__(self, new: Callable[[], Operations], why: str, intent: Callable[[Message], Intent] | None) -> None:
         self._operations = new()
         self._new = new
         self._why = why
-        self._only_asks = only_asks
+        self._intent = intent
 
     @property
     def capabilities(self) -> Capabilities:
@@ -109,7 +120,7 @@ class ReadOnly:
         def checked(command: Ask | Tell | Pause) -> Ask | Tell | Pause:
             nonlocal asked
             asked = True
-            if not isinstance(command, Pause) and not (self._only_asks and self._only_asks(command.message)):
+            if not isinstance(command, Pause) and not (self._intent and self._intent(command.message).only_asks):
                 raise UsageError(self._why)
             return command
 

@@ -1,10 +1,10 @@
 from .argument_types import is_duration as is_duration, is_whole as is_whole, misfit as misfit
 from .contract import (
     Capabilities as Capabilities,
+    Intent as Intent,
     Memory as Memory,
     Operations as Operations,
     Protocol as Protocol,
-    Purpose as Purpose,
     VirtualDrive as VirtualDrive,
     VirtualReply as VirtualReply,
 )
