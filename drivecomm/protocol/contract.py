@@ -48,10 +48,9 @@ class Capabilities:
 
     stops: the ways to stop. reverse: whether it can start backwards. reference_percent, reference_hz: how a reference
     can be given. stored_writes: `store=True` writes to EEPROM. volatile_writes: `store=False` keeps a write out of
-    EEPROM. broadcast: commands to all drives at once. link_loss: what the drive does when the master falls silent and
-    which parameter decides it, as a sentence; a package gives that of a drive without a model, the drive fills it in
-    from its model. verbs: which of the common verbs it has besides (jog, hold, select_setup, select_preset,
-    set_relay); the drive fills it in from `Operations.extra`.
+    EEPROM. broadcast: commands to all drives at once. The drive itself fills in the rest: verbs: which of the common
+    verbs it has besides (jog, hold, select_setup, select_preset, set_relay), from `Operations.extra`; link_loss: what
+    it does when the master falls silent and which parameter decides it, as a sentence, from its model.
     """
 
     stops: frozenset[Stop]
@@ -61,8 +60,8 @@ class Capabilities:
     stored_writes: bool
     volatile_writes: bool
     broadcast: bool
-    link_loss: str
     verbs: frozenset[str] = frozenset()
+    link_loss: str = ""
 
 
 class Memory(Interface):

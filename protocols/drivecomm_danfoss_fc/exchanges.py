@@ -104,10 +104,6 @@ class DanfossFcOperations:
             stored_writes=True,
             volatile_writes=True,
             broadcast=True,
-            link_loss=(
-                "what 8-04 (514, VLT 6000: 556) says (0 it goes on, 2 it stops down its ramp, 5 it trips), after the "
-                "time in 8-03 (513) without a valid control word"
-            ),
         )
 
     def read(

@@ -61,9 +61,6 @@ class VltOperations:
             stored_writes=False,
             volatile_writes=False,
             broadcast=True,
-            link_loss=(
-                "no page that was read says what these drives do; presumably they go on obeying the last control word"
-            ),
         )
 
     @property

@@ -639,7 +639,6 @@ def test_what_the_drive_can_be_asked_to_do():
     assert capabilities.reverse
     assert capabilities.stored_writes
     assert capabilities.volatile_writes
-    assert "8-04" in capabilities.link_loss
 
 
 @pytest.mark.parametrize(
