@@ -278,7 +278,7 @@ class TestLateReplies:
             with pytest.raises(ZeroDivisionError):
                 pump.write("481", 12)
             events = []
-            bus._roster.link._trace = events.append
+            bus._roster.link._line.trace = events.append
             pump.write("480", 3)
             received = [event for event in events if event.what == "received" and event.message.kind == "ack"]
             noise = [event for event in events if event.what == "noise"]
