@@ -77,12 +77,12 @@ class Form(Generic[M]):
     @cached_property
     def read(self) -> Callable[[bytes], M]:
         """The schema as a straight function, `parse_declared` where there is none; raises anything for no telegram."""
-        return compiled.reader(self) or self.parse_declared
+        return compiled.reader(self.message, self.schema.subcons, self.reads) or self.parse_declared
 
     @cached_property
     def write(self) -> Callable[[M], bytes]:
         """The schema as a straight function, `build_declared` where there is none; raises anything for a misfit."""
-        return compiled.writer(self) or self.build_declared
+        return compiled.writer(self.schema.subcons, self.writes, self.check) or self.build_declared
 
     def parse_declared(self, data: bytes) -> M:
         """Parse by the schema as it is declared, which alone decides what is wrong. Raises TelegramError."""
