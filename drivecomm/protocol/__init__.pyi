@@ -34,10 +34,10 @@ from .line import (
 )
 from .model import (
     Access as Access,
-    Kind as Kind,
     LinkLoss as LinkLoss,
     Model as Model,
     ParameterInfo as ParameterInfo,
+    ParameterKind as ParameterKind,
     Storage as Storage,
     Sureness as Sureness,
     Watchdog as Watchdog,

@@ -90,7 +90,7 @@ class Framer:
         measured = 0
         if not self._pending and data:
             measured = self._codec.measure(data, self._direction)
-            if measured == len(data) and isinstance(found := self._read(data), Framed):
+            if measured == len(data) and isinstance(found := self._decoded(data), Framed):
                 # One whole telegram and nothing else, as nearly always.
                 self.missing = self._shortest
                 return [found]
@@ -119,11 +119,11 @@ class Framer:
                     self.missing = needed - left
                     break
                 # Whole all the same if it only could have been the beginning of a longer one; cut off otherwise.
-                found = self._read(pending[start:])
+                found = self._decoded(pending[start:])
                 if isinstance(found, Damaged) and left == 1:
                     found = None
             elif needed:
-                found = self._read(pending[start : start + needed])
+                found = self._decoded(pending[start : start + needed])
             if found is not None:
                 if noise_from < start:
                     finds.append(Noise(pending[noise_from:start]))
@@ -139,7 +139,7 @@ class Framer:
         self._pending = pending[start:]
         return finds
 
-    def _read(self, data: bytes) -> Framed | Damaged:
+    def _decoded(self, data: bytes) -> Framed | Damaged:
         try:
             return Framed(data, self._codec.decode(data, self._direction))
         except TelegramError as error:
