@@ -66,6 +66,7 @@ class Pause:
 
 Command: TypeAlias = Ask | Tell | Pause
 Exchange: TypeAlias = Generator[Command, Any, T]
+"""An operation: it yields requests and pauses, is sent the replies, and returns its result."""
 
 
 def answered(exchange: Exchange[T], answer: Callable[[Ask | Tell], Message | None]) -> T:
