@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from drivecomm.bus.async_drive import AsyncBroadcast, AsyncDrive
@@ -126,22 +127,23 @@ class AsyncBus:
         CommandCancelledError for a command that a stop has cancelled.
         """
         deadline = self.now() + party.facts.timing.deadline_s
-        steps = self._roster.link.run(party, exchange, deadline=deadline, command=command)
-        return (await self._in_turn(steps, party, rank))[0]
+        begin = partial(self._roster.link.run, party, exchange, deadline=deadline, command=command)
+        return (await self._in_turn(begin, party, rank))[0]
 
     async def reading(
         self, party: Party, exchange: Exchange[R], rank: Rank = Rank.READ, command: CommandCall | None = None
     ) -> R:
         """Carry out an exchange as `run` does; the reading that it results in gets the time of its reply."""
         deadline = self.now() + party.facts.timing.deadline_s
-        steps = self._roster.link.run(party, exchange, deadline=deadline, command=command)
-        result, time_s = await self._in_turn(steps, party, rank)
+        begin = partial(self._roster.link.run, party, exchange, deadline=deadline, command=command)
+        result, time_s = await self._in_turn(begin, party, rank)
         return result and result.at(time_s)
 
     async def insist(self, party: Party, exchange: Exchange[T]) -> T:
         """Carry out an exchange whatever is known of the drive; waits for its turn."""
         deadline = self.now() + party.facts.timing.deadline_s
-        return (await self._in_turn(self._roster.link.insist(party, exchange, deadline=deadline), party, Rank.READ))[0]
+        begin = partial(self._roster.link.insist, party, exchange, deadline=deadline)
+        return (await self._in_turn(begin, party, Rank.READ))[0]
 
     async def stop(self, party: Party, exchange: Exchange[T]) -> T:
         """Carry out an exchange that stops a motor, or all of a protocol; see `drivecomm.link.command_order`."""
@@ -151,7 +153,8 @@ class AsyncBus:
         await asyncio.sleep(0)
         self._roster.commands.stop_called(party.name)
         stopping = self._roster.stopping(party, exchange)
-        return (await self._in_turn(self._roster.link.stop(party, stopping, deadline=deadline), party, Rank.STOP))[0]
+        begin = partial(self._roster.link.stop, party, stopping, deadline=deadline)
+        return (await self._in_turn(begin, party, Rank.STOP))[0]
 
     def command(self, party: Party) -> CommandCall:
         """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that."""
@@ -231,12 +234,12 @@ class AsyncBus:
     ) -> None:
         await self.close()
 
-    async def _in_turn(self, steps: Steps[T], party: Party, rank: Rank) -> tuple[T, float]:
+    async def _in_turn(self, begin: Callable[[float], Steps[T]], party: Party, rank: Rank) -> tuple[T, float]:
         await self._take_turn(rank, party.facts.timing.deadline_s, party.name)
         try:
             runner = await self._opened()
             try:
-                result = await runner.run(steps, self._turns.stop_waits)
+                result = await runner.run(begin, self._turns.stop_waits)
             except LinkDownError:
                 self._let_go()
                 raise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from drivecomm.bus.drive import Broadcast, Drive
@@ -137,28 +138,29 @@ class Bus:
         CommandCancelledError for a command that a stop has cancelled.
         """
         deadline = self.now() + party.facts.timing.deadline_s
-        return self._in_turn(self._roster.link.run(party, exchange, deadline=deadline, command=command), party, rank)[0]
+        begin = partial(self._roster.link.run, party, exchange, deadline=deadline, command=command)
+        return self._in_turn(begin, party, rank)[0]
 
     def reading(
         self, party: Party, exchange: Exchange[R], rank: Rank = Rank.READ, command: CommandCall | None = None
     ) -> R:
         """Carry out an exchange as `run` does; the reading that it results in gets the time of its reply."""
         deadline = self.now() + party.facts.timing.deadline_s
-        steps = self._roster.link.run(party, exchange, deadline=deadline, command=command)
-        result, time_s = self._in_turn(steps, party, rank)
+        begin = partial(self._roster.link.run, party, exchange, deadline=deadline, command=command)
+        result, time_s = self._in_turn(begin, party, rank)
         return result and result.at(time_s)
 
     def insist(self, party: Party, exchange: Exchange[T]) -> T:
         """Carry out an exchange whatever is known of the drive; waits for its turn."""
         deadline = self.now() + party.facts.timing.deadline_s
-        return self._in_turn(self._roster.link.insist(party, exchange, deadline=deadline), party, Rank.READ)[0]
+        return self._in_turn(partial(self._roster.link.insist, party, exchange, deadline=deadline), party, Rank.READ)[0]
 
     def stop(self, party: Party, exchange: Exchange[T]) -> T:
         """Carry out an exchange that stops a motor, or all of a protocol; see `drivecomm.link.command_order`."""
         deadline = self.now() + party.facts.timing.deadline_s
         self._roster.commands.stop_called(party.name)
         stopping = self._roster.stopping(party, exchange)
-        return self._in_turn(self._roster.link.stop(party, stopping, deadline=deadline), party, Rank.STOP)[0]
+        return self._in_turn(partial(self._roster.link.stop, party, stopping, deadline=deadline), party, Rank.STOP)[0]
 
     def command(self, party: Party) -> CommandCall:
         """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that."""
@@ -240,14 +242,14 @@ class Bus:
     ) -> None:
         self.close()
 
-    def _in_turn(self, steps: Steps[T], party: Party, rank: Rank) -> tuple[T, float]:
+    def _in_turn(self, begin: Callable[[float], Steps[T]], party: Party, rank: Rank) -> tuple[T, float]:
         turn = Turn(rank)
         try:
             with turn.held:
                 self._wait_for(turn, party.facts.timing.deadline_s, party.name)
                 port = self._opened()
                 try:
-                    result = run(steps, port, self._turns.stop_waits)
+                    result = run(begin, port, self._turns.stop_waits)
                 except LinkDownError:
                     self._port = None
                     port.close()
