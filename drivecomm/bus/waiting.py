@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from drivecomm.bus.procedures import AskStatus, SleepUntil
 from drivecomm.errors import NotSupported, StateError, UsageError, shortened
 from drivecomm.protocol import DriveState, is_duration
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.bus.procedures import Procedure
     from drivecomm.protocol import DriveStatus
 
 Goal: TypeAlias = DriveState | Literal["at_reference"]
@@ -15,6 +19,16 @@ Goal: TypeAlias = DriveState | Literal["at_reference"]
 
 POLL_S = 0.1
 """How often a drive is asked meanwhile."""
+
+
+def reaching(name: str, goal: Goal, timeout_s: float, now: Callable[[], float]) -> Procedure[DriveStatus]:
+    """Ask the drive with this name for its status until it is where it shall be, and return that status."""
+    waiting = Waiting(name, goal, timeout_s, now())
+    status: DriveStatus = yield AskStatus()
+    while not waiting.over(status, asked_at := now()):
+        yield SleepUntil(asked_at + POLL_S)
+        status = yield AskStatus()
+    return status
 
 
 class Waiting:

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import TYPE_CHECKING, TypeVar
 
-from drivecomm.bus.steps import Read, Steps, Watched, Write, carry_out, carry_out_async
+from drivecomm.bus.procedures import Procedure, Read, Watched, Write, carry_out, carry_out_async
 from drivecomm.errors import NotSupported, StateError, UnexpectedReplyError, UsageError, ValueRefusedError
 from drivecomm.models import converted, link_loss_of
 from drivecomm.protocol import exact
 
 if TYPE_CHECKING:
-    from drivecomm.bus.async_drive import AsyncDrive
-    from drivecomm.bus.drive import Drive
+    from drivecomm.bus.async_bus import AsyncDrive
+    from drivecomm.bus.bus import Drive
     from drivecomm.protocol import LinkLoss, Model, ParameterInfo, Reading, Value, Watchdog
 
 T = TypeVar("T")
@@ -51,7 +51,7 @@ def read_watchdog(drive: Drive) -> Setting:
     Raises UsageError for a drive without a model, NotSupported where its model knows no watchdog, and what `Drive.read`
     raises.
     """
-    return carry_out(drive, reading_steps(drive.name, drive.model))
+    return carry_out(drive, reading_watchdog(drive.name, drive.model))
 
 
 def set_watchdog(drive: Drive, policy: LinkLoss, time_s: Value | float = 5) -> Setting:
@@ -64,17 +64,17 @@ def set_watchdog(drive: Drive, policy: LinkLoss, time_s: Value | float = 5) -> S
     Raises NotSupported for a policy that this drive's watchdog has not, ValueRefusedError for a time that its parameter
     cannot hold, StateError where it reads back something else, and as `read_watchdog`.
     """
-    return carry_out(drive, setting_steps(drive.name, drive.model, policy, time_s))
+    return carry_out(drive, setting_watchdog(drive.name, drive.model, policy, time_s))
 
 
 async def read_watchdog_async(drive: AsyncDrive) -> Setting:
     """Return how the drive's watchdog is set; as `read_watchdog`."""
-    return await carry_out_async(drive, reading_steps(drive.name, drive.model))
+    return await carry_out_async(drive, reading_watchdog(drive.name, drive.model))
 
 
 async def set_watchdog_async(drive: AsyncDrive, policy: LinkLoss, time_s: Value | float = 5) -> Setting:
     """Set the drive's watchdog; as `set_watchdog`."""
-    return await carry_out_async(drive, setting_steps(drive.name, drive.model, policy, time_s))
+    return await carry_out_async(drive, setting_watchdog(drive.name, drive.model, policy, time_s))
 
 
 def policies(model: Model | None) -> tuple[LinkLoss, ...]:
@@ -85,31 +85,31 @@ def policies(model: Model | None) -> tuple[LinkLoss, ...]:
     return tuple(known if model.watchdog.off is None else {"hold": None, **known})
 
 
-def reading_steps(name: str, model: Model | None) -> Steps[Setting]:
+def reading_watchdog(name: str, model: Model | None) -> Procedure[Setting]:
     """Read how the watchdog of the drive with this name is set."""
-    return _minded(_reading(_Parameters(name, model)))
+    return _noted(_reading(_Parameters(name, model)))
 
 
-def setting_steps(name: str, model: Model | None, policy: LinkLoss, time_s: Value | float) -> Steps[Setting]:
+def setting_watchdog(name: str, model: Model | None, policy: LinkLoss, time_s: Value | float) -> Procedure[Setting]:
     """Set the watchdog to a policy, and read it back. What cannot be raises before anything is sent."""
     parameters = _Parameters(name, model)
     action, time = parameters.values_for(policy, exact(time_s, "watchdog time"))
-    return _minded(_setting(parameters, action, time))
+    return _noted(_setting(parameters, action, time))
 
 
-def putting_back_steps(name: str, model: Model | None, earlier: Setting) -> Steps[Setting]:
+def restoring_watchdog(name: str, model: Model | None, earlier: Setting) -> Procedure[Setting]:
     """Set the watchdog as it was."""
-    return _minded(_setting(_Parameters(name, model), earlier.action_value, earlier.time_value))
+    return _noted(_setting(_Parameters(name, model), earlier.action_value, earlier.time_value))
 
 
-def _minded(steps: Steps[Setting]) -> Steps[Setting]:
+def _noted(procedure: Procedure[Setting]) -> Procedure[Setting]:
     """Let the drive know how long its watchdog waits: what is older is not repeated."""
-    setting = yield from steps
+    setting = yield from procedure
     yield Watched(None if setting.time_s is None else float(setting.time_s))
     return setting
 
 
-def _reading(parameters: _Parameters) -> Steps[Setting]:
+def _reading(parameters: _Parameters) -> Procedure[Setting]:
     time = _number((yield Read(parameters.time.address)))
     action, words = None, ""
     if parameters.action is not None:
@@ -119,7 +119,7 @@ def _reading(parameters: _Parameters) -> Steps[Setting]:
     return parameters.setting(action, time, words)
 
 
-def _setting(parameters: _Parameters, action: Value | None, time: Value | None) -> Steps[Setting]:
+def _setting(parameters: _Parameters, action: Value | None, time: Value | None) -> Procedure[Setting]:
     """Write what differs. A parameter whose value is None keeps what it holds."""
     now = yield from _reading(parameters)
     held = {parameters.time.address: now.time_value}

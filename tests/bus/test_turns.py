@@ -15,7 +15,7 @@ from benches import PROTOCOLS, READABLE, Mortal, Port, Recorder
 
 import drivecomm
 import drivecomm.protocol.registry
-from drivecomm.bus import AsyncTurns, Queue, Rank, Turn, Turns
+from drivecomm.bus import AsyncPriorityLock, PriorityLock, PriorityQueue, Rank, Turn
 from drivecomm.errors import DriveCommError, OvertakenError, UsageError
 from drivecomm.virtual import VirtualLine
 from drivecomm_vabus.options import VabusOptions
@@ -137,7 +137,7 @@ class Crowd:
 
 class TestQueue:
     def test_the_order_is_by_rank_and_then_by_coming(self):
-        queue = Queue()
+        queue = PriorityQueue()
         for place, rank in enumerate([3, 2, 2, 0, 1, 3, 0, 1]):
             queue.join(Rank(rank), f"{rank}{place}")
         assert len(queue) == 8
@@ -145,7 +145,7 @@ class TestQueue:
 
     def test_leaving_keeps_the_order_of_the_others(self):
         for gone in range(9):
-            queue = Queue()
+            queue = PriorityQueue()
             names = [[str(place)] for place in range(9)]
             for name in names:
                 queue.join(Rank.READ, name)
@@ -154,7 +154,7 @@ class TestQueue:
             assert [queue.next()[0] for _ in range(8)] == [str(place) for place in range(9) if place != gone]
 
     def test_those_who_are_equal_are_not_the_same(self):
-        queue = Queue()
+        queue = PriorityQueue()
         first, second = [], []
         queue.join(Rank.READ, first)
         assert not queue.leave(second)
@@ -163,7 +163,7 @@ class TestQueue:
 
 class TestThreads:
     def test_a_free_line_is_taken_at_once(self):
-        turns = Turns()
+        turns = PriorityLock()
         turn = take(turns, Rank.POLL)
         assert turn
         assert not take(turns, Rank.STOP)
@@ -171,7 +171,7 @@ class TestThreads:
         assert take(turns, Rank.POLL)
 
     def test_ranks_overtake_and_equals_do_not(self):
-        crowd = Crowd(Turns())
+        crowd = Crowd(PriorityLock())
         turn = take(crowd.turns, Rank.READ)
         for number, rank in enumerate([Rank.POLL, Rank.READ, Rank.COMMAND, Rank.READ, Rank.STOP, Rank.POLL, Rank.STOP]):
             crowd.join(f"{rank.name} {number}", rank)
@@ -181,7 +181,7 @@ class TestThreads:
 
     def test_nobody_slips_in_between(self):
         """Whoever comes when a turn is over, and the next has not been called yet, waits behind those who wait."""
-        crowd = Crowd(Turns())
+        crowd = Crowd(PriorityLock())
         turn = take(crowd.turns, Rank.READ)
         crowd.join("waiting", Rank.READ)
         with crowd.turns._guard:
@@ -194,7 +194,7 @@ class TestThreads:
         assert isinstance(crowd.called[1], Turn)
 
     def test_who_has_waited_long_enough_leaves(self):
-        crowd = Crowd(Turns())
+        crowd = Crowd(PriorityLock())
         turn = take(crowd.turns, Rank.READ)
         crowd.join("hasty", Rank.STOP, seconds=0.03)
         crowd.join("patient", Rank.POLL)
@@ -206,7 +206,7 @@ class TestThreads:
         assert take(crowd.turns, Rank.POLL)
 
     def test_many_who_give_up_in_the_moment_in_which_they_are_called(self):
-        turns, inside, most, served = Turns(), [], [], Counter()
+        turns, inside, most, served = PriorityLock(), [], [], Counter()
 
         def work(name):
             for number in range(150):
@@ -235,7 +235,7 @@ class TestThreads:
 
     def test_whoever_is_interrupted_in_the_middle_of_a_turn_is_not_waited_for(self):
         """However a turn ends, it is over, and the others see it though nobody calls them."""
-        crowd = Crowd(Turns())
+        crowd = Crowd(PriorityLock())
         turn = take(crowd.turns, Rank.READ)
         crowd.join("next", Rank.READ)
         turn.held.release()
@@ -243,7 +243,7 @@ class TestThreads:
         assert crowd.called == ["next"]
 
     def test_whoever_is_interrupted_while_waiting_is_not_called(self):
-        crowd = Crowd(Turns())
+        crowd = Crowd(PriorityLock())
         turn, gone = take(crowd.turns, Rank.READ), Turn(Rank.STOP)
         gone.called = Interrupted()
         with pytest.raises(KeyboardInterrupt), gone.held:
@@ -397,11 +397,11 @@ class TestBus:
                     call()
                     done.append(name)
 
-                waiting = len(bus._turns._waiting)
+                waiting = len(bus._lock._waiting)
                 threads.append(threading.Thread(target=work))
                 threads[-1].start()
-                wait_for(lambda waiting=waiting: len(bus._turns._waiting) > waiting)
-            queue = sorted(bus._turns._waiting, key=lambda turn: (turn.rank, turn.order))
+                wait_for(lambda waiting=waiting: len(bus._lock._waiting) > waiting)
+            queue = sorted(bus._lock._waiting, key=lambda turn: (turn.rank, turn.order))
             leave.set()
             for thread in threads:
                 thread.join(10)
@@ -426,10 +426,10 @@ class TestBus:
             threads[0].start()
             assert entered.wait(10)
             for call in (lambda: drive.read("481"), bus.broadcast("vabus").stop):
-                waiting = len(bus._turns._waiting)
+                waiting = len(bus._lock._waiting)
                 threads.append(threading.Thread(target=call))
                 threads[-1].start()
-                wait_for(lambda waiting=waiting: len(bus._turns._waiting) > waiting)
+                wait_for(lambda waiting=waiting: len(bus._lock._waiting) > waiting)
             leave.set()
             for thread in threads:
                 thread.join(10)
@@ -466,7 +466,7 @@ class TestBus:
         recorder = Recorder()
         with drivecomm.open_bus(line.port, trace=recorder) as bus:
             first, second = (bus.drive("danfoss-fc", address) for address in (1, 2))
-            hand_on, others = bus._turns.hand_on, [True]
+            hand_on, others = bus._lock.hand_on, [True]
 
             def hand_on_and_be_slow():
                 hand_on()
@@ -476,7 +476,7 @@ class TestBus:
                     thread.start()
                     thread.join(10)
 
-            bus._turns.hand_on = hand_on_and_be_slow
+            bus._lock.hand_on = hand_on_and_be_slow
             reading = first.read("3-10[3]")
         own, other = recorder.of("received")
         assert (own.drive, other.drive) == (first.name, second.name)
@@ -585,7 +585,7 @@ class TestTasks:
 
     def test_the_line_is_not_lost_when_it_is_handed_on_in_the_moment_in_which_the_time_is_over(self):
         async def main():
-            turns = AsyncTurns()
+            turns = AsyncPriorityLock()
             assert await turns.take(Rank.READ, 1.0)
             waiting = asyncio.create_task(turns.take(Rank.READ, 0.01))
             await asyncio.sleep(0)
@@ -600,7 +600,7 @@ class TestTasks:
 
     def test_ranks_overtake_and_equals_do_not(self):
         async def main():
-            turns, called = AsyncTurns(), []
+            turns, called = AsyncPriorityLock(), []
             assert await turns.take(Rank.READ, 1.0)
 
             async def wait(name, rank):
@@ -621,7 +621,7 @@ class TestTasks:
     @pytest.mark.parametrize("seconds", [0.0, 0.01])
     def test_who_has_waited_long_enough_leaves(self, seconds):
         async def main():
-            turns = AsyncTurns()
+            turns = AsyncPriorityLock()
             assert await turns.take(Rank.READ, seconds)
             assert not await turns.take(Rank.STOP, seconds)
             assert len(turns._queue) == 0
@@ -636,7 +636,7 @@ class TestTasks:
         """Also in the moment of being called, and twice."""
 
         async def main():
-            turns = AsyncTurns()
+            turns = AsyncPriorityLock()
             assert await turns.take(Rank.READ, 1.0)
             waiting = asyncio.create_task(turns.take(Rank.READ, 10.0))
             behind = asyncio.create_task(turns.take(Rank.POLL, 10.0))
@@ -659,7 +659,7 @@ class TestTasks:
 
     def test_cancelled_before_the_line_is_handed_on_in_the_same_breath(self):
         async def main():
-            turns = AsyncTurns()
+            turns = AsyncPriorityLock()
             assert await turns.take(Rank.READ, 1.0)
             waiting = asyncio.create_task(turns.take(Rank.READ, 10.0))
             behind = asyncio.create_task(turns.take(Rank.READ, 10.0))

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import drivecomm
-from drivecomm.bus import keep, policies, read_watchdog, set_watchdog
-from drivecomm.bus.watchdog import read_watchdog_async, set_watchdog_async
+from drivecomm.bus import keep, policies, read_watchdog, read_watchdog_async, set_watchdog, set_watchdog_async
 from drivecomm.errors import NotSupported, StateError, UnexpectedReplyError, UsageError, ValueRefusedError
 from drivecomm.models import load_model, read_model
 from drivecomm.protocol import installed

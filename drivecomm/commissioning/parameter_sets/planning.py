@@ -24,7 +24,7 @@ from drivecomm.errors import DriveError, NotSupported, ReadOnlyError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.bus import Steps
+    from drivecomm.bus import Procedure
     from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet
     from drivecomm.commissioning.parameter_sets.reading_out import Progress
     from drivecomm.commissioning.parameter_sets.subject import Subject
@@ -86,7 +86,7 @@ class Plan:
         return [item for item in self.items if item.missed]
 
 
-def planning(to: Subject, known: ParameterSet, wishes: Wishes, progress: Progress) -> Steps[Plan]:
+def planning(to: Subject, known: ParameterSet, wishes: Wishes, progress: Progress) -> Procedure[Plan]:
     """Find out what a restore would write; writes nothing.
 
     Raises UsageError for a set of another drive unless that is wished and for a drive that is read-only, and
@@ -137,7 +137,7 @@ def _stored(to: Subject, wishes: Wishes) -> bool:
     return False
 
 
-def _looked_at(to: Subject, known: ParameterSet, wishes: Wishes) -> Steps[tuple[list[str], bool]]:
+def _looked_at(to: Subject, known: ParameterSet, wishes: Wishes) -> Procedure[tuple[list[str], bool]]:
     """Return what is to be remarked, and whether the set is of this drive."""
     identity = yield from identity_told()
     if reason := of_another_drive(known, to, identity):
@@ -188,7 +188,7 @@ def _chosen(entries: list[Entry], skipped: list[Planned], wishes: Wishes) -> tup
 
 def _items(
     to: Subject, entry: Entry, known: ParameterSet, model: Model, wishes: Wishes, *, across: bool, own: bool
-) -> Steps[list[Planned]]:
+) -> Procedure[list[Planned]]:
     """Return what becomes of an entry; of the time of another maker's watchdog, of all that a watchdog consists of."""
     if not across:
         return [_item(to, entry, wishes, across=False, own=own)]
@@ -266,7 +266,7 @@ def _is_missed(item: Planned, wishes: Wishes, *, of_same_model: bool) -> bool:
     return item.action == "skip" and (bool(wishes.only) or (of_same_model and item.reason != _NOT_TOLD))
 
 
-def _checked(wanted: list[Planned], *, store: bool) -> Steps[tuple[list[Planned], list[Planned], dict[str, str]]]:
+def _checked(wanted: list[Planned], *, store: bool) -> Procedure[tuple[list[Planned], list[Planned], dict[str, str]]]:
     """Return what can be asked for, what cannot be sent by itself, and the values that do not fit, by address."""
     fit, unfit, wrong = [], [], {}
     for item in wanted:
@@ -293,7 +293,7 @@ def _must_fit(items: list[Planned], wrong: dict[str, str]) -> None:
         )
 
 
-def _compared(item: Planned) -> Steps[Planned]:
+def _compared(item: Planned) -> Procedure[Planned]:
     try:
         reading = yield Read(item.address)
     except DriveError:

@@ -1,22 +1,22 @@
-"""Turns of tasks on a line; see `drivecomm.bus.turns`."""
+"""A priority lock for tasks; see `drivecomm.bus.priority_lock`."""
 
 from __future__ import annotations
 
 import asyncio
 from typing import TYPE_CHECKING
 
-from drivecomm.bus.turns import Queue
+from drivecomm.bus.priority_lock import PriorityQueue
 
 if TYPE_CHECKING:
-    from drivecomm.bus.turns import Rank
+    from drivecomm.bus.priority_lock import Rank
 
 
-class AsyncTurns:
-    """Turns of tasks. The line is handed from one to the next, so that nobody slips in between."""
+class AsyncPriorityLock:
+    """A line among tasks. It is handed from one to the next, so that nobody slips in between."""
 
     def __init__(self) -> None:
         self._taken = False
-        self._queue: Queue[asyncio.Future[None]] = Queue()
+        self._queue: PriorityQueue[asyncio.Future[None]] = PriorityQueue()
 
     def stop_waits(self) -> bool:
         """Whether somebody waits who wants to stop something."""

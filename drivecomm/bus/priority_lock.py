@@ -1,4 +1,4 @@
-"""Whose turn it is on a line: one at a time, the more urgent first, otherwise in the order of coming."""
+"""Whose turn it is on a line: requests queue by priority, then first come, first served."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Rank(IntEnum):
     POLL = 3
 
 
-class Queue(Generic[W]):
+class PriorityQueue(Generic[W]):
     """Who waits for the line, in the order in which they get it."""
 
     def __init__(self) -> None:
@@ -72,8 +72,8 @@ class Turn:
         self.thread = get_ident()
 
 
-class Turns:
-    """Turns of threads. The line is handed from one to the next, so that nobody slips in between."""
+class PriorityLock:
+    """A line among threads. It is handed from one to the next, so that nobody slips in between."""
 
     def __init__(self) -> None:
         self._guard = Lock()
