@@ -10,12 +10,7 @@ from .exchanges import Exchanges as Exchanges
 from .faces import Job as Job
 from .keeping import keep as keep, keep_async as keep_async
 from .likely_settings import LineChoices as LineChoices, likely_settings as likely_settings
-from .priority_lock import (
-    PriorityLock as PriorityLock,
-    PriorityQueue as PriorityQueue,
-    Rank as Rank,
-    Turn as Turn,
-)
+from .priority_lock import PriorityLock as PriorityLock, Rank as Rank, Turn as Turn
 from .procedures import (
     AskIdentity as AskIdentity,
     AskStatus as AskStatus,

@@ -15,7 +15,7 @@ from benches import PROTOCOLS, READABLE, Mortal, Port, Recorder
 
 import drivecomm
 import drivecomm.protocol
-from drivecomm.bus import AsyncPriorityLock, PriorityLock, PriorityQueue, Rank, Turn
+from drivecomm.bus import AsyncPriorityLock, PriorityLock, Rank, Turn
 from drivecomm.errors import DriveCommError, OvertakenError, UsageError
 from drivecomm.virtual import VirtualLine
 from drivecomm_vabus.options import VabusOptions
@@ -133,32 +133,6 @@ class Crowd:
         for thread in self.threads:
             thread.join(10)
             assert not thread.is_alive()
-
-
-class TestQueue:
-    def test_the_order_is_by_rank_and_then_by_coming(self):
-        queue = PriorityQueue()
-        for place, rank in enumerate([3, 2, 2, 0, 1, 3, 0, 1]):
-            queue.join(Rank(rank), f"{rank}{place}")
-        assert len(queue) == 8
-        assert [queue.next() for _ in range(8)] == ["03", "06", "14", "17", "21", "22", "30", "35"]
-
-    def test_leaving_keeps_the_order_of_the_others(self):
-        for gone in range(9):
-            queue = PriorityQueue()
-            names = [[str(place)] for place in range(9)]
-            for name in names:
-                queue.join(Rank.READ, name)
-            assert queue.leave(names[gone])
-            assert not queue.leave(names[gone])
-            assert [queue.next()[0] for _ in range(8)] == [str(place) for place in range(9) if place != gone]
-
-    def test_those_who_are_equal_are_not_the_same(self):
-        queue = PriorityQueue()
-        first, second = [], []
-        queue.join(Rank.READ, first)
-        assert not queue.leave(second)
-        assert queue.next() is first
 
 
 class TestThreads:
@@ -580,8 +554,65 @@ class TestBus:
             assert drive.read("482", type="long").raw == "000009C4"
 
 
+async def queued(turns, ranks, called):
+    """Let tasks wait for a line that is taken; each notes its number when it is called, and hands the line on."""
+    assert await turns.take(Rank.READ, 1.0)
+
+    async def wait(number, rank):
+        assert await turns.take(Rank(rank), 10.0)
+        called.append(number)
+        turns.give_back()
+
+    tasks = [asyncio.create_task(wait(number, rank)) for number, rank in enumerate(ranks)]
+    await asyncio.sleep(0)
+    return tasks
+
+
 class TestTasks:
     """The same turns for tasks."""
+
+    def test_the_order_is_by_rank_and_then_by_coming(self):
+        async def main():
+            turns, called, ranks = AsyncPriorityLock(), [], [3, 2, 2, 0, 1, 3, 0, 1]
+            tasks = await queued(turns, ranks, called)
+            assert len(turns._waiting) == 8
+            turns.give_back()
+            await asyncio.gather(*tasks)
+            assert [f"{ranks[number]}{number}" for number in called] == [
+                "03", "06", "14", "17", "21", "22", "30", "35",
+            ]  # fmt: skip
+
+        asyncio.run(main())
+
+    def test_leaving_keeps_the_order_of_the_others(self):
+        async def main(gone):
+            turns, called = AsyncPriorityLock(), []
+            tasks = await queued(turns, [Rank.READ] * 9, called)
+            place = turns._waiting[gone]
+            assert turns._left(place)
+            assert not turns._left(place)
+            turns.give_back()
+            await asyncio.gather(*tasks[:gone], *tasks[gone + 1 :])
+            assert called == [number for number in range(9) if number != gone]
+            tasks[gone].cancel()
+
+        for gone in range(9):
+            asyncio.run(main(gone))
+
+    def test_those_who_are_equal_are_not_the_same(self):
+        async def main():
+            turns, called = AsyncPriorityLock(), []
+            tasks = await queued(turns, [Rank.READ] * 2, called)
+            first, second = turns._waiting
+            assert first < second
+            assert turns._left(second)
+            assert turns._waiting == [first]
+            turns.give_back()
+            await tasks[0]
+            assert called == [0]
+            tasks[1].cancel()
+
+        asyncio.run(main())
 
     def test_the_line_is_not_lost_when_it_is_handed_on_in_the_moment_in_which_the_time_is_over(self):
         async def main():
@@ -624,7 +655,7 @@ class TestTasks:
             turns = AsyncPriorityLock()
             assert await turns.take(Rank.READ, seconds)
             assert not await turns.take(Rank.STOP, seconds)
-            assert len(turns._queue) == 0
+            assert len(turns._waiting) == 0
             turns.give_back()
             assert await turns.take(Rank.POLL, seconds)
 
