@@ -12,14 +12,14 @@ from .keeping import keep as keep, keep_async as keep_async
 from .likely_settings import LineChoices as LineChoices, likely_settings as likely_settings
 from .priority_lock import PriorityLock as PriorityLock, Rank as Rank, Turn as Turn
 from .procedures import (
-    AskIdentity as AskIdentity,
-    AskStatus as AskStatus,
-    CheckWrite as CheckWrite,
     Procedure as Procedure,
-    Read as Read,
-    Write as Write,
+    ask_identity as ask_identity,
+    ask_status as ask_status,
     carry_out as carry_out,
     carry_out_async as carry_out_async,
+    check_write as check_write,
+    read_parameter as read_parameter,
+    write_parameter as write_parameter,
 )
 from .read_only import ReadOnly as ReadOnly
 from .roster import Member as Member, Roster as Roster, line_overrides as line_overrides

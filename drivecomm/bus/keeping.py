@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, get_args
 
 from drivecomm.bus.async_bus import AsyncDrive
 from drivecomm.bus.bus import Drive
-from drivecomm.bus.procedures import AskStatus, SleepUntil, StopMotor, carry_out, carry_out_async
+from drivecomm.bus.procedures import ask_status, carry_out, carry_out_async, sleep_until, stop_motor
 from drivecomm.bus.watchdog import Setting, policies, reading_watchdog, restoring_watchdog, setting_watchdog
 from drivecomm.errors import DriveCommError, NotSupported, ReplyError, StateError, UsageError
 from drivecomm.protocol import DriveStatus, LinkLoss, Stop, exact
@@ -99,10 +99,10 @@ class _Keeper(Generic[D]):
             # Made first, because it refuses what cannot be before anything is sent.
             setting = setting_watchdog(name, model, self._policy, self._watchdog_s)
             self._earlier = yield from reading_watchdog(name, model)
-            status: DriveStatus = yield AskStatus()
+            status: DriveStatus = yield ask_status()
             if not status.running and not status.fault:
                 # Changes nothing, but a drive that counts from its last command would act at once if that is long ago.
-                yield StopMotor(Stop.RAMP)
+                yield stop_motor(Stop.RAMP)
             self._setting = yield from setting
         elif policies(model):
             self._setting = yield from reading_watchdog(name, model)
@@ -119,7 +119,7 @@ class _Keeper(Generic[D]):
         self._asked += 1
         try:
             try:
-                status = yield AskStatus()
+                status = yield ask_status()
             except DriveCommError as error:
                 self._unanswered += 1
                 self._check_silence(self._drive.bus.now(), None)
@@ -144,13 +144,13 @@ class _Keeper(Generic[D]):
             if self._feeds and now >= self._next_at:
                 yield from self._refreshing()
                 self._next_at = bus.now() + self._pause_after_s(bus.now() - now)
-            yield SleepUntil(min(until, self._next_at) if self._feeds else until)
+            yield sleep_until(min(until, self._next_at) if self._feeds else until)
 
     def _stopping(self) -> Procedure[None]:
         """Do what is to be done on leaving."""
         for left in reversed(range(_STOP_TRIES if self._stop is not None else 0)):
             try:
-                yield StopMotor(self._stop)  # type: ignore[arg-type]
+                yield stop_motor(self._stop)  # type: ignore[arg-type]
             except ReplyError:
                 if not left:
                     raise

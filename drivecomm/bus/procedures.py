@@ -7,7 +7,6 @@ in at the yield. Between two steps others may use the line; what must not be cut
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass, field
 from inspect import isawaitable
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
@@ -22,96 +21,47 @@ Step: TypeAlias = Callable[[Any], Any]
 
 Procedure: TypeAlias = Generator[Step, Any, T]
 
+_NO_OPTIONS: Mapping[str, Any] = {}
 
-@dataclass(frozen=True, slots=True)
-class Read:
+
+def read_parameter(parameter: str, options: Mapping[str, Any] = _NO_OPTIONS) -> Step:
     """Read a parameter; a Reading is sent back."""
-
-    parameter: str
-    options: Mapping[str, Any] = field(default_factory=dict)
-
-    def __call__(self, drive: Any) -> Any:
-        """Do it with this drive."""
-        return drive.read(self.parameter, **self.options)
+    return lambda drive: drive.read(parameter, **options)
 
 
-@dataclass(frozen=True, slots=True)
-class Write:
+def write_parameter(parameter: str, value: Value, *, store: bool, options: Mapping[str, Any] = _NO_OPTIONS) -> Step:
     """Write a parameter."""
-
-    parameter: str
-    value: Value
-    store: bool
-    options: Mapping[str, Any] = field(default_factory=dict)
-
-    def __call__(self, drive: Any) -> Any:
-        """Do it with this drive."""
-        return drive.write(self.parameter, self.value, store=self.store, **self.options)
+    return lambda drive: drive.write(parameter, value, store=store, **options)
 
 
-@dataclass(frozen=True, slots=True)
-class CheckWrite:
+def check_write(parameter: str, value: Value, *, store: bool, options: Mapping[str, Any] = _NO_OPTIONS) -> Step:
     """See whether a write could be sent; sends nothing."""
-
-    parameter: str
-    value: Value
-    store: bool
-    options: Mapping[str, Any] = field(default_factory=dict)
-
-    def __call__(self, drive: Any) -> Any:
-        """Do it with this drive."""
-        return drive.check_write(self.parameter, self.value, store=self.store, **self.options)
+    return lambda drive: drive.check_write(parameter, value, store=store, **options)
 
 
-@dataclass(frozen=True, slots=True)
-class AskStatus:
+def ask_status() -> Step:
     """Read the status; a DriveStatus is sent back."""
-
-    def __call__(self, drive: Any) -> Any:
-        """Do it with this drive."""
-        return drive.status()
+    return lambda drive: drive.status()
 
 
-@dataclass(frozen=True, slots=True)
-class AskIdentity:
+def ask_identity() -> Step:
     """Read what the drive tells of itself; names and texts are sent back."""
-
-    def __call__(self, drive: Any) -> Any:
-        """Do it with this drive."""
-        return drive.identify()
+    return lambda drive: drive.identify()
 
 
-@dataclass(frozen=True, slots=True)
-class Watched:
+def note_watchdog(silence_s: float | None) -> Step:
     """Say how long the drive's watchdog waits, see `Drive.watched`."""
-
-    silence_s: float | None
-
-    def __call__(self, drive: Any) -> Any:
-        """Do it with this drive."""
-        return drive.watched(self.silence_s)
+    return lambda drive: drive.watched(silence_s)
 
 
-@dataclass(frozen=True, slots=True)
-class StopMotor:
+def stop_motor(how: Stop) -> Step:
     """Stop the motor."""
-
-    how: Stop
-
-    def __call__(self, drive: Any) -> Any:
-        """Do it with this drive."""
-        return drive.stop(self.how)
+    return lambda drive: drive.stop(how)
 
 
-@dataclass(frozen=True, slots=True)
-class SleepUntil:
+def sleep_until(until: float) -> Step:
     """Let time pass on the clock of the drive's line."""
-
-    until: float
-
-    def __call__(self, drive: Any) -> Any:
-        """Do it with this drive."""
-        return drive.bus.sleep_until(self.until)
+    return lambda drive: drive.bus.sleep_until(until)
 
 
 def carry_out(drive: Blocking, procedure: Procedure[T]) -> T:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from drivecomm.bus.procedures import AskStatus, SleepUntil
+from drivecomm.bus.procedures import ask_status, sleep_until
 from drivecomm.errors import NotSupported, StateError, UsageError, shortened
 from drivecomm.protocol import DriveState, is_duration
 
@@ -24,10 +24,10 @@ POLL_S = 0.1
 def reaching(name: str, goal: Goal, timeout_s: float, now: Callable[[], float]) -> Procedure[DriveStatus]:
     """Ask the drive with this name for its status until it is where it shall be, and return that status."""
     waiting = Waiting(name, goal, timeout_s, now())
-    status: DriveStatus = yield AskStatus()
+    status: DriveStatus = yield ask_status()
     while not waiting.over(status, asked_at := now()):
-        yield SleepUntil(asked_at + POLL_S)
-        status = yield AskStatus()
+        yield sleep_until(asked_at + POLL_S)
+        status = yield ask_status()
     return status
 
 

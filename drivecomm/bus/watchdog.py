@@ -9,7 +9,14 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import TYPE_CHECKING, TypeVar
 
-from drivecomm.bus.procedures import Procedure, Read, Watched, Write, carry_out, carry_out_async
+from drivecomm.bus.procedures import (
+    Procedure,
+    carry_out,
+    carry_out_async,
+    note_watchdog,
+    read_parameter,
+    write_parameter,
+)
 from drivecomm.errors import NotSupported, StateError, UnexpectedReplyError, UsageError, ValueRefusedError
 from drivecomm.models import converted, link_loss_of
 from drivecomm.protocol import exact
@@ -105,15 +112,15 @@ def restoring_watchdog(name: str, model: Model | None, earlier: Setting) -> Proc
 def _noted(procedure: Procedure[Setting]) -> Procedure[Setting]:
     """Let the drive know how long its watchdog waits: what is older is not repeated."""
     setting = yield from procedure
-    yield Watched(None if setting.time_s is None else float(setting.time_s))
+    yield note_watchdog(None if setting.time_s is None else float(setting.time_s))
     return setting
 
 
 def _reading(parameters: _Parameters) -> Procedure[Setting]:
-    time = _number((yield Read(parameters.time.address)))
+    time = _number((yield read_parameter(parameters.time.address)))
     action, words = None, ""
     if parameters.action is not None:
-        reading = yield Read(parameters.action.address)
+        reading = yield read_parameter(parameters.action.address)
         action = _number(reading)
         words = _words(parameters.action, action)
     return parameters.setting(action, time, words)
@@ -133,10 +140,10 @@ def _setting(parameters: _Parameters, action: Value | None, time: Value | None) 
     written = [address for address in order if wanted[address] != held[address]]
     for address in written:
         try:
-            yield Write(address, wanted[address], store=False)
+            yield write_parameter(address, wanted[address], store=False)
         except NotSupported:
             # This drive keeps what is written to it, in any case.
-            yield Write(address, wanted[address], store=True)
+            yield write_parameter(address, wanted[address], store=True)
     if not written:
         return now
     after = yield from _reading(parameters)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivecomm.bus import Read, carry_out, reading_watchdog, setting_watchdog
+from drivecomm.bus import carry_out, read_parameter, reading_watchdog, setting_watchdog
 from drivecomm.commissioning.parameter_sets.effect import (
     Held,
     common_values,
@@ -66,7 +66,7 @@ def reason_not_to_count(to: Subject, entry: Entry) -> Procedure[str]:
     info = to.info(to.model.quantities[entry.common])
     for address in info.only_with if info else ():
         try:
-            reading = yield Read(address)
+            reading = yield read_parameter(address)
         except DriveError as error:
             return f"whether it counts is not known: {error}"
         if not counts_with(to.model, info, address, reading.value):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from drivecomm.bus import CheckWrite, Read
+from drivecomm.bus import check_write, read_parameter
 from drivecomm.commissioning.parameter_sets.carrying import (
     carried_watchdog,
     common_entries,
@@ -270,7 +270,7 @@ def _checked(wanted: list[Planned], *, store: bool) -> Procedure[tuple[list[Plan
     fit, unfit, wrong = [], [], {}
     for item in wanted:
         try:
-            yield CheckWrite(item.address, item.value, store, item.options)
+            yield check_write(item.address, item.value, store=store, options=item.options)
         except ReadOnlyError as error:
             raise ReadOnlyError(f"{error}; nothing was written") from error
         except ValueRefusedError as error:
@@ -294,7 +294,7 @@ def _must_fit(items: list[Planned], wrong: dict[str, str]) -> None:
 
 def _compared(item: Planned) -> Procedure[Planned]:
     try:
-        reading = yield Read(item.address)
+        reading = yield read_parameter(item.address)
     except DriveError:
         # Data sets that differ, say: what is to be there is known all the same.
         return item

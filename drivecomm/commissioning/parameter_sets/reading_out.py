@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import AskIdentity, AskStatus, Read
+from drivecomm.bus import ask_identity, ask_status, read_parameter
 from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet, in_order
 from drivecomm.commissioning.parameter_sets.subject import part_of
 from drivecomm.errors import DriveError, ReplyError, UnexpectedReplyError, UsageError
@@ -47,7 +47,7 @@ def factory_values(of: Subject, parts: Collection[Part], progress: Progress) -> 
 def identity_told() -> Procedure[Mapping[str, str]]:
     """Return what the drive tells of itself, nothing where it refuses; its state says nothing of what it is."""
     try:
-        told: Mapping[str, str] = yield AskIdentity()
+        told: Mapping[str, str] = yield ask_identity()
     except DriveError:
         return {}
     return {key: text for key, text in told.items() if key != "state"}
@@ -98,18 +98,18 @@ def _read(
 def _reading(address: str, options: Mapping[str, Any]) -> Procedure[Reading]:
     """Read, and once more where nothing believable came though the drive is there."""
     try:
-        return (yield Read(address, options))  # type: ignore[no-any-return]
+        return (yield read_parameter(address, options))  # type: ignore[no-any-return]
     except UnexpectedReplyError:
         raise
     except ReplyError as error:
         yield from _must_be_there(error)
-    return (yield Read(address, options))  # type: ignore[no-any-return]
+    return (yield read_parameter(address, options))  # type: ignore[no-any-return]
 
 
 def _must_be_there(error: ReplyError) -> Procedure[None]:
     """Raise the error unless the drive answers something else: then it is about the parameter."""
     try:
-        yield AskStatus()
+        yield ask_status()
     except ReplyError:
         raise error from None
     except DriveError:
@@ -134,7 +134,7 @@ def _firmware(of: Subject, identity: Mapping[str, str]) -> Procedure[str]:
     """Return the version of the software, by its common name or else by what the drive calls it."""
     if "software_version" in of.model.quantities:
         try:
-            reading: Reading = yield Read("software_version")
+            reading: Reading = yield read_parameter("software_version")
         except (DriveError, UsageError, ReplyError):
             pass
         else:

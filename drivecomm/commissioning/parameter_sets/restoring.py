@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from drivecomm.bus import AskStatus, Read, Write
+from drivecomm.bus import ask_status, read_parameter, write_parameter
 from drivecomm.commissioning.parameter_sets.ordering import Stage
 from drivecomm.commissioning.parameter_sets.parameter_set import same
 from drivecomm.errors import DriveError, ReplyError, StateError, UsageError
@@ -74,7 +74,7 @@ def restoring(plan: Plan, journal: Remembers, progress: Progress) -> Procedure[R
 
 def must_stand(drive: str) -> Procedure[None]:
     """Raise StateError if the motor runs."""
-    status: DriveStatus = yield AskStatus()
+    status: DriveStatus = yield ask_status()
     if status.running:
         raise StateError(
             f"{drive}: the motor runs, and a restore changes limits and ramps; nothing was written, stop it first"
@@ -149,16 +149,16 @@ class _Work:
     def _send(self, item: Planned) -> Procedure[None]:
         """Write; whether a write arrived that nobody confirmed is seen by reading, and if not it is sent once more."""
         try:
-            yield Write(item.address, item.value, self._store, item.options)
+            yield write_parameter(item.address, item.value, store=self._store, options=item.options)
         except ReplyError:
-            reading: Reading = yield Read(item.address)
+            reading: Reading = yield read_parameter(item.address)
             if not same(item.held_by(reading), item.value):
-                yield Write(item.address, item.value, self._store, item.options)
+                yield write_parameter(item.address, item.value, store=self._store, options=item.options)
 
     def _held(self, item: Planned) -> Procedure[str]:
         """Return why the drive does not hold the value that it should, empty when it does."""
         try:
-            reading: Reading = yield Read(item.address)
+            reading: Reading = yield read_parameter(item.address)
         except DriveError as error:
             return f"it cannot be read back: {error}"
         if same(item.held_by(reading), item.value):
