@@ -238,7 +238,7 @@ def port_opener(
     """Return what opens this port, and opens it again when it was lost: then by the name that follows the adapter."""
     if not isinstance(port, str):
         if not callable(port):
-            raise UsageError(f"{shortened(port)} is no port; give its name, or a function that returns one")
+            raise UsageError(f"port cannot be {shortened(port)}; give its name, or a function that returns a port")
         return port
     names = [port]
 

@@ -67,7 +67,7 @@ class Exchanges:
         """Write a parameter, named as for `read`; by a common name, the value is in the unit of the quantity."""
         self._must_name(parameter)
         if not isinstance(value, int | float | Decimal | str):
-            raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is neither a number nor a text")
+            raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is neither a number nor a string")
         if not isinstance(value, str):
             exact(value, parameter)
         value = self._number_of(parameter, value)
@@ -88,13 +88,15 @@ class Exchanges:
         try:
             way = Stop(how)
         except ValueError:
-            known = meant(how, [stop.value for stop in Stop], "they are")
-            raise UsageError(f"{shortened(how)} is no way to stop; {known}") from None
+            known = meant(how, [stop.value for stop in Stop], "use")
+            raise UsageError(f"unknown way to stop {shortened(how)}; {known}") from None
         return self.operations.stop(way)
 
     def _must_name(self, parameter: object) -> None:
         if not isinstance(parameter, str) or len(parameter) > _LONGEST_NAME:
-            raise ParameterAddressError(f'{shortened(parameter)} names no parameter; give a text, such as "481"')
+            raise ParameterAddressError(
+                f'invalid parameter {shortened(parameter)}; give its address or name, such as "481"'
+            )
 
     def _unknown(self, parameter: str, error: ParameterAddressError) -> ParameterAddressError:
         """Return the error for a parameter that the protocol does not know, with what was probably meant."""
@@ -155,7 +157,7 @@ class Exchanges:
     ) -> Exchange[None]:
         """Set the reference in one of its units."""
         if sum(given is not None for given in (percent, hz, rpm)) != 1:
-            raise UsageError("a reference is set with percent, with hz or with rpm, one of them")
+            raise UsageError("give the reference as one of percent, hz and rpm")
         if percent is not None:
             return self.operations.set_reference_percent(exact(percent, "reference"))
         if hz is not None:
@@ -165,9 +167,9 @@ class Exchanges:
     def _set_reference_rpm(self, rpm: Decimal) -> Exchange[None]:
         for name in ("motor_rated_frequency", "motor_rated_speed"):
             if self._common_name(name) is None:
-                raise NotSupported(f"{self._name}: without {name} in its model, revolutions are unknown; give hz")
+                raise NotSupported(f"{self._name} has no {name} in its model, so rpm cannot be converted; use hz")
         if not self.operations.capabilities.reference_hz:
-            raise NotSupported(f"{self._name} takes its reference in percent only here; see its options for hertz")
+            raise NotSupported(f"{self._name} takes its reference in percent only; see its options for hertz")
         frequency = yield from self.to_read("motor_rated_frequency", {})
         speed = yield from self.to_read("motor_rated_speed", {})
         yield from self.operations.set_reference_hz(frequency_for(rpm, frequency, speed))
@@ -220,11 +222,11 @@ def frequency_for(rpm: Decimal, rated_frequency: Reading, rated_speed: Reading) 
     slower than its field. Raises UsageError for a name plate that is empty.
     """
     if isinstance(rated_frequency.value, str) or isinstance(rated_speed.value, str) or not rated_speed.value:
-        raise UsageError("the drive holds no name plate of its motor, so revolutions are unknown; give hz")
+        raise UsageError("the drive holds no name plate data of its motor, so rpm cannot be converted; use hz")
     pole_pairs = int(60 * Decimal(rated_frequency.value) / Decimal(rated_speed.value))
     if pole_pairs < 1:
         raise UsageError(
-            f"a motor of {rated_frequency} with {rated_speed} has no pole pairs; correct its name plate in the drive"
+            f"a motor of {rated_frequency} with {rated_speed} has no pole pairs; correct the name plate data in the drive"
         )
     return exact(rpm * pole_pairs / 60, "reference").quantize(Decimal("0.01"))
 

@@ -136,7 +136,9 @@ def line_overrides(facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return those line facts that are given. Raises UsageError for a name that is none."""
     unknown = sorted(set(facts) - LINE_FACT_NAMES)
     if unknown:
-        raise UsageError(f"a line has no fact {unknown[0]!r}; {meant(unknown[0], sorted(LINE_FACT_NAMES), 'it has')}")
+        raise UsageError(
+            f"unknown line setting {unknown[0]!r}; {meant(unknown[0], sorted(LINE_FACT_NAMES), 'use one of')}"
+        )
     return {name: value for name, value in facts.items() if value is not None}
 
 
@@ -146,4 +148,4 @@ def _echo_mode(echo: bool | Echo) -> Echo:
         return echo
     if isinstance(echo, bool):
         return "expect" if echo else "off"
-    raise UsageError(f"echo {shortened(echo)} is none of off, expect and auto")
+    raise UsageError(f"echo cannot be {shortened(echo)}; use off, expect or auto")

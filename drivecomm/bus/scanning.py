@@ -204,12 +204,12 @@ def options_of(settings: LineSettings) -> dict[str, Any]:
 def scan_plan(only: Iterable[str] | None, addresses: Iterable[int] | None) -> list[tuple[Protocol, int]]:
     """Return whom a scan asks, in order; addresses that a protocol does not have are left out."""
     if only is not None and (isinstance(only, str) or not isinstance(only, Iterable)):
-        raise UsageError(f"{shortened(only)} is no list of protocols; give one, such as ['vabus']")
+        raise UsageError(f"protocols cannot be {shortened(only)}; give a list, such as ['vabus']")
     plugins = [installed[name] for name in only] if only is not None else list(installed.working())
     try:
         wanted = None if addresses is None else list(addresses)
     except TypeError:
-        raise UsageError(f"{shortened(addresses)} are no addresses; give a list of them") from None
+        raise UsageError(f"addresses cannot be {shortened(addresses)}; give a list of numbers") from None
     return [
         (plugin, address)
         for plugin in plugins

@@ -164,9 +164,7 @@ class _Parameters:
 
     def __init__(self, name: str, model: Model | None) -> None:
         if model is None:
-            raise UsageError(
-                f"{name} has no model, and so nothing says which parameters its watchdog has; name its model"
-            )
+            raise UsageError(f"{name} has no model, so the parameters of its watchdog are unknown; give its model")
         if model.watchdog is None:
             raise NotSupported(
                 f"the model {model.name} of {name} knows no watchdog that can be set; when its master falls "
@@ -255,7 +253,7 @@ def _info(model: Model, address: str) -> ParameterInfo:
     found = model.find(address)
     if found is None:
         raise UsageError(
-            f"the watchdog of model {model.name} names {address!r}, which is none of its parameters; mend the model"
+            f"the watchdog of model {model.name} names {address!r}, which is not one of its parameters; correct the model"
         )
     return found
 

@@ -106,7 +106,7 @@ def readable(items: Sequence[PollItem[D]]) -> Sequence[PollItem[D]]:
         except UsageError as error:
             refused.append(f"{item.name or item.drive.name} {item.parameter} ({' '.join(str(error).split())})")
     if refused:
-        raise UsageError(f"what can never be read is not polled, take it out of the plan: {', '.join(refused)}")
+        raise UsageError(f"the plan has what can never be read, take it out: {', '.join(refused)}")
     return items
 
 
@@ -285,5 +285,5 @@ def _seconds(duration_s: float | None) -> float:
     if duration_s is None:
         return math.inf
     if duration_s != math.inf and not (is_duration(duration_s) and duration_s > 0):
-        raise UsageError(f"a duration of {shortened(duration_s)} s polls nothing; give seconds above 0")
+        raise UsageError(f"a poll duration cannot be {shortened(duration_s)} s; give seconds above 0")
     return duration_s

@@ -79,11 +79,11 @@ def test_waiting_leaves_the_line_to_others(drive, virtual):
 
 def test_waiting_ends_in_time_and_at_a_fault(drive, virtual):
     began = drive.bus.now()
-    with pytest.raises(StateError, match=r"did not come to 'running' within 1 s; it is (not_)?ready"):
+    with pytest.raises(StateError, match=r"did not reach 'running' within 1 s; it is (not_)?ready"):
         drive.wait_for(DriveState.RUNNING, timeout_s=1)
     assert drive.bus.now() - began < 1.5
     virtual.trip(4, drive.bus.now())
-    with pytest.raises(StateError, match=r"has a fault( 4.*)? and will not come to 'running'; reset it first"):
+    with pytest.raises(StateError, match=r"has a fault( 4.*)? and will not reach 'running'; reset it first"):
         drive.wait_for(DriveState.RUNNING, timeout_s=100)
     assert drive.wait_for(DriveState.FAULT).fault
 
