@@ -94,9 +94,7 @@ class Exchanges:
 
     def _must_name(self, parameter: object) -> None:
         if not isinstance(parameter, str) or len(parameter) > _LONGEST_NAME:
-            raise ParameterAddressError(
-                f'invalid parameter {shortened(parameter)}; give its address or name, such as "481"'
-            )
+            raise ParameterAddressError(f"invalid parameter {shortened(parameter)}; give an address or a name")
 
     def _unknown(self, parameter: str, error: ParameterAddressError) -> ParameterAddressError:
         """Return the error for a parameter that the protocol does not know, with what was probably meant."""
@@ -226,7 +224,7 @@ def frequency_for(rpm: Decimal, rated_frequency: Reading, rated_speed: Reading) 
     pole_pairs = int(60 * Decimal(rated_frequency.value) / Decimal(rated_speed.value))
     if pole_pairs < 1:
         raise UsageError(
-            f"a motor of {rated_frequency} with {rated_speed} has no pole pairs; correct the name plate data in the drive"
+            f"a motor of {rated_frequency} with {rated_speed} has no pole pairs; correct its name plate in the drive"
         )
     return exact(rpm * pole_pairs / 60, "reference").quantize(Decimal("0.01"))
 

@@ -136,9 +136,8 @@ def line_overrides(facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return those line facts that are given. Raises UsageError for a name that is none."""
     unknown = sorted(set(facts) - LINE_FACT_NAMES)
     if unknown:
-        raise UsageError(
-            f"unknown line setting {unknown[0]!r}; {meant(unknown[0], sorted(LINE_FACT_NAMES), 'use one of')}"
-        )
+        known = meant(unknown[0], sorted(LINE_FACT_NAMES), "use one of")
+        raise UsageError(f"unknown line setting {unknown[0]!r}; {known}")
     return {name: value for name, value in facts.items() if value is not None}
 
 

@@ -253,7 +253,7 @@ def _info(model: Model, address: str) -> ParameterInfo:
     found = model.find(address)
     if found is None:
         raise UsageError(
-            f"the watchdog of model {model.name} names {address!r}, which is not one of its parameters; correct the model"
+            f"the watchdog of model {model.name} names {address!r}, not one of its parameters; correct the model"
         )
     return found
 

@@ -75,7 +75,7 @@ class PollItem(Generic[D]):
 
     def __post_init__(self) -> None:
         if not isinstance(self.parameter, str):
-            raise UsageError(f'invalid parameter {shortened(self.parameter)}; give its address or name, such as "481"')
+            raise UsageError(f"invalid parameter {shortened(self.parameter)}; give an address or a name")
         stale_after_s = 0 if self.stale_after_s is None else self.stale_after_s
         for name, seconds in (("period_s", self.period_s), ("stale_after_s", stale_after_s)):
             if not is_duration(seconds):

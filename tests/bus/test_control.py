@@ -260,7 +260,7 @@ def test_a_reference_in_revolutions(tmp_path):
         drive.write("372", 1460)
         drive.set_reference(rpm=1200)
         assert virtual.peek("480", 0) == f"{4000:08X}"
-        with pytest.raises(NotSupported, match="without motor_rated_frequency in its model"):
+        with pytest.raises(NotSupported, match="no motor_rated_frequency in its model, so rpm cannot be converted; use hz"):
             bus.drive("vabus", 1).set_reference(rpm=1200)
         with pytest.raises(UsageError, match="one of them"):
             drive.set_reference(rpm=1200, hz=40)

@@ -168,7 +168,7 @@ def test_a_parameter_that_reads_no_number(tmp_path):
 def test_a_model_whose_watchdog_is_none_of_its_parameters(tmp_path):
     model = own_model(tmp_path, '[watchdog]\ntime = "999"\noff = 0\nactions = { trip = 0 }\n')
     bench = Bench("vabus", model)
-    with pytest.raises(UsageError, match="'999', which is not one of its parameters"):
+    with pytest.raises(UsageError, match="'999', not one of its parameters"):
         read_watchdog(bench.drive)
 
 
