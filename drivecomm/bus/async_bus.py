@@ -106,7 +106,7 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         try:
             runner = await self._opened()
             try:
-                return self._timed(await runner.run(self._steps(job, deadline), self._lock.stop_waits))
+                return self._timed(await runner.run(self._begin(job, deadline), self._lock.stop_waits))
             except LinkDownError:
                 self._let_go()
                 raise

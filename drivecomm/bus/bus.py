@@ -123,7 +123,7 @@ class Bus(SharedBus[Drive, Broadcast]):
                 self._wait_for(turn, job.peer.facts.timing.deadline_s, job.peer.name)
                 port = self._opened()
                 try:
-                    return self._timed(run(self._steps(job, deadline), port, self._lock.stop_waits))
+                    return self._timed(run(self._begin(job, deadline), port, self._lock.stop_waits))
                 except LinkDownError:
                     self._port = None
                     port.close()

@@ -128,8 +128,8 @@ class Exchanges:
     def capabilities(self) -> Capabilities:
         """What this drive can be asked to do."""
         operations = self.operations
-        told = replace(operations.capabilities, verbs=COMMON_VERBS.intersection(operations.extra))
-        return replace(told, link_loss=link_loss_of(self._model)) if self._model else told
+        verbs = COMMON_VERBS.intersection(operations.extra)
+        return replace(operations.capabilities, verbs=verbs, link_loss=link_loss_of(self._model))
 
     def stored_parameter(self, parameter: str, options: Mapping[str, Any]) -> str:
         """Return the address of what a write with these options may change in EEPROM, empty where it does not.

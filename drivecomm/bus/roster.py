@@ -88,7 +88,7 @@ class Roster:
         if read_only:
             if set_up:
                 raise UsageError(f"{name} cannot be set up: {read_only}")
-            operations = ReadOnly(partial(plugin.operations, address, chosen, known), read_only, plugin.only_asks)
+            operations = ReadOnly(partial(plugin.operations, address, chosen, known), read_only, plugin.intent)
         if set_up:
             self._set_up[name] = (operations, dict(set_up))
 

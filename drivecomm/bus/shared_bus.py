@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from drivecomm.bus.priority_lock import Rank
@@ -135,14 +136,14 @@ class SharedBus(Generic[D, E]):
             self._roster.commands.stop_called(job.peer.name)
         return deadline
 
-    def _steps(self, job: Job[T], deadline: float) -> Steps[T]:
-        """Return the steps of the link that carry out a job."""
+    def _begin(self, job: Job[T], deadline: float) -> Callable[[float], Steps[T]]:
+        """Return what begins to carry out a job on the link, once it is told the time."""
         link = self._roster.link
         if job.rank is Rank.STOP:
-            return link.stop(job.peer, self._roster.stopping(job.peer, job.exchange), deadline=deadline)
+            return partial(link.stop, job.peer, self._roster.stopping(job.peer, job.exchange), deadline=deadline)
         if job.insists:
-            return link.insist(job.peer, job.exchange, deadline=deadline)
-        return link.run(job.peer, job.exchange, deadline=deadline, command=job.command)
+            return partial(link.insist, job.peer, job.exchange, deadline=deadline)
+        return partial(link.run, job.peer, job.exchange, deadline=deadline, command=job.command)
 
     def _timed(self, result: T) -> T:
         """Return what a job has resulted in; a reading gets its time."""

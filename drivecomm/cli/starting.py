@@ -56,8 +56,8 @@ def start_and_leave(drive: Drive, name: DriveName, start: Callable[[], None], *,
             return
         say(f"{name.name}  started, and goes on without this program")
         if kept.watchdog is None:
-            why = "no model is named" if drive.model is None else f"the model {drive.model.name} knows no watchdog"
-            say(f"  its own watchdog was not looked at, because {why}; {drive.capabilities.link_loss}")
+            why = f"the model {drive.model.name} knows no watchdog; " if drive.model else ""
+            say(f"  its own watchdog was not looked at, because {why}{drive.capabilities.link_loss}")
 
 
 def _stop_again(drive: Drive, name: DriveName, *, as_json: bool) -> None:

@@ -69,7 +69,7 @@ def _silence_s(member: Member, asking: Asking, guard_s: float) -> float:
     now = 0.0
     for _ in range(2):
         exchange = probe(asking, member.operations, member.party.facts.settings)
-        now = _unanswered(link.insist(member.party, exchange), now)
+        now = _unanswered(link.insist(member.party, exchange, now), now)
         ends.append(now)
     return ends[1] - ends[0]
 

@@ -5,6 +5,15 @@ from .backoff import (
 )
 from .command_order import CommandCall as CommandCall, Commands as Commands
 from .echo import Echo as Echo, EchoFilter as EchoFilter
+from .effects import (
+    Arrival as Arrival,
+    Configure as Configure,
+    Effect as Effect,
+    Receive as Receive,
+    Send as Send,
+    Steps as Steps,
+    Wait as Wait,
+)
 from .health import (
     FIRST_PAUSE_S as FIRST_PAUSE_S,
     LONGEST_PAUSE_S as LONGEST_PAUSE_S,
@@ -13,19 +22,9 @@ from .health import (
     ProbingTime as ProbingTime,
     UsualDelays as UsualDelays,
 )
-from .link import (
-    Arrival as Arrival,
-    Configure as Configure,
-    Effect as Effect,
-    Link as Link,
-    Party as Party,
-    Receive as Receive,
-    Send as Send,
-    Steps as Steps,
-    TraceEvent as TraceEvent,
-    Wait as Wait,
-)
+from .link import Link as Link
 from .logs import LOGGER_NAME as LOGGER_NAME, log_events as log_events
+from .party import Party as Party, TraceEvent as TraceEvent
 from .port import Port as Port
 from .statistics import (
     COUNTERS as COUNTERS,

@@ -21,7 +21,7 @@ from drivecomm.protocol import fields_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.link.link import TraceEvent, What
+    from drivecomm.link.party import TraceEvent, What
 
 LOGGER_NAME = "drivecomm.line"
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.link.link import TraceEvent
+    from drivecomm.link.party import TraceEvent
 
 
 def tell_all(*traces: Callable[[TraceEvent], None] | None) -> Callable[[TraceEvent], None] | None:

@@ -1,15 +1,22 @@
 from .argument_types import is_duration as is_duration, is_whole as is_whole, misfit as misfit
 from .contract import (
     Capabilities as Capabilities,
+    Intent as Intent,
     Memory as Memory,
     Operations as Operations,
     Protocol as Protocol,
-    Purpose as Purpose,
     VirtualDrive as VirtualDrive,
     VirtualReply as VirtualReply,
 )
 from .decoding import decode as decode, encode as encode
-from .exchange import Ask as Ask, Exchange as Exchange, Pause as Pause, Tell as Tell
+from .exchange import (
+    Ask as Ask,
+    Exchange as Exchange,
+    Pause as Pause,
+    Tell as Tell,
+    answered as answered,
+    with_each_command as with_each_command,
+)
 from .framing import (
     Codec as Codec,
     Damaged as Damaged,

@@ -87,13 +87,7 @@ class Framer:
 
     def feed(self, data: bytes) -> list[Find]:
         """Take bytes from the line and return what is now certain, in order."""
-        if not self._pending and data and self._codec.measure(data, self._direction) == len(data):
-            found = self._read(data)
-            if isinstance(found, Framed):
-                # One whole telegram and nothing else, as nearly always.
-                self.missing = self._shortest
-                return [found]
-        self._pending += data
+        self._pending = self._pending + data if self._pending else data
         return self._search(final=False)
 
     def flush(self) -> list[Find]:
@@ -121,6 +115,10 @@ class Framer:
                     found = None
             elif needed:
                 found = self._read(pending[start : start + needed])
+                if needed == len(pending) and isinstance(found, Framed):
+                    # One whole telegram and nothing else, as nearly always.
+                    self._pending = b""
+                    return [found]
             if found is not None:
                 if noise_from < start:
                     finds.append(Noise(pending[noise_from:start]))

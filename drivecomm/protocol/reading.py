@@ -56,18 +56,9 @@ class Reading:
         return pint_quantity(self, registry)
 
     def at(self, time_s: float) -> Reading:
-        """Return the same reading with the time of its reply."""
-        return Reading(
-            parameter=self.parameter,
-            value=self.value,
-            raw=self.raw,
-            unit=self.unit,
-            type=self.type,
-            name=self.name,
-            text=self.text,
-            note=self.note,
-            time_s=time_s,
-        )
+        """Set the time of the reply and return this reading; only the bus does so, before anybody else has it."""
+        object.__setattr__(self, "time_s", time_s)
+        return self
 
     def __str__(self) -> str:
         shown = f"{self.value} {self.unit}".rstrip()

@@ -154,7 +154,7 @@ def operations_are_whole(plugin: Protocol) -> None:
             expect(callable(getattr(operations, name, None)), f"the operations have no {name}")
         able = operations.capabilities
         expect(isinstance(able, Capabilities), f"the capabilities are {able!r}")
-        expect(able.link_loss.strip(), "nothing is said about what the drive does when its master falls silent")
+        expect(not able.link_loss, "link_loss of the capabilities is said by the model: [watchdog], or its link_loss")
         expect(able.stops and able.stops <= set(Stop), f"the ways to stop are {able.stops}")
         expect(
             able.broadcast == (plugin.broadcast_address is not None),

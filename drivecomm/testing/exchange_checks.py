@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.bus import Exchanges
 from drivecomm.errors import DriveCommError, ReplyError, TelegramError
-from drivecomm.protocol import Pause, fields_of, sort_out
+from drivecomm.protocol import Ask, Pause, Tell, fields_of, sort_out, with_each_command
 from drivecomm.testing.exchange_vectors import Step
 from drivecomm.testing.faces import Line, call_awaited, call_blocking, exchange_of
 from drivecomm.testing.framing_checks import noise_of
@@ -93,15 +93,13 @@ def goes_as_written_without_a_line(plugin: Protocol, vector: ExchangeVector) -> 
 
 def _as_on_the_wire(codec: Codec, exchange: Exchange[None]) -> Exchange[None]:
     """Let an exchange ask what a drive would hear: a field may be left out where its value goes without saying."""
-    try:
-        command = next(exchange)
-        while True:
-            if not isinstance(command, Pause):
-                heard = codec.decode(codec.encode(command.message), "request")
-                command = replace(command, message=heard)
-            command = exchange.send((yield command))
-    except StopIteration:
-        return
+
+    def heard(command: Ask | Tell | Pause) -> Ask | Tell | Pause:
+        if isinstance(command, Pause):
+            return command
+        return replace(command, message=codec.decode(codec.encode(command.message), "request"))
+
+    return with_each_command(exchange, heard)
 
 
 def _calls_of(vector: ExchangeVector, verbs: Exchanges) -> Exchange[None]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from drivecomm.plant import PlantDrive
-    from drivecomm.protocol import Codec, Damaged, Message, Model, Purpose, Reading, VirtualDrive, VirtualReply
+    from drivecomm.protocol import Codec, Damaged, Message, Model, Reading, VirtualDrive, VirtualReply
 
 
 class PlantedDrive:
@@ -115,10 +115,10 @@ class PlantedDrive:
     # What a plant needs beyond that
 
     @property
-    def purpose(self) -> Purpose | None:
-        """What the last request that it answered was for; None where its protocol does not tell."""
-        tell = self.type.plugin.purpose
-        return None if tell is None or self.asked is None else tell(self.asked)
+    def purpose(self) -> str:
+        """What the last request that it answered was for: read, write or command; empty where nobody tells."""
+        tell = self.type.plugin.intent
+        return "" if tell is None or self.asked is None else tell(self.asked).access or "command"
 
     def read(self, parameter: str, now: float) -> Reading:
         """Return what a master would read now, if nothing is stuck. Raises UsageError, DriveError or ReplyError."""

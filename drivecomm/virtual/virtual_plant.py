@@ -199,7 +199,7 @@ class VirtualPlant:
         line = self.line_of(fault.drive) if fault.drive else self.line(fault.line)
         if fault.of is not None and fault.of.startswith("reply to"):
             for drive in [self.drive(fault.drive)] if fault.drive else self.drives.values():
-                if self.line_of(drive.name) is line and drive.type.plugin.purpose is None:
+                if self.line_of(drive.name) is line and drive.type.plugin.intent is None:
                     raise UsageError(
                         f"the package of {drive.planned.protocol} does not tell reading from writing; "
                         'write of = "reply", and to = { } with the fields of the request'

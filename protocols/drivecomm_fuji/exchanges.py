@@ -68,7 +68,6 @@ class FujiOperations:
             stored_writes=True,
             volatile_writes=True,
             broadcast=True,
-            link_loss=self._profile.link_loss,
         )
 
     @property

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import TelegramError
+from drivecomm.protocol import Intent
 from drivecomm.protocol.schema import (
     Check,
     Form,
@@ -294,9 +295,16 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
 _MESSAGES = (Standard, Select, Poll)
 
 
-def only_asks(request: Message) -> bool:
-    """Whether a request neither commands nor writes: R of the standard frame, and the polling frames."""
-    return isinstance(request, Poll) or (isinstance(request, Standard) and request.command == "R")
+_ALARM_RESET = {Standard: "E", Select: "m"}
+
+
+def intent(request: Message) -> Intent:
+    """Tell by frame and command what a request is for; the alarm reset is the only command without a function."""
+    if isinstance(request, Poll) or (isinstance(request, Standard) and request.command == "R"):
+        return Intent(access="read")
+    if isinstance(request, Standard | Select) and request.command != _ALARM_RESET[type(request)]:
+        return Intent(access="write")
+    return Intent(commands=True)
 
 
 def mismatch(request: Message, reply: Message) -> str:

@@ -55,7 +55,6 @@ class VabusOperations:
             stored_writes=True,
             volatile_writes=self._options.ram_datasets,
             broadcast=True,
-            link_loss="it trips (F2010) after the watchdog time in 413, presumably never with 0",
         )
 
     @property

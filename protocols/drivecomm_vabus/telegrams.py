@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 from construct import this
 
 from drivecomm.errors import TelegramError, UsageError
+from drivecomm.protocol import Intent
 from drivecomm.protocol.schema import (
     Check,
     Form,
@@ -375,9 +376,11 @@ def _block_length(head: bytes, start: int) -> int:
 _ANSWERED, _ANSWERS = (Enquiry, Select), (Value, Ack, Nak)
 
 
-def only_asks(request: Message) -> bool:
-    """Whether a request neither commands nor writes: in VABus only a select does."""
-    return isinstance(request, Enquiry | Eot)
+def intent(request: Message) -> Intent:
+    """Tell what a request is for; control word and reference are parameters, too, and EOT only ends an exchange."""
+    if isinstance(request, Enquiry):
+        return Intent(access="read")
+    return Intent(access="write") if isinstance(request, Select) else Intent(commands=not isinstance(request, Eot))
 
 
 def mismatch(request: Message, reply: Message) -> str:

@@ -61,9 +61,6 @@ class VltOperations:
             stored_writes=False,
             volatile_writes=False,
             broadcast=True,
-            link_loss=(
-                "no page that was read says what these drives do; presumably they go on obeying the last control word"
-            ),
         )
 
     @property
@@ -74,8 +71,7 @@ class VltOperations:
             "slow_down": self.slow_down,
             "catch_up": self.catch_up,
             "hold": self.hold,
-            "select_setup": self.set_up,
-            "set_up": self.set_up,
+            "select_setup": self.select_setup,
             "control_word": self.control_word,
         }
 
@@ -207,11 +203,11 @@ class VltOperations:
         self._must_be_one_drive("hold")
         return self._commander.amend(lambda word: word & ~words.RAMP_ENABLED, "hold")
 
-    def set_up(self, *, number: int) -> Exchange[None]:
+    def select_setup(self, *, number: int) -> Exchange[None]:
         """Select set-up 1 to 4 (bits 13 and 14) in this and every further control word of this object."""
         if number not in range(1, self._options.setups + 1):
             raise UsageError(f"set-up {number!r} does not exist; this drive has 1 to {self._options.setups}")
-        self._must_be_one_drive("set_up")
+        self._must_be_one_drive("select_setup")
         return self._commander.select(words.setup_bits(number))
 
     def control_word(self, *, word: int, mask: int | None = None) -> Exchange[DriveStatus]:

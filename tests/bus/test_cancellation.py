@@ -283,7 +283,7 @@ class Clock:
 
     def walk(self, exchange, stop=lambda _: False):
         """Carry out the steps; returns the result, or closes them at the first effect to stop at and returns None."""
-        steps = self.link.run(PARTY, exchange)
+        steps = self.link.run(PARTY, exchange, self.time)
         effect = next(steps)
         try:
             while not stop(effect):

@@ -260,7 +260,9 @@ def test_a_reference_in_revolutions(tmp_path):
         drive.write("372", 1460)
         drive.set_reference(rpm=1200)
         assert virtual.peek("480", 0) == f"{4000:08X}"
-        with pytest.raises(NotSupported, match="no motor_rated_frequency in its model, so rpm cannot be converted; use hz"):
+        with pytest.raises(
+            NotSupported, match="no motor_rated_frequency in its model, so rpm cannot be converted; use hz"
+        ):
             bus.drive("vabus", 1).set_reference(rpm=1200)
         with pytest.raises(UsageError, match="give the reference as one of percent, hz and rpm"):
             drive.set_reference(rpm=1200, hz=40)

@@ -46,8 +46,8 @@ class Bench:
 
     @property
     def writes(self):
-        tell = installed[self.drive.party.protocol].purpose
-        return [message for message in self.sent if tell(message) == "write"]
+        intent = installed[self.drive.party.protocol].intent
+        return [message for message in self.sent if intent(message).access == "write"]
 
 
 @pytest.mark.parametrize(("protocol", "model", "policy", "time_s", "held"), KNOWN, ids=str)

@@ -60,7 +60,7 @@ def test_four_makers_at_odd_settings_are_found_and_nothing_moves():
     assert not any(drive.motor.running or drive.motor.output_hz for drive in line.drives)
     assert len(sent.events) > 1000
     for event in sent.events:
-        assert installed[event.drive.partition(":")[0]].only_asks(event.message), event
+        assert installed[event.drive.partition(":")[0]].intent(event.message).only_asks, event
 
 
 def test_what_was_found_can_be_spoken_to():

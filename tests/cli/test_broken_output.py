@@ -66,7 +66,7 @@ CALLS = {
     "reset": "Lüfter",
     "reference": "Lüfter 10Hz",
     "wait": "Lüfter ready",
-    "call": "fan relays relay_1=true",
+    "call": "fan set_relay number=1 on=true",
     "backup": "Lüfter set.toml --model small.toml",
     "compare": "factory.toml factory.toml",
     "restore": "Lüfter factory.toml --model small.toml",

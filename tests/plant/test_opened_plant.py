@@ -142,7 +142,7 @@ def test_verbs_that_command_are_refused_before_their_command_is_sent(served):
     with pytest.raises(UsageError, match="read-only"):
         served.plant.drive("fan").call("control_word", word=0x047C)
     for event in served.sent:
-        assert installed[event.drive.partition(":")[0]].only_asks(event.message), event
+        assert installed[event.drive.partition(":")[0]].intent(event.message).only_asks, event
 
 
 def test_reading_and_stopping_are_always_allowed(served):
@@ -152,9 +152,8 @@ def test_reading_and_stopping_are_always_allowed(served):
         drive.status()
         drive.identify()
         drive.stop()
-    asked = {
-        event.drive for event in served.sent if not installed[event.drive.partition(":")[0]].only_asks(event.message)
-    }
+    intents = [(event.drive, installed[event.drive.partition(":")[0]].intent(event.message)) for event in served.sent]
+    asked = {drive for drive, intent in intents if not intent.only_asks}
     assert asked == {"danfoss-fc:3", "fuji:2", "vlt3500:5"}
 
 
@@ -312,7 +311,7 @@ class TestStatus:
         assert reports[3].status is None
         assert "did not answer" in str(reports[3].error)
         for event in served.sent:
-            assert installed[event.drive.partition(":")[0]].only_asks(event.message), event
+            assert installed[event.drive.partition(":")[0]].intent(event.message).only_asks, event
 
     def test_a_line_that_cannot_be_opened_does_not_hide_the_other(self):
         virtual = VirtualPlant(PLANT)

@@ -218,7 +218,7 @@ def test_nothing_is_commanded():
     assert sent
     for message in sent:
         plugin = next(plugin for plugin in installed.working() if type(message).__module__.startswith(plugin.package))
-        assert plugin.only_asks(message), message
+        assert plugin.intent(message).only_asks, message
 
 
 def test_what_cannot_be_watched():
