@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import CommandCancelledError, CommandTooOldError, DeadlineError, OvertakenError
@@ -16,48 +17,25 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Ask
 
 
+@dataclass(slots=True)
 class Call:
     """One call. party: the drive; partner: what is remembered of it.
 
     paced: whether characters take their time on this port. stop_waits: tells whether a stop waits for the line.
-    gives_way: whether this call is overtaken by one. deadline: when the call's time is over. command: whose command it
-    is, None where it is none that a stop cancels. listen_until: when a probe listens no longer, None for the whole
+    deadline: when the call's time is over. gives_way: whether this call is overtaken by a stop. command: whose command
+    it is, None where it is none that a stop cancels. listen_until: when a probe listens no longer, None for the whole
     reply time.
     """
 
-    __slots__ = (
-        "command",
-        "deadline",
-        "gives_way",
-        "line",
-        "listen_until",
-        "paced",
-        "partner",
-        "party",
-        "stop_waits",
-    )
-
-    def __init__(
-        self,
-        line: LineState,
-        party: Party,
-        partner: PartyState,
-        *,
-        paced: bool,
-        stop_waits: Callable[[], bool],
-        deadline: float,
-        gives_way: bool = True,
-        command: CommandCall | None = None,
-    ) -> None:
-        self.line = line
-        self.party = party
-        self.partner = partner
-        self.paced = paced
-        self.stop_waits = stop_waits
-        self.deadline = deadline
-        self.gives_way = gives_way
-        self.command = command
-        self.listen_until: float | None = None
+    line: LineState
+    party: Party
+    partner: PartyState
+    paced: bool
+    stop_waits: Callable[[], bool]
+    deadline: float
+    gives_way: bool
+    command: CommandCall | None
+    listen_until: float | None = None
 
     def stay(self, until: float) -> Steps[None]:
         """Let time pass, unless a stop waits for the line, at most until the call's time is over."""

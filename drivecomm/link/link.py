@@ -100,7 +100,7 @@ class Link:
         An exchange that is cut off in the middle (by closing this generator) leaves the line unclean: the next one
         begins with draining it.
         """
-        call = self._call(party, now, deadline, command=command)
+        call = self._call(party, now, deadline, True, command)
         health = call.partner.health
         if party.probe is not None and health.given_up:
             yield from self._probe(call, party.probe)
@@ -117,7 +117,7 @@ class Link:
         self, party: Party, exchange: Exchange[T], now: float, *, deadline: float = float("inf"), gives_way: bool = True
     ) -> Steps[T]:
         """Carry out an exchange whatever is known of the drive: for asking whether it is there."""
-        call = self._call(party, now, deadline, gives_way=gives_way)
+        call = self._call(party, now, deadline, gives_way)
         try:
             return (yield from carry_out(call, exchange))
         except NoReplyError:
@@ -129,25 +129,10 @@ class Link:
         return self.insist(party, exchange, now, deadline=deadline, gives_way=False)
 
     def _call(
-        self,
-        party: Party,
-        now: float,
-        deadline: float,
-        *,
-        gives_way: bool = True,
-        command: CommandCall | None = None,
+        self, party: Party, now: float, deadline: float, gives_way: bool, command: CommandCall | None = None
     ) -> Call:
         self._line.now = now
-        return Call(
-            self._line,
-            party,
-            self._partner(party),
-            paced=self.paced,
-            stop_waits=self.stop_waits,
-            deadline=deadline,
-            gives_way=gives_way,
-            command=command,
-        )
+        return Call(self._line, party, self._partner(party), self.paced, self.stop_waits, deadline, gives_way, command)
 
     def _fell_silent(self, call: Call, began: float) -> None:
         line, party = self._line, call.party

@@ -87,14 +87,21 @@ class Framer:
 
     def feed(self, data: bytes) -> list[Find]:
         """Take bytes from the line and return what is now certain, in order."""
-        self._pending = self._pending + data if self._pending else data
-        return self._search(final=False)
+        measured = 0
+        if not self._pending and data:
+            measured = self._codec.measure(data, self._direction)
+            if measured == len(data) and isinstance(found := self._read(data), Framed):
+                # One whole telegram and nothing else, as nearly always.
+                self.missing = self._shortest
+                return [found]
+        self._pending += data
+        return self._search(final=False, measured=measured)
 
     def flush(self) -> list[Find]:
         """Return what the pending bytes amount to, now that a gap says that nothing follows them."""
         return self._search(final=True)
 
-    def _search(self, *, final: bool) -> list[Find]:
+    def _search(self, *, final: bool, measured: int = 0) -> list[Find]:
         pending, finds = self._pending, list[Find]()
         measure, direction = self._codec.measure, self._direction
         start = noise_from = 0
@@ -102,8 +109,10 @@ class Framer:
         while start < len(pending):
             left = len(pending) - start
             head = pending[start : start + _HEAD]
-            while (needed := measure(head, direction)) > len(head) < left:
+            needed, measured = measured or measure(head, direction), 0
+            while needed > len(head) < left:
                 head = pending[start : start + needed]
+                needed = measure(head, direction)
             found: Find | None = None
             if needed > left:
                 if not final:
@@ -115,10 +124,6 @@ class Framer:
                     found = None
             elif needed:
                 found = self._read(pending[start : start + needed])
-                if needed == len(pending) and isinstance(found, Framed):
-                    # One whole telegram and nothing else, as nearly always.
-                    self._pending = b""
-                    return [found]
             if found is not None:
                 if noise_from < start:
                     finds.append(Noise(pending[noise_from:start]))
