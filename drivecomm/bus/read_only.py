@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
-from drivecomm.bus.verbs import COMMON_VERBS
+from drivecomm.bus.exchanges import COMMON_VERBS
 from drivecomm.errors import ReadOnlyError, UsageError
 from drivecomm.protocol import Pause, Stop, with_each_command
 

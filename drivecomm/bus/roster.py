@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+from drivecomm.bus.exchanges import setting_up
 from drivecomm.bus.read_only import ReadOnly
-from drivecomm.bus.stored_writes import StoredWrites
-from drivecomm.bus.verbs import setting_up
+from drivecomm.bus.stored_writes import ALLOWED, StoredWrites
 from drivecomm.errors import AddressError, NotSupported, UsageError, meant, shortened
 from drivecomm.link import Commands, Link, Party
 from drivecomm.models import load_model
@@ -35,26 +35,26 @@ class Member(NamedTuple):
 class Roster:
     """The drives of one line and its link.
 
-    overrides: line facts that hold for all drives. stored_writes: counts what goes to EEPROM.
+    facts: line facts that hold for all drives; None for each that is not given. The others are those of `open_bus`.
     """
 
     def __init__(
         self,
-        *,
-        overrides: Mapping[str, Any] | None = None,
+        facts: Mapping[str, Any] | None = None,
         trace: Callable[[TraceEvent], None] | None = None,
-        echo: Echo = "off",
+        echo: bool | Echo = "off",
         guard_s: float = 0.005,
-        stored_writes: StoredWrites | None = None,
+        stored_writes_per_hour: int = ALLOWED,
     ) -> None:
+        self._overrides = line_overrides(facts or {})
+        self.echo = _echo_mode(echo)
         if not is_duration(guard_s):
             raise UsageError(f"guard_s cannot be {shortened(guard_s)}; give seconds, 0 or more")
         if trace is not None and not callable(trace):
             raise UsageError(f"trace cannot be {shortened(trace)}; give a function that is called with each event")
-        self.stored_writes = stored_writes or StoredWrites()
+        self.stored_writes = StoredWrites(stored_writes_per_hour)
         self.commands = Commands()
-        self.link = Link(trace=trace, echo=echo, guard_s=guard_s, away=self.commands.forget)
-        self._overrides = dict(overrides or {})
+        self.link = Link(trace=trace, echo=self.echo, guard_s=guard_s, away=self.commands.forget)
         self._names: set[str] = set()
         self._set_up: dict[str, tuple[Operations, dict[str, Any]]] = {}
 
@@ -136,14 +136,15 @@ def line_overrides(facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return those line facts that are given. Raises UsageError for a name that is none."""
     unknown = sorted(set(facts) - LINE_FACT_NAMES)
     if unknown:
-        raise UsageError(f"a line has no fact {unknown[0]!r}; {meant(unknown[0], sorted(LINE_FACT_NAMES), 'it has')}")
+        known = meant(unknown[0], sorted(LINE_FACT_NAMES), "use one of")
+        raise UsageError(f"unknown line setting {unknown[0]!r}; {known}")
     return {name: value for name, value in facts.items() if value is not None}
 
 
-def echo_mode(echo: bool | Echo) -> Echo:
+def _echo_mode(echo: bool | Echo) -> Echo:
     """Return how to treat an echo: True is "expect", False is "off"."""
     if echo in ("off", "expect", "auto"):
         return echo
     if isinstance(echo, bool):
         return "expect" if echo else "off"
-    raise UsageError(f"echo {shortened(echo)} is none of off, expect and auto")
+    raise UsageError(f"echo cannot be {shortened(echo)}; use off, expect or auto")

@@ -14,7 +14,7 @@ import time
 from contextlib import contextmanager, suppress
 from functools import partial
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.cli.door_places import Doorway, door_file
 from drivecomm.cli.output import complain, sentence
@@ -25,7 +25,7 @@ from drivecomm.protocol import Stop
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from drivecomm.bus import Broadcast, Bus, Drive
+    from drivecomm.bus import Broadcast, Drive
     from drivecomm.cli.door_places import Connection
 
 # An order comes at once from a program that has one.
@@ -63,7 +63,7 @@ def door_of_start(drive: Drive, port: str, leave: Callable[[Stop], None], *, as_
 class _Door:
     def __init__(self, drive: Drive, doorway: Doorway, leave: Callable[[Stop], None]) -> None:
         self._drive = drive
-        self._bus = cast("Bus", drive.bus)
+        self._bus = drive.bus
         self._doorway = doorway
         self._leave = leave
         self.asked = Event()

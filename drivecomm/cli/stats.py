@@ -101,6 +101,8 @@ def _scanned(line: LineOptions) -> list[DriveName]:
 
 
 def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
+    from drivecomm.bus import Job  # noqa: PLC0415 - only who asks needs it
+
     asking = [(drive.party, drive.party.probe) for drive in drives if drive.party.probe is not None]
     while bus.now() < until:
         idle = True
@@ -110,7 +112,7 @@ def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
                 return
             try:
                 # Not Drive.probe, which insists: a drive that does not answer is given up, as in any program.
-                bus.run(party, probe())
+                bus.run(Job(party, probe()))
             except (NotAnsweringError, ReplyError, DriveError):
                 idle = idle and bus.now() - began < _IDLE_S
             else:

@@ -1,4 +1,8 @@
-from .backoff import GrowingPause as GrowingPause
+from .backoff import (
+    REOPEN_FIRST_S as REOPEN_FIRST_S,
+    REOPEN_LONGEST_S as REOPEN_LONGEST_S,
+    Backoff as Backoff,
+)
 from .command_order import CommandCall as CommandCall, Commands as Commands
 from .echo import Echo as Echo, EchoFilter as EchoFilter
 from .effects import (

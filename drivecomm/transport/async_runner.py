@@ -77,6 +77,8 @@ class VirtualTimeRunner:
 
     async def run(self, begin: Callable[[float], Steps[T]], stop_waits: Callable[[], bool] = _never) -> T:  # noqa: ARG002 - it never waits
         """Run the steps of a link to their end."""
+        # Others run before the first telegram, too, so that a stop of theirs goes before it.
+        await asyncio.sleep(0)
         steps = begin(self._port.now())
         try:
             effect = next(steps)

@@ -406,7 +406,7 @@ class TestOtherCommands:
         file = Path(plant.path)
         file.write_text(file.read_text().replace('["480"], period_s = 0', '["480", "output_colour", "1999"]'))
         assert shell("poll", "--plant", plant.path, port=None) == 2
-        assert shell.err.startswith("drivecomm: what can never be read is not polled, take it out of the plan: pump ")
+        assert shell.err.startswith("drivecomm: the plan has what can never be read, take it out: pump ")
         assert "pump output_colour (" in shell.err
         assert "pump 1999 (" in shell.err
 

@@ -299,7 +299,7 @@ def test_what_can_never_be_read_is_refused_without_a_port_in_front_of_it(shell, 
     log = tmp_path / "log.csv"
     words = ["vabus:1,model=agile", "481", "output_colour", "fuji:7,model=g11s", "output_current"]
     assert shell("poll", *words, "--log", str(log)) == 2
-    assert shell.err.startswith("drivecomm: what can never be read is not polled, take it out of the plan: vabus:1 ")
+    assert shell.err.startswith("drivecomm: the plan has what can never be read, take it out: vabus:1 ")
     assert "vabus:1 output_colour (" in shell.err
     assert "fuji:7 output_current (model g11s does not say which parameter is the output_current" in shell.err
     assert shell.err.count("\n") == 1

@@ -6,7 +6,7 @@ from dataclasses import replace
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.bus import Verbs
+from drivecomm.bus import Exchanges
 from drivecomm.errors import DriveCommError, ReplyError, TelegramError
 from drivecomm.protocol import Ask, Pause, Tell, fields_of, sort_out, with_each_command
 from drivecomm.testing.calls import CallResult, Line, call_awaited, call_blocking, compare, exchange_of
@@ -93,7 +93,7 @@ def goes_as_written_without_a_line(plugin: Protocol, vector: ExchangeVector) -> 
         return
     model = known_model(plugin, vector.model) if vector.model else None
     options = sort_out(plugin, model, vector.options)[1]
-    verbs = Verbs(f"{plugin.name}:{vector.address}", plugin.operations(vector.address, options, model))
+    verbs = Exchanges(f"{plugin.name}:{vector.address}", plugin.operations(vector.address, options, model))
     play(_as_on_the_wire(_codec(plugin, vector), _calls_of(vector, verbs)), script)
 
 
@@ -108,7 +108,7 @@ def _as_on_the_wire(codec: Codec, exchange: Exchange[None]) -> Exchange[None]:
     return with_each_command(exchange, heard)
 
 
-def _calls_of(vector: ExchangeVector, verbs: Verbs) -> Exchange[None]:
+def _calls_of(vector: ExchangeVector, verbs: Exchanges) -> Exchange[None]:
     for call in vector.calls:
         try:
             outcome = CallResult((yield from exchange_of(verbs, call)))

@@ -1,14 +1,10 @@
-"""Whose turn it is on a line: one at a time, the more urgent first, otherwise in the order of coming."""
+"""Whose turn it is on a line: requests queue by priority, then first come, first served."""
 
 from __future__ import annotations
 
-import heapq
 import time
 from enum import IntEnum
 from threading import Lock, get_ident
-from typing import Generic, TypeVar
-
-W = TypeVar("W")
 
 
 class Rank(IntEnum):
@@ -18,41 +14,6 @@ class Rank(IntEnum):
     COMMAND = 1
     READ = 2
     POLL = 3
-
-
-class Queue(Generic[W]):
-    """Who waits for the line, in the order in which they get it."""
-
-    def __init__(self) -> None:
-        self._waiting: list[tuple[Rank, int, W]] = []
-        self._order = 0
-
-    def __len__(self) -> int:
-        return len(self._waiting)
-
-    @property
-    def stop_waits(self) -> bool:
-        """Whether the first in the queue stops something."""
-        return bool(self._waiting) and self._waiting[0][0] is Rank.STOP
-
-    def join(self, rank: Rank, who: W) -> None:
-        """Begin to wait."""
-        self._order += 1
-        heapq.heappush(self._waiting, (rank, self._order, who))
-
-    def next(self) -> W:
-        """Take the first out."""
-        return heapq.heappop(self._waiting)[2]
-
-    def leave(self, who: W) -> bool:
-        """Wait no more; returns False for one who does not wait, because it is their turn already."""
-        for place, (_, _, waiting) in enumerate(self._waiting):
-            if waiting is who:
-                self._waiting[place] = self._waiting[-1]
-                self._waiting.pop()
-                heapq.heapify(self._waiting)
-                return True
-        return False
 
 
 class Turn:
@@ -72,8 +33,8 @@ class Turn:
         self.thread = get_ident()
 
 
-class Turns:
-    """Turns of threads. The line is handed from one to the next, so that nobody slips in between."""
+class PriorityLock:
+    """A line among threads. It is handed from one to the next, so that nobody slips in between."""
 
     def __init__(self) -> None:
         self._guard = Lock()
