@@ -3,56 +3,20 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import AddressError, UsageError
+from drivecomm.errors import UsageError
+from drivecomm.protocol import parse_options
 from drivecomm.transport import same_port
 
 if TYPE_CHECKING:
-    from drivecomm.plant import Plant, PlantDrive, PlantLine
+    from drivecomm.plant import Plant, PlantLine
+    from drivecomm.protocol import DriveConfig
 
 PLANT_VARIABLE = "DRIVECOMM_PLANT"
 PLANT_FILE = Path("plant.toml")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DriveName:
-    """A protocol, an address and drive options, such as model=act or baudrate=9600.
-
-    name: what the plant calls it, PROTOCOL:ADDRESS where none does. line: the plant's name of its line, the port where
-    there is no plant; empty as long as nobody has looked.
-    """
-
-    protocol: str
-    address: int
-    options: dict[str, Any] = field(default_factory=dict)
-    name: str = ""
-    line: str = ""
-
-    def __post_init__(self) -> None:
-        if not self.name:
-            object.__setattr__(self, "name", str(self))
-
-    def __str__(self) -> str:
-        return f"{self.protocol}:{self.address}"
-
-    @property
-    def keys(self) -> dict[str, str]:
-        """How a JSON object names the drive that it is about."""
-        return {"name": self.name, "drive": str(self), "line": self.line}
-
-
-def parse_drive(text: str) -> DriveName:
-    """Read `vabus:1` or `danfoss-fc:3,model=fc101,baudrate=19200`. Raises UsageError."""
-    name, *settings = text.split(",")
-    protocol, colon, address = name.partition(":")
-    if not colon or not protocol:
-        raise UsageError(f"{text!r} names no drive; a drive is PROTOCOL:ADDRESS, such as vabus:1")
-    if not address.isascii() or not address.isdigit():
-        raise AddressError(f"{address!r} in {text!r} is no address; a drive is PROTOCOL:ADDRESS, such as vabus:1")
-    return DriveName(protocol=protocol, address=int(address), options=parse_settings(settings))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +26,7 @@ class KnownPlant:
     plant: Plant
     file: str
 
-    def drive(self, word: str) -> PlantDrive:
+    def drive(self, word: str) -> DriveConfig:
         """Return a drive of it. Raises UsageError that names the file."""
         try:
             return self.plant.drive(word)
@@ -74,9 +38,8 @@ class KnownPlant:
 class PlantPlace:
     """A drive of a plant, and its line, as a name on the command line found them. settings: what was said behind it."""
 
-    name: DriveName
     settings: dict[str, Any]
-    drive: PlantDrive
+    drive: DriveConfig
     line: PlantLine
     file: str
 
@@ -136,11 +99,12 @@ def placed(text: str, asked: Asked) -> PlantPlace | None:
         raise UsageError(f"{drive.name} is armed in {known.file}, so that --arm has no effect; leave it out")
     refusal = {"read_only": f"{reason}, or give --arm for this once"} if reason and not asked.arm else {}
     options = {**drive.options, **refusal}
-    name = DriveName(protocol=drive.protocol, address=drive.address, options=options, name=drive.name, line=drive.line)
-    return PlantPlace(name=name, settings=parse_settings(settings), drive=drive, line=line, file=known.file)
+    return PlantPlace(
+        drive=replace(drive, options=options), settings=parse_options(settings), line=line, file=known.file
+    )
 
 
-def _named(word: str, known: KnownPlant | None) -> PlantDrive:
+def _named(word: str, known: KnownPlant | None) -> DriveConfig:
     if known is None:
         raise UsageError(
             f"{word!r} names no drive; a drive is PROTOCOL:ADDRESS, such as vabus:1, or a name in a plant file "
@@ -149,10 +113,10 @@ def _named(word: str, known: KnownPlant | None) -> PlantDrive:
     return known.drive(word)
 
 
-def _addressed(word: str, known: KnownPlant | None, asked: Asked) -> PlantDrive | None:
+def _addressed(word: str, known: KnownPlant | None, asked: Asked) -> DriveConfig | None:
     if known is None:
         return None
-    same = [drive for drive in known.plant.drives if f"{drive.protocol}:{drive.address}" == word]
+    same = [drive for drive in known.plant.drives if str(drive) == word]
     if asked.port is not None and (asked.port_said or asked.plant is None):
         port = asked.port
         lines = {line.name for line in known.plant.lines if not line.reached_at or same_port(line.reached_at, port)}
@@ -162,25 +126,3 @@ def _addressed(word: str, known: KnownPlant | None, asked: Asked) -> PlantDrive 
     if not same and asked.plant is None:
         return None
     return known.drive(word)
-
-
-def parse_settings(settings: list[str]) -> dict[str, Any]:
-    """Read `name=value` pairs: whole numbers (also 0x0F), decimals, true and false, or text. Raises UsageError."""
-    chosen = {}
-    for setting in settings:
-        name, equals, value = setting.partition("=")
-        if not equals or not name:
-            raise UsageError(f"{setting!r} is no option; write name=value")
-        chosen[name.strip().replace("-", "_")] = _value(value.strip())
-    return chosen
-
-
-def _value(text: str) -> Any:
-    if text.lower() in ("true", "false"):
-        return text.lower() == "true"
-    for kind in (lambda digits: int(digits, 0), float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from drivecomm.cli.drive_names import known_plant
-from drivecomm.commissioning.doctor import Expected
+from drivecomm.protocol import DriveConfig
 
 if TYPE_CHECKING:
     from drivecomm.cli.drive_names import KnownPlant
@@ -21,7 +21,7 @@ class ExaminedLine:
 
     options: LineOptions
     name: str = ""
-    drives: tuple[Expected, ...] = ()
+    drives: tuple[DriveConfig, ...] = ()
 
 
 def lines_to_examine(line: LineOptions) -> list[ExaminedLine]:
@@ -45,13 +45,8 @@ def _of_the_plant(each: PlantLine, known: KnownPlant, line: LineOptions) -> Exam
         options=replace(line, port=line.port_of(each, known.file), echo=echo, given=line.given | {"port"}, **settings),
         name=each.name,
         drives=tuple(
-            Expected(
-                name=drive.name,
-                protocol=drive.protocol,
-                address=drive.address,
-                # What is given on the command line goes before what the plant says.
-                options={**each.settings, **drive.options, **given},
-            )
+            # What is given on the command line goes before what the plant says.
+            replace(drive, options={**each.settings, **drive.options, **given})
             for drive in known.plant.on_line(each.name)
         ),
     )

@@ -52,7 +52,7 @@ def forecast(
     }
     delay_s = None if delay is None else delay / 1000
     share, well = _share(room), True
-    for port in chosen.ports:
+    for port in chosen.lines:
         found = foresee(chosen.on_line(port), guard_s=guard / 1000, reply_delay_s=delay_s, room=share, **facts)
         well = well and found.room_to_spare
         if line.json:

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivecomm.cli.drive_names import KnownPlant, known_plant, parse_drive, parse_settings
+from drivecomm.cli.drive_names import KnownPlant, known_plant
 from drivecomm.errors import UsageError
-from drivecomm.polling import Plan, PlannedDrive, PlannedRead
-from drivecomm.protocol import installed, unknown_protocol
+from drivecomm.polling import Plan, PlannedRead
+from drivecomm.protocol import DriveConfig, installed, parse_drive, parse_options, unknown_protocol
 
 if TYPE_CHECKING:
     from drivecomm.cli.line_options import LineOptions
-    from drivecomm.plant import Plant, PlantDrive
+    from drivecomm.plant import Plant
+    from drivecomm.protocol import DriveConfig
 
 Words = Annotated[
     list[str] | None,
@@ -56,10 +57,10 @@ def given_plan(words: list[str], plan_file: Path | None, line: LineOptions, *, p
             plan = parse_plan(words, period_s=1.0 if period_s is None else period_s, known=there)
     if period_s is not None and not words:
         raise UsageError("the plan says how often each is read, so that --period has no effect; leave it out")
-    if all(drive.port for drive in plan.drives):
+    if all(drive.line for drive in plan.drives):
         line.refuse("the plan names the ports of all its drives", "port")
     placed = {
-        drive: replace(drive, port=drive.port or line.port or "", options={**drive.options, **line.said_facts})
+        drive: replace(drive, line=drive.line or line.port or "", options={**drive.options, **line.said_facts})
         for drive in plan.drives
     }
     return replace(plan, reads=tuple(replace(read, drive=placed[read.drive]) for read in plan.reads))
@@ -100,8 +101,8 @@ def parse_plan(words: list[str], *, period_s: float, known: KnownPlant | None = 
 
     known: the plant, whose names stand for its drives; PROTOCOL:ADDRESS is a drive of the plant that has one there.
     """
-    drive: PlannedDrive | None = None
-    drives: dict[str, PlannedDrive] = {}
+    drive: DriveConfig | None = None
+    drives: dict[str, DriveConfig] = {}
     reads: list[PlannedRead] = []
     for word in words:
         if _names_a_drive(word, known):
@@ -131,28 +132,21 @@ def _names_a_drive(word: str, there: KnownPlant | None) -> bool:
     return False
 
 
-def _drive(word: str, known: KnownPlant | None) -> PlannedDrive:
+def _drive(word: str, known: KnownPlant | None) -> DriveConfig:
     called, *settings = word.split(",")
     drives = known.plant.drives if known is not None else ()
-    if known is not None and any(called in (one.name, f"{one.protocol}:{one.address}") for one in drives):
+    if known is not None and any(called in (one.name, str(one)) for one in drives):
         planned = _planned(known.plant, known.plant.drive(called))
-        return replace(planned, options={**planned.options, **parse_settings(settings)})
-    name = parse_drive(word)
-    return PlannedDrive(protocol=name.protocol, address=name.address, options=name.options)
+        return replace(planned, options={**planned.options, **parse_options(settings)})
+    return parse_drive(word)
 
 
-def _planned(plant: Plant, drive: PlantDrive) -> PlannedDrive:
+def _planned(plant: Plant, drive: DriveConfig) -> DriveConfig:
     line = plant.line(drive.line)
-    return PlannedDrive(
-        protocol=drive.protocol,
-        address=drive.address,
-        options={**line.settings, **drive.options},
-        name=drive.name,
-        port=line.reached_at,
-    )
+    return replace(drive, line=line.reached_at, options={**line.settings, **drive.options})
 
 
-def _read(word: str, drive: PlannedDrive, period_s: float) -> PlannedRead:
+def _read(word: str, drive: DriveConfig, period_s: float) -> PlannedRead:
     match = _PARAMETER.fullmatch(word)
     if match is None:
         raise UsageError(f"{word!r} is no parameter; write PARAM[@SECONDS][!PRIORITY], such as 481@0.2!1")
@@ -164,5 +158,5 @@ def _read(word: str, drive: PlannedDrive, period_s: float) -> PlannedRead:
     except ValueError:
         raise UsageError(f"{word!r} has no such period or priority; write PARAM@SECONDS!PRIORITY") from None
     return PlannedRead(
-        drive=drive, parameter=parameter, period_s=period, priority=priority, options=parse_settings(settings)
+        drive=drive, parameter=parameter, period_s=period, priority=priority, options=parse_options(settings)
     )

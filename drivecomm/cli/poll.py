@@ -40,7 +40,7 @@ def poll(
     chosen = given_plan(words or [], plan, line, period_s=period)
     show = _emit if line.json else _say
     unread: dict[PollItem[Any], DriveCommError | None] = {}
-    with opened_log(log, as_json=line.json) as keep, _opened(line, chosen.ports) as buses:
+    with opened_log(log, as_json=line.json) as keep, _opened(line, chosen.lines) as buses:
         items = chosen.items(buses)
         unread.update(dict.fromkeys(items))
         with closing(carry_out(items, duration_s=duration, cycles=cycles)) as results:

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drivecomm.cli.drive_names import DriveName, known_plant
+from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
 from drivecomm.errors import DriveError, NotAnsweringError, ReplyError, UsageError
 from drivecomm.link import COUNTERS, REPLY_TIME_BOUNDS_MS, Statistics, total
+from drivecomm.protocol import DriveConfig
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -59,9 +60,9 @@ def _of_the_plant(line: LineOptions) -> list[str]:
     return [drive.name for drive in known.plant.drives] if known else []
 
 
-def _by_line(line: LineOptions, drives: Sequence[str]) -> list[tuple[LineOptions, dict[str, DriveName]]]:
+def _by_line(line: LineOptions, drives: Sequence[str]) -> list[tuple[LineOptions, dict[str, DriveConfig]]]:
     """Return the lines of these drives, each with its drives by what they are called."""
-    lines: list[tuple[LineOptions, dict[str, DriveName]]] = []
+    lines: list[tuple[LineOptions, dict[str, DriveConfig]]] = []
     for text in drives:
         reached, name = line.reaching(text)
         called = text.partition(",")[0]
@@ -74,7 +75,7 @@ def _by_line(line: LineOptions, drives: Sequence[str]) -> list[tuple[LineOptions
     return lines
 
 
-def _measure(line: LineOptions, names: Mapping[str, DriveName], seconds: float, *, headed: bool) -> bool:
+def _measure(line: LineOptions, names: Mapping[str, DriveConfig], seconds: float, *, headed: bool) -> bool:
     """Ask the drives of one line, and show what was counted; return whether all of them have answered."""
     if headed and not line.json:
         say(f"{line.named_port}")
@@ -90,14 +91,14 @@ def _measure(line: LineOptions, names: Mapping[str, DriveName], seconds: float, 
     return all(each.counters["replies"] for each in counted.values())
 
 
-def _scanned(line: LineOptions) -> list[DriveName]:
+def _scanned(line: LineOptions) -> list[DriveConfig]:
     """Return the drives on the line; on a bus of its own, so that its questions are not counted, nor recorded."""
     sys.stderr.write("drivecomm: no drive named, so the line is scanned first\n")
     with replace(line, record=None).bus() as bus:
         found = [one for one in bus.scan() if one.sound]
     if not found:
         sys.stderr.write("drivecomm: no drive found; name one, or check the line with drivecomm doctor\n")
-    return [DriveName(protocol=one.protocol, address=one.address) for one in found]
+    return [DriveConfig(protocol=one.protocol, address=one.address) for one in found]
 
 
 def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
@@ -119,7 +120,9 @@ def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
             bus.sleep_until(min(until, bus.now() + _IDLE_S))
 
 
-def _show(counted: Mapping[str, Statistics], names: Mapping[str, DriveName], seconds: float, line: LineOptions) -> None:
+def _show(
+    counted: Mapping[str, Statistics], names: Mapping[str, DriveConfig], seconds: float, line: LineOptions
+) -> None:
     everything = total(counted.values())
     if line.json:
         for name, each in counted.items():

@@ -20,9 +20,8 @@ if TYPE_CHECKING:
 
     from rich.text import Text
 
-    from drivecomm.cli.drive_names import DriveName
     from drivecomm.plant import DriveReport
-    from drivecomm.protocol import DriveStatus, Reading
+    from drivecomm.protocol import DriveConfig, DriveStatus, Reading
 
 _WIDTH = 80
 """Of the table, where it is not drawn on a terminal."""
@@ -199,10 +198,10 @@ def _summary(reports: Sequence[DriveReport]) -> str:
     return f"{count}: {', '.join(wrong) or 'no fault'}"
 
 
-def show_status(drive: DriveName, found: DriveStatus, *, as_json: bool) -> None:
+def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool) -> None:
     """Show the status of one drive on a line."""
     if as_json:
-        emit(**drive.keys, **plain(found))
+        emit(**drive.labels, **plain(found))
         return
     words = [f"{drive.name}  {found.state.value}  word 0x{found.word:04X}"]
     if found.fault_code:

@@ -10,16 +10,12 @@ from .line_faults import (
 from .opened import OpenPlant as OpenPlant, open_plant as open_plant
 from .plant import (
     LARGEST_CODE as LARGEST_CODE,
-    PLATE as PLATE,
     Condition as Condition,
     InjectStep as InjectStep,
     Noise as Noise,
     Of as Of,
     Plant as Plant,
-    PlantDrive as PlantDrive,
     PlantLine as PlantLine,
-    PlantLinkLoss as PlantLinkLoss,
-    PlantRead as PlantRead,
     PowerCutStep as PowerCutStep,
     Step as Step,
     StuckStep as StuckStep,

@@ -22,9 +22,11 @@ title = "feed pump, hall 2"         # optional: what it is, for people
 options = { model = "agile" }       # optional: what Bus.drive takes
 armed = true                        # optional: may be written and commanded; read-only unless this is said
 poll = [{ parameters = ["output_frequency"], period_s = 0.2, priority = 1 }]
-                                    # optional: what is polled of it; each second and alike unless said
+                                    # optional: what is polled of it; each second and alike unless said; also options
+                                    # of the protocol for reading, such as options = { type = "long" }
 link_loss = { policy = "ramp", watchdog_s = 5 }
                                     # optional: hold, ramp, coast or trip when its master falls silent; after 5 s
+reply_delay_s = 0.005               # optional: how long the virtual drive takes to answer, and a forecast reckons with
 values = { "480" = 1000 }           # optional: raw values that parameters hold at the start
 motor = { rated_kw = 7.5 }          # optional: what differs from the usual motor
 
@@ -56,6 +58,7 @@ inject = { data = "04 41 FF", at_s = 3 }
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError, closest
@@ -64,10 +67,7 @@ from drivecomm.plant.plant import (
     InjectStep,
     Noise,
     Plant,
-    PlantDrive,
     PlantLine,
-    PlantLinkLoss,
-    PlantRead,
     PowerCutStep,
     Step,
     StuckStep,
@@ -76,7 +76,7 @@ from drivecomm.plant.plant import (
     Window,
     kind_named,
 )
-from drivecomm.protocol import LineSettings
+from drivecomm.protocol import DriveConfig, LineSettings, LinkLossPolicy, PollGroup, parse_drive
 from drivecomm.tomlfile import parse_toml, read_toml
 
 if TYPE_CHECKING:
@@ -133,10 +133,11 @@ _DRIVE: _Keys = {
     "armed": _CHOICE,
     "poll": _LIST,
     "link_loss": _TABLE,
+    "reply_delay_s": _SECONDS,
     "values": _TABLE,
     "motor": _TABLE,
 }
-_POLL: _Keys = {"parameters": _LIST, "period_s": _SECONDS, "priority": _WHOLE}
+_POLL: _Keys = {"parameters": _LIST, "period_s": _SECONDS, "priority": _WHOLE, "options": _TABLE}
 _LINK_LOSS: _Keys = {"policy": _TEXT, "watchdog_s": _SECONDS}
 _WINDOW: _Keys = {"from_s": _SECONDS, "until_s": _SECONDS}
 _TELEGRAMS: _Keys = {
@@ -237,41 +238,41 @@ def _noise(entry: Mapping[str, Any], where: str) -> Noise:
     return Noise(**given)
 
 
-def _drive(entry: Mapping[str, Any], where: str, only_line: str) -> PlantDrive:
+def _drive(entry: Mapping[str, Any], where: str, only_line: str) -> DriveConfig:
     _check(entry, _DRIVE, ("drive",) if only_line else ("drive", "line"), where)
-    protocol, colon, address = entry["drive"].partition(":")
-    if not colon or not protocol or not address.isascii() or not address.isdigit():
-        raise FileFormatError(f"{where}: {entry['drive']!r} names no drive; write PROTOCOL:ADDRESS, such as vabus:1")
+    drive = parse_drive(entry["drive"])
+    if drive.options:
+        raise UsageError(f"invalid drive = {entry['drive']!r}; write its options as options = {{ key = value }}")
     values, motor = entry.get("values", {}), entry.get("motor", {})
     _check(values, dict.fromkeys(values, _RAW), (), f"{where}, values")
     _check(motor, dict.fromkeys(motor, _NUMBER), (), f"{where}, motor")
     link_loss = entry.get("link_loss")
     if link_loss is not None:
         _check(link_loss, _LINK_LOSS, ("policy",), f"{where}, link_loss")
-    return PlantDrive(
-        protocol=protocol,
-        address=int(address),
+    return replace(
+        drive,
         line=entry.get("line", only_line),
-        name=entry.get("name", ""),
+        name=entry.get("name") or drive.name,
         title=entry.get("title", ""),
         options=entry.get("options", {}),
         armed=entry.get("armed", False),
         poll=tuple(
             _read(each, f"{where}, poll {number}") for number, each in enumerate(entry.get("poll", []), start=1)
         ),
-        link_loss=None if link_loss is None else PlantLinkLoss(**link_loss),
+        link_loss=None if link_loss is None else LinkLossPolicy(**link_loss),
+        reply_delay_s=entry.get("reply_delay_s"),
         values=values,
         motor=motor,
     )
 
 
-def _read(entry: object, where: str) -> PlantRead:
+def _read(entry: object, where: str) -> PollGroup:
     if not isinstance(entry, dict):
         raise FileFormatError(f'{where}: {entry!r} is no table; write {{ parameters = ["output_frequency"] }}')
     _check(entry, _POLL, ("parameters",), where)
     if not all(isinstance(each, str) for each in entry["parameters"]):
         raise FileFormatError(f'{where}: parameters are texts in quotes, such as ["481", "output_current"]')
-    return PlantRead(**{**entry, "parameters": tuple(entry["parameters"])})
+    return PollGroup(**{**entry, "parameters": tuple(entry["parameters"])})
 
 
 def _fault(entry: Mapping[str, Any], where: str) -> Step:

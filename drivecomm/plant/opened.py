@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
     from drivecomm.bus import Bus, Drive
     from drivecomm.link import Port, TraceEvent
-    from drivecomm.plant.plant import Plant, PlantDrive, PlantLine
+    from drivecomm.plant.plant import Plant, PlantLine
+    from drivecomm.protocol import DriveConfig
 
 DEFAULT_FILE = Path("plant.toml")
 
@@ -116,7 +117,7 @@ class OpenPlant(Mapping[str, "Drive"]):
     ) -> None:
         self.close()
 
-    def _made(self, found: PlantDrive) -> Drive:
+    def _made(self, found: DriveConfig) -> Drive:
         bus = self.bus(found.line)
         facts = {key: value for key, value in self._opening.items() if key in LINE_FACT_NAMES and value is not None}
         options = {**found.options, **facts, "read_only": found.why_read_only(self.file)}

@@ -12,40 +12,17 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from drivecomm.errors import UsageError, meant
 from drivecomm.plant.line_faults import TRANSMISSION_FAULTS, Fault, FaultPlan
-from drivecomm.protocol import LinkLoss
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from drivecomm.protocol import Motor
+    from drivecomm.protocol import DriveConfig
 
 Of: TypeAlias = Literal["request", "reply", "reply to a read", "reply to a write", "reply to a command"]
 """Which telegrams a fault is for."""
 
-PLATE = frozenset(
-    {
-        "rated_hz",
-        "rated_v",
-        "rated_a",
-        "rated_kw",
-        "rated_rpm",
-        "maximum_hz",
-        "ramp_up_s",
-        "ramp_down_s",
-        "quick_ramp_s",
-        "coast_s",
-        "dc_brake_s",
-        "load",
-        "mains_v",
-        "ambient_c",
-    }
-)
-"""What can be said of a motor: its name plate and what it drives, as `Motor` names them."""
-
 LARGEST_CODE = 0xFFFF
 """Fault codes have 16 bits at most."""
-
-_MAY_BE_ZERO = frozenset(["ramp_up_s", "ramp_down_s", "quick_ramp_s", "load", "ambient_c"])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,80 +91,6 @@ class PlantLine:
             return ""
         scheme = "socket" if kind == "tcp" else kind
         return f"{scheme}://{host if colon and host else '127.0.0.1'}:{number}"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlantRead:
-    """What is polled of a drive: parameters, by address or name, how often, and how important against others."""
-
-    parameters: tuple[str, ...]
-    period_s: float = 1.0
-    priority: int = 0
-
-    def __post_init__(self) -> None:
-        if not self.parameters:
-            raise UsageError('nothing to poll; write parameters = ["output_frequency"]')
-        _not_negative("period_s", self.period_s)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlantLinkLoss:
-    """What a drive's motor shall do when its master falls silent, and after how many seconds the drive notices."""
-
-    policy: LinkLoss
-    watchdog_s: float = 5.0
-
-    def __post_init__(self) -> None:
-        if self.policy not in get_args(LinkLoss):
-            known = meant(self.policy, get_args(LinkLoss), "write one of")
-            raise UsageError(f"policy = {self.policy!r} is none; {known}")
-        if not 0 < self.watchdog_s < inf:
-            raise UsageError(f"watchdog_s = {self.watchdog_s:g} cannot be; write seconds above 0")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlantDrive:
-    """A drive.
-
-    protocol, address, options: as `Bus.drive` takes them. line: the name of its line. name: what the plant calls it,
-    PROTOCOL:ADDRESS if empty. title: what it is, for people.
-
-    For masters: armed: it may be written and commanded; otherwise it is read-only for all that takes it from the plant,
-    except for stopping it. poll: what is polled of it. link_loss: what its motor does when its master falls silent.
-
-    For virtual drives: values: what its parameters hold at the start, raw, by parameter address or name. motor: what
-    differs from the drive's usual motor, by the names in `PLATE`.
-    """
-
-    protocol: str
-    address: int
-    line: str
-    name: str = ""
-    title: str = ""
-    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
-    armed: bool = False
-    poll: tuple[PlantRead, ...] = ()
-    link_loss: PlantLinkLoss | None = None
-    values: Mapping[str, int | str] = field(default_factory=dict, hash=False)
-    motor: Mapping[str, float] = field(default_factory=dict, hash=False)
-
-    def __post_init__(self) -> None:
-        if not self.name:
-            object.__setattr__(self, "name", f"{self.protocol}:{self.address}")
-        for key, value in self.motor.items():
-            if key not in PLATE:
-                raise UsageError(f"a motor has no {key!r}; {meant(key, sorted(PLATE), 'it has')}")
-            if value < 0 or (not value and key not in _MAY_BE_ZERO):
-                raise UsageError(f"a motor with {key} = {value} cannot be; write a number above 0")
-
-    def why_read_only(self, file: str) -> str:
-        """Return why masters may not write or command this drive, which this file says; empty where they may."""
-        return "" if self.armed else f"{self.name} is read-only in {file}; write armed = true there"
-
-    def fit(self, motor: Motor) -> None:
-        """Give a motor what is said of this drive's."""
-        for key, value in self.motor.items():
-            setattr(motor, key, float(value))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -341,7 +244,7 @@ class Plant:
     """Lines, drives, and the script of faults. Names are unique, and everything named is there."""
 
     lines: tuple[PlantLine, ...]
-    drives: tuple[PlantDrive, ...] = ()
+    drives: tuple[DriveConfig, ...] = ()
     script: tuple[Step, ...] = ()
 
     def __post_init__(self) -> None:
@@ -358,12 +261,12 @@ class Plant:
             else:
                 _there(getattr(step, "drive", ""), drives, "drive", f"fault {number}")
 
-    def drive(self, name: str) -> PlantDrive:
+    def drive(self, name: str) -> DriveConfig:
         """Return a drive by its name, or by PROTOCOL:ADDRESS where that is one drive only. Raises UsageError."""
         for drive in self.drives:
             if drive.name == name:
                 return drive
-        same = [drive for drive in self.drives if f"{drive.protocol}:{drive.address}" == name]
+        same = [drive for drive in self.drives if str(drive) == name]
         if len(same) > 1:
             names = " and ".join(drive.name for drive in same)
             raise UsageError(f"{name} is on several lines of this plant; name the drive: {names}")
@@ -380,7 +283,7 @@ class Plant:
         known = meant(name, [line.name for line in self.lines], "it has")
         raise UsageError(f"there is no line {name!r} in this plant; {known}")
 
-    def on_line(self, name: str) -> tuple[PlantDrive, ...]:
+    def on_line(self, name: str) -> tuple[DriveConfig, ...]:
         """Return the drives of a line, in their order."""
         return tuple(drive for drive in self.drives if drive.line == name)
 

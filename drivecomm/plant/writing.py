@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import options_of
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.plant.plant import Plant, PlantDrive, PlantLine
+from drivecomm.plant.plant import Plant, PlantLine
+from drivecomm.protocol import DriveConfig
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from drivecomm.bus import Found
-    from drivecomm.plant.plant import PlantRead
+    from drivecomm.protocol import PollGroup
 
 _ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
 _ADVICE = """\
@@ -40,7 +41,7 @@ def plant_of_found(found: Iterable[Found], *, port: str, line: str = "", echo: b
     met = {one.settings for one in sound}
     shared = next(iter(met)) if len(met) == 1 else None
     drives = tuple(
-        PlantDrive(
+        DriveConfig(
             protocol=one.protocol,
             address=one.address,
             line=line,
@@ -130,7 +131,7 @@ def _line(line: PlantLine) -> dict[str, Any]:
     }
 
 
-def _drive(drive: PlantDrive, *, with_line: bool) -> dict[str, Any]:
+def _drive(drive: DriveConfig, *, with_line: bool) -> dict[str, Any]:
     address = f"{drive.protocol}:{drive.address}"
     return {
         **({"name": drive.name} if drive.name != address else {}),
@@ -148,7 +149,7 @@ def _drive(drive: PlantDrive, *, with_line: bool) -> dict[str, Any]:
     }
 
 
-def _read(read: PlantRead) -> dict[str, Any]:
+def _read(read: PollGroup) -> dict[str, Any]:
     return {"parameters": list(read.parameters), "period_s": read.period_s, "priority": read.priority}
 
 

@@ -23,8 +23,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import DriveCommError, FileFormatError, meant
-from drivecomm.polling.plan import Plan, PlannedDrive, PlannedRead
+from drivecomm.errors import DriveCommError, FileFormatError, UsageError, meant
+from drivecomm.polling.plan import Plan, PlannedRead
+from drivecomm.protocol import DriveConfig, parse_drive
 from drivecomm.tomlfile import read_toml
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def _plan(content: Mapping[str, Any]) -> Plan:
     if content.get("format") != _FORMAT:
         raise FileFormatError(f"a poll plan begins with format = {_FORMAT}")
     _no_others(content, {"format": (), "drive": (), "poll": ()}, "the file")
-    drives: dict[str, PlannedDrive] = {}
+    drives: dict[str, DriveConfig] = {}
     for number, entry in enumerate(_tables(content, "drive"), start=1):
         drive = _drive(entry, f"drive {number}")
         if drive.name in drives:
@@ -87,22 +88,23 @@ def _tables(content: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
     return found
 
 
-def _drive(entry: Mapping[str, Any], where: str) -> PlannedDrive:
+def _drive(entry: Mapping[str, Any], where: str) -> DriveConfig:
     _check(entry, _DRIVE_KEYS, ("drive",), where)
-    protocol, colon, address = entry["drive"].partition(":")
-    if not colon or not protocol or not address.isascii() or not address.isdigit():
-        raise FileFormatError(f"{where}: {entry['drive']!r} names no drive; write PROTOCOL:ADDRESS, such as vabus:1")
-    return PlannedDrive(
-        protocol=protocol,
-        address=int(address),
+    try:
+        drive = parse_drive(entry["drive"])
+    except UsageError as error:
+        raise FileFormatError(f"{where}: {error}") from error
+    return DriveConfig(
+        protocol=drive.protocol,
+        address=drive.address,
         options=entry.get("options", {}),
         name=entry.get("name", ""),
-        port=entry.get("port", ""),
+        line=entry.get("port", ""),
         reply_delay_s=entry.get("reply_delay_s"),
     )
 
 
-def _reads(entry: Mapping[str, Any], drives: Mapping[str, PlannedDrive], where: str) -> list[PlannedRead]:
+def _reads(entry: Mapping[str, Any], drives: Mapping[str, DriveConfig], where: str) -> list[PlannedRead]:
     _check(entry, _POLL_KEYS, ("drive", "parameters"), where)
     if entry["drive"] not in drives:
         known = meant(entry["drive"], drives, "it has")

@@ -92,8 +92,8 @@ def forecast(
     drives, as `open_bus` takes them. Raises UsageError for drives that cannot be, and for plans with several lines:
     ask for each, `plan.on_line(port)`.
     """
-    if len(plan.ports) > 1:
-        raise UsageError(f"the plan has {len(plan.ports)} lines; forecast each of them, plan.on_line(port)")
+    if len(plan.lines) > 1:
+        raise UsageError(f"the plan has {len(plan.lines)} lines; forecast each of them, plan.on_line(port)")
     conditions = Conditions(facts=facts, guard_s=guard_s, reply_delay_s=reply_delay_s, room=room)
     plan = prepared(plan)
     round_ = rehearse_round(plan, conditions)
@@ -109,7 +109,7 @@ def forecast(
     utilisation = min(need, 1.0) if fits else need
     room_to_spare = fits and utilisation <= conditions.most
     return Forecast(
-        port=plan.ports[0],
+        port=plan.lines[0],
         items=items,
         drives=drives,
         cycle_s=sum(item.seconds for item in items),

@@ -12,7 +12,8 @@ from drivecomm.virtual.rehearsal import rehearse_round
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from drivecomm.polling import Plan, PlannedDrive
+    from drivecomm.polling import Plan
+    from drivecomm.protocol import DriveConfig
     from drivecomm.virtual.rehearsal import Conditions, Course, Round
 
 _BAUD_RATES = (9600, 19200, 38400, 57600, 115200)
@@ -70,7 +71,7 @@ def _faster_line(plan: Plan, conditions: Conditions, round_: Round) -> str:
     return f"no baud rate is enough: at {_BAUD_RATES[-1]} baud the plan still needs {need:.0%} of the line's time"
 
 
-def _with_baudrate(plan: Plan, drives: list[PlannedDrive], baudrate: int) -> Plan:
+def _with_baudrate(plan: Plan, drives: list[DriveConfig], baudrate: int) -> Plan:
     faster = {drive: replace(drive, options={**drive.options, "baudrate": baudrate}) for drive in drives}
     return replace(plan, reads=tuple(replace(read, drive=faster.get(read.drive, read.drive)) for read in plan.reads))
 
@@ -149,7 +150,7 @@ def _what_dominates(plan: Plan, round_: Round) -> Iterator[str]:
         )
 
 
-def _names(drives: list[PlannedDrive]) -> str:
+def _names(drives: list[DriveConfig]) -> str:
     return ", ".join(drive.name for drive in drives)
 
 

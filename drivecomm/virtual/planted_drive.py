@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, DriveError, NoReplyError, ValueRefusedError
@@ -16,8 +17,17 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from typing import Any
 
-    from drivecomm.plant import PlantDrive
-    from drivecomm.protocol import Codec, Damaged, Message, Model, Purpose, Reading, VirtualDrive, VirtualReply
+    from drivecomm.protocol import (
+        Codec,
+        Damaged,
+        DriveConfig,
+        Message,
+        Model,
+        Purpose,
+        Reading,
+        VirtualDrive,
+        VirtualReply,
+    )
 
 
 class PlantedDrive:
@@ -35,7 +45,7 @@ class PlantedDrive:
 
     def __init__(
         self,
-        planned: PlantDrive,
+        planned: DriveConfig,
         model: Model,
         *,
         for_all: Mapping[str, Any],
@@ -83,6 +93,8 @@ class PlantedDrive:
         reply = self.inner.hear(find, now * self._speed)
         if reply is None:
             return None
+        if self.planned.reply_delay_s is not None:
+            reply = replace(reply, delay_s=self.planned.reply_delay_s)
         self.asked = find.message if isinstance(find, Framed) else None
         for stuck in self._stuck:
             reply = stuck.instead_of(reply)

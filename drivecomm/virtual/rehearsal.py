@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.bus import open_bus
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.models import load_model
-from drivecomm.polling import FIRST_ROUND_S, LONGEST_DELAY_S, poll_bus
-from drivecomm.protocol import ParameterInfo, installed
+from drivecomm.polling import FIRST_ROUND_S, poll_bus
+from drivecomm.protocol import LONGEST_DELAY_S, ParameterInfo, installed
 from drivecomm.virtual.drives import virtual_drive
 from drivecomm.virtual.line import VirtualLine
 
@@ -25,8 +25,18 @@ if TYPE_CHECKING:
 
     from drivecomm.bus import Bus, Drive
     from drivecomm.link import TraceEvent
-    from drivecomm.polling import Plan, PlannedDrive, PlannedRead, PollItem, PollResult
-    from drivecomm.protocol import Codec, Damaged, Framed, LineFacts, LineSettings, Model, VirtualDrive, VirtualReply
+    from drivecomm.polling import Plan, PlannedRead, PollItem, PollResult
+    from drivecomm.protocol import (
+        Codec,
+        Damaged,
+        DriveConfig,
+        Framed,
+        LineFacts,
+        LineSettings,
+        Model,
+        VirtualDrive,
+        VirtualReply,
+    )
 
 _ROUNDS = 3
 """Rounds until the line goes round as it will for ever: the first one begins on an idle line."""
@@ -95,7 +105,7 @@ class Round:
 
     shares: Sequence[Shares]
     causes: Sequence[str]
-    settings: Mapping[PlannedDrive, LineSettings]
+    settings: Mapping[DriveConfig, LineSettings]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,7 +134,7 @@ def rehearse_round(plan: Plan, conditions: Conditions) -> Round:
     facts = line_facts(plan, conditions)
     settings = {drive: facts[drive].settings for drive in facts}
     with _line(plan, conditions, ledger.note) as bus:
-        items = plan.items(dict.fromkeys(plan.ports, bus))
+        items = plan.items(dict.fromkeys(plan.lines, bus))
         for _ in range(_ROUNDS):
             shares, causes = [], []
             for item, read in zip(items, plan.reads, strict=True):
@@ -180,7 +190,7 @@ def prepared(plan: Plan) -> Plan:
     return replace(plan, reads=tuple(replace(read, drive=loaded[read.drive]) for read in plan.reads))
 
 
-def _with_model(drive: PlannedDrive) -> PlannedDrive:
+def _with_model(drive: DriveConfig) -> DriveConfig:
     model = drive.options.get("model")
     if model is None:
         return drive
@@ -188,7 +198,7 @@ def _with_model(drive: PlannedDrive) -> PlannedDrive:
     return replace(drive, options={**drive.options, "model": known})
 
 
-def line_facts(plan: Plan, conditions: Conditions) -> dict[PlannedDrive, LineFacts]:
+def line_facts(plan: Plan, conditions: Conditions) -> dict[DriveConfig, LineFacts]:
     """Return what holds on the line for each drive of a plan. Raises UsageError for drives that cannot be."""
     with open_bus(VirtualLine().port, **conditions.facts) as bus:
         return {drive: bus.drive(drive.protocol, drive.address, **drive.options).facts for drive in plan.drives}
@@ -197,7 +207,7 @@ def line_facts(plan: Plan, conditions: Conditions) -> dict[PlannedDrive, LineFac
 def _carried_out(plan: Plan, conditions: Conditions, duration_s: float) -> Iterator[tuple[int, PollResult]]:
     """Yield results, each with the place of its read in the plan."""
     with _line(plan, conditions, None) as bus:
-        items = plan.items(dict.fromkeys(plan.ports, bus))
+        items = plan.items(dict.fromkeys(plan.lines, bus))
         places = {item: place for place, item in enumerate(items)}
         for result in poll_bus(items, duration_s):
             yield places[result.item], result
@@ -219,7 +229,7 @@ def _doubles(plan: Plan, conditions: Conditions) -> list[_Double]:
     return made
 
 
-def _virtual(drive: PlannedDrive, facts: LineFacts, model: Model) -> VirtualDrive:
+def _virtual(drive: DriveConfig, facts: LineFacts, model: Model) -> VirtualDrive:
     settings = facts.settings
     options = {name: value for name, value in drive.options.items() if name != "model"}
     options |= {"baudrate": settings.baudrate, "bytesize": settings.bytesize}
@@ -227,7 +237,7 @@ def _virtual(drive: PlannedDrive, facts: LineFacts, model: Model) -> VirtualDriv
     return virtual_drive(drive.protocol, drive.address, model=model, **options)
 
 
-def _model(drive: PlannedDrive, reads: Sequence[PlannedRead]) -> Model:
+def _model(drive: DriveConfig, reads: Sequence[PlannedRead]) -> Model:
     """Return the drive's model, with the parameters that it lacks: without them a drive would refuse, not answer."""
     plugin = installed[drive.protocol]
     model = drive.options.get("model") or _default_model(drive.protocol)
@@ -249,7 +259,7 @@ def _extended(model: Model, added: Mapping[str, ParameterInfo]) -> Model:
     return replace(model, parameters={**model.parameters, **added})
 
 
-def _can_hold(drive: PlannedDrive, model: Model, parameter: ParameterInfo) -> bool:
+def _can_hold(drive: DriveConfig, model: Model, parameter: ParameterInfo) -> bool:
     """Tell whether a virtual drive can have this parameter; addresses that are none are left to the read."""
     try:
         virtual_drive(drive.protocol, drive.address, model=_extended(model, {parameter.address: parameter}))

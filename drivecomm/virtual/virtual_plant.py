@@ -25,8 +25,8 @@ from drivecomm.virtual.telegram_disturbance import TelegramDisturbance
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.plant import Plant, PlantDrive, PlantLine, Step
-    from drivecomm.protocol import VirtualDrive
+    from drivecomm.plant import Plant, PlantLine, Step
+    from drivecomm.protocol import DriveConfig, VirtualDrive
 
 LARGEST_SPEED = 1000.0
 
@@ -215,7 +215,7 @@ class VirtualPlant:
             ConditionWatch(self.line_of(step.drive), self.drive(step.drive), step.when, step.code, speed=self.speed)
 
 
-def _model_of(planned: PlantDrive, known: dict[tuple[str, str], Model]) -> Model:
+def _model_of(planned: DriveConfig, known: dict[tuple[str, str], Model]) -> Model:
     """Return a drive's model; hundreds of drives share what was read once."""
     plugin = installed[planned.protocol]
     name = planned.options.get("model", plugin.default_model)

@@ -80,7 +80,7 @@ def heard(shell, tmp_path, monkeypatch):
         seen.append((found.facts, options.get("read_only", ""), place))
         return found
 
-    monkeypatch.setattr(drivecomm.bus, "open_bus", open_bus)
+    monkeypatch.setattr(drivecomm.bus.bus, "open_bus", open_bus)
     monkeypatch.setattr(drivecomm.bus.Bus, "drive", made)
 
     def run(*call):

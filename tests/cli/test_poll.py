@@ -57,8 +57,8 @@ def test_a_drive_that_is_named_again_goes_on():
         ("vabus:1 481@", "'481@' has no such period or priority"),
         ("vabus:1 481!1.5", "'481!1.5' has no such period or priority"),
         ("vabus:1 @2", "'@2' is no parameter"),
-        ("vabus:x 481", "'x' in 'vabus:x' is no address"),
-        ("vabus:1,colour 481", "'colour' is no option"),
+        ("vabus:x 481", "invalid address 'x' in 'vabus:x'"),
+        ("vabus:1,colour 481", "'colour' is not an option"),
         ("vabus:1 481 vabus:1,baudrate=9600 480", "two drives of the plan are named vabus:1"),
     ],
 )

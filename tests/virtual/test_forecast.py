@@ -7,7 +7,8 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import AddressError, FileFormatError, UsageError
-from drivecomm.polling import Plan, PlannedDrive, PlannedRead, read_plan
+from drivecomm.polling import Plan, PlannedRead, read_plan
+from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import VirtualLine, forecast, virtual_drive
 
 PARAMETERS = {
@@ -29,7 +30,7 @@ DRIVES = [
 
 
 def drive(protocol="vabus", address=1, **facts):
-    return PlannedDrive(protocol=protocol, address=address, **facts)
+    return DriveConfig(protocol=protocol, address=address, **facts)
 
 
 def plan_of(*parameters, period_s=1.0, one=None, **facts):
@@ -255,7 +256,7 @@ def test_a_short_period_behind_a_long_read():
 def test_one_line_at_a_time():
     two = Plan(
         reads=tuple(
-            PlannedRead(drive=drive(port=port, name=port), parameter="481", period_s=1.0) for port in ("east", "west")
+            PlannedRead(drive=drive(line=port, name=port), parameter="481", period_s=1.0) for port in ("east", "west")
         )
     )
     with pytest.raises(UsageError, match="the plan has 2 lines"):
@@ -270,7 +271,7 @@ def test_drives_that_cannot_be():
         forecast(plan_of("481", one=drive(options={"colour": "red"})))
     with pytest.raises(UsageError, match="no fact 'speed'"):
         forecast(plan_of("481"), speed=5)
-    with pytest.raises(UsageError, match="a reply delay of -1"):
+    with pytest.raises(UsageError, match="invalid reply_delay_s = -1; write 0 to 60 seconds"):
         drive(reply_delay_s=-1)
     with pytest.raises(UsageError, match="two drives of the plan are named vabus:1"):
         Plan(reads=plan_of("481").reads + plan_of("480", one=drive(options={"baudrate": 9600})).reads)
@@ -313,13 +314,13 @@ def written(tmp_path, text):
 def test_a_plan_file(tmp_path):
     plan = read_plan(written(tmp_path, FILE))
     pump, fan = plan.drives
-    assert pump == drive(name="pump", port="east", options={"model": "agile", "baudrate": 9600}, reply_delay_s=0.005)
-    assert (fan.name, fan.port, fan.options, fan.reply_delay_s) == ("fuji:7", "", {}, None)
+    assert pump == drive(name="pump", line="east", options={"model": "agile", "baudrate": 9600}, reply_delay_s=0.005)
+    assert (fan.name, fan.line, fan.options, fan.reply_delay_s) == ("fuji:7", "", {}, None)
     first, second, third = plan.reads
     assert first == PlannedRead(drive=pump, parameter="481", period_s=0.2, priority=2, options={"dataset": 1})
     assert second == replace(first, parameter="480")
     assert third == PlannedRead(drive=fan, parameter="M09", period_s=1.0, priority=0)
-    assert plan.ports == ("east", "")
+    assert plan.lines == ("east", "")
 
 
 @pytest.mark.parametrize(
@@ -328,11 +329,11 @@ def test_a_plan_file(tmp_path):
         ("format = 1", "format = 2", "begins with format = 1"),
         ("format = 1", "format = 1\nspeed = 3", "the file: 'speed' is no key here"),
         ("format = 1", "format = ", "cannot be read as a poll plan"),
-        ('drive = "vabus:1"', 'drive = "vabus"', "drive 1: 'vabus' names no drive"),
+        ('drive = "vabus:1"', 'drive = "vabus"', "drive 1: 'vabus' is not a drive"),
         ('drive = "vabus:1"', "", "drive 1: the key 'drive' is missing"),
         ('port = "east"', "port = 3", "drive 1: port cannot be 3"),
         ('port = "east"', 'ports = "east"', "drive 1: 'ports' is no key here"),
-        ("reply_delay_s = 0.005", "reply_delay_s = -1", "a reply delay of -1"),
+        ("reply_delay_s = 0.005", "reply_delay_s = -1", "invalid reply_delay_s = -1"),
         ("reply_delay_s = 0.005", "reply_delay_s = true", "drive 1: reply_delay_s cannot be True"),
         ('drive = "fuji:7"\n\n[', 'drive = "fuji:7"\nname = "pump"\n\n[', "two drives are named 'pump'"),
         ('drive = "pump"', 'drive = "fan"', "poll 1: there is no drive 'fan' in this plan"),

@@ -11,9 +11,6 @@ from drivecomm.plant import (
     Condition,
     Fault,
     InjectStep,
-    PlantDrive,
-    PlantLinkLoss,
-    PlantRead,
     PowerCutStep,
     StuckStep,
     TelegramFault,
@@ -22,6 +19,7 @@ from drivecomm.plant import (
     read_fault,
     read_plant,
 )
+from drivecomm.protocol import DriveConfig, LinkLossPolicy, PollGroup
 from drivecomm.virtual import VirtualPlant
 
 HALL = '[[line]]\nname = "hall"\n'
@@ -46,7 +44,7 @@ def test_the_example_in_the_documentation_of_the_module(read):
     assert line.noise.plan().kinds == (Fault.CORRUPT, Fault.DROP)
     assert line.noise.plan().seed == 1
     assert plant.drives == (
-        PlantDrive(
+        DriveConfig(
             protocol="vabus",
             address=1,
             line="hall",
@@ -54,8 +52,9 @@ def test_the_example_in_the_documentation_of_the_module(read):
             title="feed pump, hall 2",
             options={"model": "agile"},
             armed=True,
-            poll=(PlantRead(parameters=("output_frequency",), period_s=0.2, priority=1),),
-            link_loss=PlantLinkLoss(policy="ramp", watchdog_s=5),
+            reply_delay_s=0.005,
+            poll=(PollGroup(parameters=("output_frequency",), period_s=0.2, priority=1),),
+            link_loss=LinkLossPolicy(policy="ramp", watchdog_s=5),
             values={"480": 1000},
             motor={"rated_kw": 7.5},
         ),
@@ -127,7 +126,7 @@ def fault(text):
         ),
         ("format = 1\n" + HALL + "noise = { rate = 1, bits = 9 }\n", ["bits = 9"]),
         ("format = 1\n" + HALL + '[[drive]]\nname = "pump"\n', ["drive 1 (pump): the key 'drive' is missing"]),
-        ("format = 1\n" + HALL + '[[drive]]\ndrive = "vabus"\n', ["'vabus' names no drive", "PROTOCOL:ADDRESS"]),
+        ("format = 1\n" + HALL + '[[drive]]\ndrive = "vabus"\n', ["'vabus' is not a drive", "PROTOCOL:ADDRESS"]),
         ("format = 1\n" + HALL + PUMP + "armed = 1\n", ["drive 1 (pump): armed cannot be 1; write true or false"]),
         ("format = 1\n" + HALL + PUMP + "arm = true\n", ["'arm' is no key here; write armed"]),
         ("format = 1\n" + HALL + PUMP + 'poll = "481"\n', ["drive 1 (pump): poll cannot be '481'; write a list"]),
@@ -137,22 +136,25 @@ def fault(text):
         ("format = 1\n" + HALL + PUMP + "poll = [{ parameters = [481] }]\n", ["poll 1: parameters are texts"]),
         (
             "format = 1\n" + HALL + PUMP + 'poll = [{ parameters = ["1"], period_s = -1 }]\n',
-            ["period_s = -1 cannot be"],
+            ["invalid period_s = -1"],
         ),
         ("format = 1\n" + HALL + PUMP + "link_loss = {}\n", ["(pump), link_loss: the key 'policy' is missing"]),
         (
             "format = 1\n" + HALL + PUMP + 'link_loss = { policy = "pray" }\n',
-            ["drive 1 (pump): policy = 'pray' is none", "hold, ramp, coast, trip"],
+            ["drive 1 (pump): unknown policy 'pray'", "hold, ramp, coast, trip"],
         ),
         (
             "format = 1\n" + HALL + PUMP + 'link_loss = { policy = "ramp", watchdog_s = 0 }\n',
-            ["drive 1 (pump): watchdog_s = 0 cannot be; write seconds above 0"],
+            ["drive 1 (pump): invalid watchdog_s = 0; write seconds above 0"],
         ),
         ("format = 1\n" + HALL + PUMP + PUMP, ["two drives are named 'pump'"]),
         ("format = 1\n" + HALL + PUMP + 'line = "yard"\n', ["drive pump: there is no line 'yard'", "it has hall"]),
         ("format = 1\n" + HALL + '[[line]]\nname = "b"\n' + PUMP, ["drive 1 (pump): the key 'line' is missing"]),
         ("format = 1\n" + HALL + PUMP + 'values = { "480" = 1.5 }\n', ["drive 1 (pump), values: 480 cannot be 1.5"]),
-        ("format = 1\n" + HALL + PUMP + "motor = { kw = 4 }\n", ["drive 1 (pump): a motor has no 'kw'", "rated_kw"]),
+        (
+            "format = 1\n" + HALL + PUMP + "motor = { kw = 4 }\n",
+            ["drive 1 (pump): unknown motor data 'kw'", "rated_kw"],
+        ),
         ("format = 1\n" + HALL + PUMP + "motor = { rated_kw = 0 }\n", ["rated_kw = 0", "above 0"]),
         (fault('drive = "pump"'), ["fault 1: a fault is one of kind, power, trip, stuck, inject"]),
         (fault('line = "hall"\nkind = "lost"'), ["fault 1: 'lost' is no kind of fault; write one of drop"]),

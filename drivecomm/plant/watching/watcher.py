@@ -244,7 +244,7 @@ class Watcher:
 
     def _traced(self, line: WatchedLine, event: TraceEvent) -> None:
         for one in line.drives:
-            if one.place == event.drive:
+            if str(one) == event.drive:
                 self._seen[one.name].telegrams.append(event)
 
     async def _open(self) -> None:
