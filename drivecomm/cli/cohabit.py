@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -66,10 +65,7 @@ def plant_lines(path: Path) -> dict[str, list[DriveConfig]]:
     from drivecomm.plant import read_plant  # noqa: PLC0415
 
     plant = read_plant(path)
-    return {
-        line.name: [replace(drive, options={**line.settings, **drive.options}) for drive in plant.on_line(line.name)]
-        for line in plant.lines
-    }
+    return {line.name: [line.reached(drive) for drive in plant.on_line(line.name)] for line in plant.lines}
 
 
 def _emit(line: str, found: Cohabitation) -> None:

@@ -13,6 +13,7 @@ from drivecomm.transport import same_port
 
 if TYPE_CHECKING:
     from drivecomm.plant import Plant, PlantLine
+    from drivecomm.polling import Plan
     from drivecomm.protocol import DriveConfig
 
 PLANT_VARIABLE = "DRIVECOMM_PLANT"
@@ -30,6 +31,13 @@ class KnownPlant:
         """Return a drive of it. Raises UsageError that names the file."""
         try:
             return self.plant.drive(word)
+        except UsageError as error:
+            raise UsageError(f"{self.file}: {error}") from error
+
+    def poll_plan(self) -> Plan:
+        """Return what is polled in it. Raises UsageError that names the file."""
+        try:
+            return self.plant.poll_plan()
         except UsageError as error:
             raise UsageError(f"{self.file}: {error}") from error
 

@@ -41,7 +41,7 @@ def forecast(
     Takes the same plan as poll and opens no port. Exit code 1 when the plan does not fit, or does so without room to
     spare.
     """
-    chosen = given_plan(words or [], plan, line, period_s=period)
+    chosen, line = given_plan(words or [], plan, line, period_s=period)
     facts: dict[str, Any] = {
         "baudrate": line.baudrate,
         "bytesize": line.bytesize,

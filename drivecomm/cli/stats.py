@@ -80,7 +80,7 @@ def _measure(line: LineOptions, names: Mapping[str, DriveConfig], seconds: float
     if headed and not line.json:
         say(f"{line.named_port}")
     with line.bus() as bus:
-        asked = {called: bus.drive(one.protocol, one.address, **one.options) for called, one in names.items()}
+        asked = {called: one.build(bus.drive) for called, one in names.items()}
         began = bus.now()
         try:
             _ask_all(bus, list(asked.values()), began + seconds)

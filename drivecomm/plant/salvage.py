@@ -7,7 +7,6 @@ matter, and an entry that cannot be read does not keep the others from being rea
 from __future__ import annotations
 
 import re
-import tomllib
 from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.plant.plant import Plant, PlantLine
 from drivecomm.protocol import DriveConfig, LineSettings, parse_drive
+from drivecomm.tomlfile import parse_toml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -62,14 +62,14 @@ def _entries(text: str) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def _content(text: str) -> dict[str, Any]:
-    with suppress(ValueError, RecursionError):
-        return tomllib.loads(text)
+    with suppress(FileFormatError):
+        return parse_toml(text, "")
     entry: dict[str, Any] = {}
     for line in text.splitlines():
         if line.lstrip().startswith("["):
             break
-        with suppress(ValueError, RecursionError):
-            entry.update(tomllib.loads(line))
+        with suppress(FileFormatError):
+            entry.update(parse_toml(line, ""))
     return entry
 
 

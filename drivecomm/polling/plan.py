@@ -6,12 +6,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
-from drivecomm.polling.schedule import PollItem
+from drivecomm.polling.schedule import D, PollItem
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
-    from drivecomm.bus import Bus, Drive
     from drivecomm.protocol import DriveConfig
 
 
@@ -54,15 +53,12 @@ class Plan:
         """Return the part of the plan that is on one line."""
         return Plan(reads=tuple(read for read in self.reads if read.drive.line == line))
 
-    def items(self, buses: Mapping[str, Bus]) -> list[PollItem[Drive]]:
-        """Return the plan for open lines, by port. Raises UsageError for drives and options that cannot be."""
-        drives = {
-            planned: buses[planned.line].drive(planned.protocol, planned.address, **planned.options)
-            for planned in self.drives
-        }
+    def items(self, make: Callable[[DriveConfig], D]) -> list[PollItem[D]]:
+        """Return the plan as a poll loop takes it. make: called once for each drive, returns what is read of it."""
+        made = {drive: make(drive) for drive in self.drives}
         return [
             PollItem(
-                drive=drives[read.drive],
+                drive=made[read.drive],
                 parameter=read.parameter,
                 period_s=read.period_s,
                 priority=read.priority,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import inf
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 from drivecomm.errors import AddressError, UsageError, meant
 from drivecomm.protocol.argument_types import is_duration
@@ -12,7 +12,7 @@ from drivecomm.protocol.model import LinkLoss
 from drivecomm.protocol.motor import MOTOR_DATA
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from drivecomm.protocol.motor import Motor
 
@@ -56,6 +56,9 @@ class LinkLossPolicy:
             raise UsageError(f"unknown policy {self.policy!r}; {meant(self.policy, get_args(LinkLoss), 'use')}")
         if not 0 < self.watchdog_s < inf:
             raise UsageError(f"invalid watchdog_s = {self.watchdog_s:g}; write seconds above 0")
+
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,6 +113,10 @@ class DriveConfig:
     def labels(self) -> dict[str, str]:
         """How a JSON object names the drive that it is about."""
         return {"name": self.name, "drive": str(self), "line": self.line}
+
+    def build(self, factory: Callable[..., T]) -> T:
+        """Return what a factory, such as `bus.drive` or `virtual_drive`, makes of protocol, address and options."""
+        return factory(self.protocol, self.address, **self.options)
 
     def why_read_only(self, file: str) -> str:
         """Return why masters may not write or command this drive, which this file says; empty where they may."""

@@ -134,7 +134,7 @@ def rehearse_round(plan: Plan, conditions: Conditions) -> Round:
     facts = line_facts(plan, conditions)
     settings = {drive: facts[drive].settings for drive in facts}
     with _line(plan, conditions, ledger.note) as bus:
-        items = plan.items(dict.fromkeys(plan.lines, bus))
+        items = plan.items(lambda drive: drive.build(bus.drive))
         for _ in range(_ROUNDS):
             shares, causes = [], []
             for item, read in zip(items, plan.reads, strict=True):
@@ -201,13 +201,13 @@ def _with_model(drive: DriveConfig) -> DriveConfig:
 def line_facts(plan: Plan, conditions: Conditions) -> dict[DriveConfig, LineFacts]:
     """Return what holds on the line for each drive of a plan. Raises UsageError for drives that cannot be."""
     with open_bus(VirtualLine().port, **conditions.facts) as bus:
-        return {drive: bus.drive(drive.protocol, drive.address, **drive.options).facts for drive in plan.drives}
+        return {drive: drive.build(bus.drive).facts for drive in plan.drives}
 
 
 def _carried_out(plan: Plan, conditions: Conditions, duration_s: float) -> Iterator[tuple[int, PollResult]]:
     """Yield results, each with the place of its read in the plan."""
     with _line(plan, conditions, None) as bus:
-        items = plan.items(dict.fromkeys(plan.lines, bus))
+        items = plan.items(lambda drive: drive.build(bus.drive))
         places = {item: place for place, item in enumerate(items)}
         for result in poll_bus(items, duration_s):
             yield places[result.item], result

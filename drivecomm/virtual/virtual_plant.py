@@ -74,15 +74,11 @@ class VirtualPlant:
 
     def line(self, name: str) -> VirtualLine:
         """Return a line by its name; its `port` opens the master's end. Raises UsageError."""
-        if name not in self.lines:
-            raise UsageError(f"there is no line {name!r} in this plant; it has {', '.join(self.lines)}")
-        return self.lines[name]
+        return self.lines[self.plant.line(name).name]
 
     def drive(self, name: str) -> PlantedDrive:
         """Return a drive by its name. Raises UsageError."""
-        if name not in self.drives:
-            raise UsageError(f"there is no drive {name!r} in this plant; it has {', '.join(self.drives) or 'none'}")
-        return self.drives[name]
+        return self.drives[self.plant.drive(name).name]
 
     def line_of(self, drive: str) -> VirtualLine:
         """Return the line that a drive is on. Raises UsageError."""
@@ -93,9 +89,7 @@ class VirtualPlant:
     def trip(self, drive: str, code: int) -> None:
         """Make a drive trip with this fault code. Raises UsageError."""
         if not 1 <= code <= LARGEST_CODE:
-            raise UsageError(
-                f"a trip with fault code {str(code)[:12]} cannot be; write a number from 1 to {LARGEST_CODE}"
-            )
+            raise UsageError(f"invalid fault code {str(code)[:12]}; write a number from 1 to {LARGEST_CODE}")
         self.drive(drive).trip(code, self.line_of(drive).time)
 
     def power_off(self, drive: str) -> None:

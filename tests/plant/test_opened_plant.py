@@ -23,10 +23,10 @@ from drivecomm.plant import (
     plant_text,
     read_plant,
     write_new,
-    write_over,
 )
 from drivecomm.protocol import Ask, DriveConfig, LineSettings, LinkLossPolicy, Pause, PollGroup, Tell, installed
 from drivecomm.testing import play
+from drivecomm.tomlfile import write_whole
 from drivecomm.virtual import VirtualLine, VirtualPlant
 from drivecomm_vabus.telegrams import Select
 
@@ -412,10 +412,10 @@ def test_a_file_is_never_overwritten_unasked(tmp_path):
     with pytest.raises(UsageError, match="exists already; name another file, or write --force"):
         write_new(path, "two")
     assert path.read_text() == "one"
-    write_over(path, "three")
+    write_whole(path, "three")
     assert path.read_text() == "three"
     assert list(tmp_path.iterdir()) == [path]
-    for write in (write_new, write_over):
+    for write in (write_new, write_whole):
         with pytest.raises(FileFormatError, match="cannot be written"):
             write(tmp_path / "nowhere" / "plant.toml", "four")
 
@@ -428,7 +428,7 @@ def test_a_file_that_cannot_be_replaced_stays(tmp_path, monkeypatch):
     path.write_text("one")
     monkeypatch.setattr(Path, "replace", full)
     with pytest.raises(FileFormatError, match=r"plant\.toml: cannot be written: No space left"):
-        write_over(path, "two")
+        write_whole(path, "two")
     assert path.read_text() == "one"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -450,9 +450,11 @@ DRIVES = st.builds(
             parameters=st.lists(NAMES, min_size=1, max_size=3).map(tuple),
             period_s=st.floats(0, 1e6),
             priority=st.integers(-5, 5),
+            options=st.dictionaries(NAMES, VALUES, max_size=2),
         ),
         max_size=2,
     ).map(tuple),
+    reply_delay_s=st.none() | st.floats(0, 59),
     link_loss=st.none()
     | st.builds(
         LinkLossPolicy, policy=st.sampled_from(["hold", "ramp", "coast", "trip"]), watchdog_s=st.floats(0.1, 100)

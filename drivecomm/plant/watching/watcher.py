@@ -180,7 +180,7 @@ class Watcher:
         for one in watched.drives:
             if one.name in self._seen:
                 raise UsageError(f"two drives are named {one.name!r}; give each a name of its own")
-            drive = line.bus.drive(one.protocol, one.address, **one.options)
+            drive = one.build(line.bus.drive)
             self._seen[one.name] = _Seen(line, drive, _Asked(drive), DriveView(drive=one, line=watched.name))
         return line
 

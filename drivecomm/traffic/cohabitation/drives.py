@@ -69,7 +69,7 @@ class Partner:
 
     def __init__(self, drive: DriveConfig, dialects: dict[tuple[str, str], Dialect]) -> None:
         self._drive, self._dialects = drive, dialects
-        virtual = virtual_drive(drive.protocol, drive.address, **drive.options)
+        virtual = drive.build(virtual_drive)
         self.name, self.address, self.settings = drive.name, drive.address, virtual.settings
         self.ear: Codec = virtual.codec
         plugin = installed[drive.protocol]
