@@ -6,7 +6,7 @@ from .drive import Broadcast as Broadcast, Drive as Drive
 from .keeping import keep as keep, keep_async as keep_async
 from .likely_settings import LineChoices as LineChoices, likely_settings as likely_settings
 from .read_only import ReadOnly as ReadOnly
-from .roster import Member as Member, Roster as Roster, line_overrides as line_overrides
+from .roster import Member as Member, Roster as Roster
 from .scanning import (
     Asking as Asking,
     Found as Found,

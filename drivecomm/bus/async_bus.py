@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 from drivecomm.bus.async_drive import AsyncBroadcast, AsyncDrive
 from drivecomm.bus.async_turns import AsyncTurns
 from drivecomm.bus.bus import REOPEN_FIRST_S, REOPEN_LONGEST_S, port_opener
-from drivecomm.bus.roster import Roster, echo_mode, line_overrides
+from drivecomm.bus.roster import Roster, echo_mode
 from drivecomm.bus.scanning import Found, Search, introduce, look
 from drivecomm.bus.stored_writes import ALLOWED, StoredWrites
 from drivecomm.bus.turns import Rank
 from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError
 from drivecomm.link import GrowingPause
 from drivecomm.polling import poll_async
+from drivecomm.protocol import line_overrides
 from drivecomm.transport import runner_for
 
 if TYPE_CHECKING:

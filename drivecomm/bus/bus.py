@@ -6,13 +6,14 @@ import time
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from drivecomm.bus.drive import Broadcast, Drive
-from drivecomm.bus.roster import Roster, echo_mode, line_overrides
+from drivecomm.bus.roster import Roster, echo_mode
 from drivecomm.bus.scanning import Found, Search, introduce, look
 from drivecomm.bus.stored_writes import ALLOWED, StoredWrites
 from drivecomm.bus.turns import Rank, Turn, Turns
 from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError, shortened
 from drivecomm.link import GrowingPause
 from drivecomm.polling import poll
+from drivecomm.protocol import line_overrides
 from drivecomm.transport import run
 
 if TYPE_CHECKING:

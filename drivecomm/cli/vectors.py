@@ -11,7 +11,7 @@ import typer
 from drivecomm.cli.output import complain, emit, say
 from drivecomm.cli.telegrams import Options
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.protocol import installed, option_names, parse_options
+from drivecomm.protocol import installed, parse_options, protocol_options
 
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object per line.")]
 
@@ -65,9 +65,7 @@ def from_capture(
 
     plugin = installed[protocol]
     options = parse_options(option or [])
-    if unknown := sorted(set(options) - option_names(plugin)):
-        known = ", ".join(sorted(option_names(plugin)))
-        raise UsageError(f"{protocol} has no option {unknown[0]!r}; it has {known}")
+    protocol_options(plugin, options)
     capture = read_capture(file)
     for remark in capture.remarks:
         sys.stderr.write(f"drivecomm: {remark}\n")

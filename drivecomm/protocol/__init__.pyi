@@ -45,7 +45,13 @@ from .model import (
 )
 from .motor import MOTOR_DATA as MOTOR_DATA, Command as Command, Motor as Motor
 from .numbers import exact as exact, scaled as scaled, unscaled as unscaled
-from .options import option_names as option_names, sort_out as sort_out
+from .options import (
+    checked_address as checked_address,
+    line_overrides as line_overrides,
+    option_names as option_names,
+    protocol_options as protocol_options,
+    resolve_options as resolve_options,
+)
 from .reading import Reading as Reading, Value as Value
 from .registry import (
     Protocols as Protocols,

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.bus import open_bus
-from drivecomm.protocol import Framed, LineSettings, Motor, sort_out
+from drivecomm.protocol import Framed, LineSettings, Motor, resolve_options
 from drivecomm.testing.case import shown
 from drivecomm.testing.known_models import known_model
 from drivecomm.testing.report import CheckFailure
@@ -119,7 +119,7 @@ def bench(
     """
     known = known_model(plugin, model or plugin.default_model) if isinstance(model, str) else model
     given = dict(options or {})
-    facts, chosen = sort_out(plugin, known, given)
+    facts, chosen = resolve_options(plugin, known, given)
     drives = []
     for address in addresses or plugin.addresses[:1]:
         drive = plugin.virtual(address, chosen, known)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.bus import Verbs
 from drivecomm.errors import DriveCommError, ReplyError, TelegramError
-from drivecomm.protocol import Pause, fields_of, sort_out
+from drivecomm.protocol import Pause, fields_of, resolve_options
 from drivecomm.testing.exchange_vectors import Step
 from drivecomm.testing.faces import Line, call_awaited, call_blocking, exchange_of
 from drivecomm.testing.framing_checks import noise_of
@@ -86,7 +86,7 @@ def goes_as_written_without_a_line(plugin: Protocol, vector: ExchangeVector) -> 
     if script is None:
         return
     model = known_model(plugin, vector.model) if vector.model else None
-    options = sort_out(plugin, model, vector.options)[1]
+    options = resolve_options(plugin, model, vector.options)[1]
     verbs = Verbs(f"{plugin.name}:{vector.address}", plugin.operations(vector.address, options, model))
     play(_as_on_the_wire(_codec(plugin, vector), _calls_of(vector, verbs)), script)
 
@@ -141,7 +141,7 @@ def _decoded(codec: Codec, data: bytes, direction: Direction) -> Message | None:
 
 def _codec(plugin: Protocol, vector: ExchangeVector) -> Codec:
     model = known_model(plugin, vector.model) if vector.model else None
-    return plugin.codec(sort_out(plugin, model, vector.options)[1])
+    return plugin.codec(resolve_options(plugin, model, vector.options)[1])
 
 
 def _of_another_drive(plugin: Protocol, vector: ExchangeVector, asked: bytes, data: bytes) -> bytes:

@@ -11,7 +11,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, NotSupported, TelegramError
-from drivecomm.protocol import Framed, sort_out
+from drivecomm.protocol import Framed, resolve_options
 from drivecomm.testing.bench import bench
 from drivecomm.testing.case import expect, shown
 from drivecomm.testing.vectors import packaged_vectors
@@ -60,7 +60,7 @@ def tells_what_requests_are_for(plugin: Protocol, model: Model) -> None:
 
 def what_only_asks_moves_no_drive(plugin: Protocol, model: Model) -> None:
     """No request of the vectors that is said to ask only gives a virtual drive's motor another command."""
-    asks, options = plugin.only_asks, sort_out(plugin, model, {})[1]
+    asks, options = plugin.only_asks, resolve_options(plugin, model, {})[1]
     if asks is None:
         return
     for vector in packaged_vectors(plugin).vectors:

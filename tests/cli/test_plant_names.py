@@ -284,7 +284,7 @@ def test_a_plant_file_that_is_none(shell, tmp_path):
     path = tmp_path / "wrong.toml"
     path.write_text("format = 1\n[[line]]\nname = 'hall'\narmed = true\n")
     assert shell("status", "pump", "--plant", str(path), port=None) == 2
-    assert f"{path}: line 1 (hall): 'armed' is no key here" in shell.err
+    assert f"{path}, line 4: line 1 (hall): unknown key 'armed'" in shell.err
 
 
 class TestOtherCommands:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import AddressError, DriveCommError
+from drivecomm.errors import DriveCommError
 from drivecomm.models import load_model
-from drivecomm.protocol import DriveConfig, installed, sort_out
+from drivecomm.protocol import DriveConfig, checked_address, installed, resolve_options
 from drivecomm.traffic.sniffer import HeardTelegram, ParameterNames
 
 if TYPE_CHECKING:
@@ -44,8 +44,7 @@ class Naming:
         """Raise UsageError unless all drives can be."""
         for drive in self.drives:
             _sorted_out(drive)
-            if drive.address not in installed[drive.protocol].addresses:
-                raise AddressError(f"{drive.protocol} has no drive at address {drive.address}")
+            checked_address(installed[drive.protocol], drive.address)
 
     @property
     def options(self) -> Mapping[str, Any]:
@@ -104,5 +103,5 @@ def _sorted_out(drive: DriveConfig) -> tuple[LineSettings, Any]:
     given = {name: value for name, value in drive.options.items() if name != "model"}
     name = drive.options.get("model")
     model = load_model(plugin.package, drive.protocol, name) if name else None
-    facts, options = sort_out(plugin, model, given)
+    facts, options = resolve_options(plugin, model, given)
     return facts.settings, options

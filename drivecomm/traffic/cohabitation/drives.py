@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError
 from drivecomm.models import load_model
-from drivecomm.protocol import Ask, Tell, fields_of, installed, sort_out
+from drivecomm.protocol import Ask, Tell, fields_of, installed, resolve_options
 from drivecomm.traffic.cohabitation import alphabets, sampling
 from drivecomm.traffic.cohabitation.outlines import Outline, addressed, has_address, outline_of, within
 from drivecomm.virtual import virtual_drive
@@ -75,7 +75,7 @@ class Partner:
         plugin = installed[drive.protocol]
         given = dict(drive.options)
         model = load_model(plugin.package, plugin.name, given.pop("model", None) or plugin.default_model)
-        _, options = sort_out(plugin, model, given)
+        _, options = resolve_options(plugin, model, given)
         known = (plugin.name, repr(options))
         self.dialect = dialects.setdefault(known, Dialect(plugin, plugin.codec(options)))
         self._probe = plugin.operations(drive.address, options, model).probe
