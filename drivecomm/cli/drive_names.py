@@ -13,33 +13,10 @@ from drivecomm.transport import same_port
 
 if TYPE_CHECKING:
     from drivecomm.plant import Plant, PlantLine
-    from drivecomm.polling import Plan
     from drivecomm.protocol import DriveConfig
 
 PLANT_VARIABLE = "DRIVECOMM_PLANT"
 PLANT_FILE = Path("plant.toml")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class KnownPlant:
-    """The plant that names on the command line are looked up in. file: as it was said, for messages."""
-
-    plant: Plant
-    file: str
-
-    def drive(self, word: str) -> DriveConfig:
-        """Return a drive of it. Raises UsageError that names the file."""
-        try:
-            return self.plant.drive(word)
-        except UsageError as error:
-            raise UsageError(f"{self.file}: {error}") from error
-
-    def poll_plan(self) -> Plan:
-        """Return what is polled in it. Raises UsageError that names the file."""
-        try:
-            return self.plant.poll_plan()
-        except UsageError as error:
-            raise UsageError(f"{self.file}: {error}") from error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +37,7 @@ def plant_file(given: Path | None, *, port_given: bool) -> Path | None:
     return Path(said) if said else PLANT_FILE if PLANT_FILE.is_file() else None
 
 
-def known_plant(given: Path | None, *, port_given: bool) -> KnownPlant | None:
+def known_plant(given: Path | None, *, port_given: bool) -> Plant | None:
     """Return the plant of a call: of the file that is given, that DRIVECOMM_PLANT names, or plant.toml in this folder.
 
     The last two count only where no port is given, None where there is none. Raises FileFormatError for a file that is
@@ -72,7 +49,7 @@ def known_plant(given: Path | None, *, port_given: bool) -> KnownPlant | None:
     # Loaded by those who have a plant only.
     from drivecomm.plant import read_plant  # noqa: PLC0415
 
-    return KnownPlant(plant=read_plant(path), file=str(path))
+    return read_plant(path)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,7 +73,7 @@ def placed(text: str, asked: Asked) -> PlantPlace | None:
     drive = _named(word, known) if ":" not in word else _addressed(word, known, asked)
     if known is None or drive is None:
         return None
-    line = known.plant.line(drive.line)
+    line = known.line(drive.line)
     if asked.port_said and asked.port and line.reached_at and not same_port(line.reached_at, asked.port):
         raise UsageError(
             f"{known.file}: {drive.name} is on line {line.name}, at {line.reached_at}; leave --port {asked.port} out, "
@@ -112,7 +89,7 @@ def placed(text: str, asked: Asked) -> PlantPlace | None:
     )
 
 
-def _named(word: str, known: KnownPlant | None) -> DriveConfig:
+def _named(word: str, known: Plant | None) -> DriveConfig:
     if known is None:
         raise UsageError(
             f"{word!r} names no drive; a drive is PROTOCOL:ADDRESS, such as vabus:1, or a name in a plant file "
@@ -121,13 +98,13 @@ def _named(word: str, known: KnownPlant | None) -> DriveConfig:
     return known.drive(word)
 
 
-def _addressed(word: str, known: KnownPlant | None, asked: Asked) -> DriveConfig | None:
+def _addressed(word: str, known: Plant | None, asked: Asked) -> DriveConfig | None:
     if known is None:
         return None
-    same = [drive for drive in known.plant.drives if str(drive) == word]
+    same = [drive for drive in known.drives if str(drive) == word]
     if asked.port is not None and (asked.port_said or asked.plant is None):
         port = asked.port
-        lines = {line.name for line in known.plant.lines if not line.reached_at or same_port(line.reached_at, port)}
+        lines = {line.name for line in known.lines if not line.reached_at or same_port(line.reached_at, port)}
         here = [drive for drive in same if drive.line in lines]
         if asked.plant is None or here:
             return min(here, key=lambda drive: drive.armed, default=None)

@@ -9,10 +9,9 @@ from drivecomm.cli.drive_names import known_plant
 from drivecomm.protocol import DriveConfig
 
 if TYPE_CHECKING:
-    from drivecomm.cli.drive_names import KnownPlant
     from drivecomm.cli.line_options import LineOptions
     from drivecomm.link import Echo
-    from drivecomm.plant import PlantLine
+    from drivecomm.plant import Plant, PlantLine
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,14 +29,14 @@ def lines_to_examine(line: LineOptions) -> list[ExaminedLine]:
     if known is None:
         return [ExaminedLine(options=line)]
     if line.port is None:
-        return [_of_the_plant(each, known, line) for each in known.plant.lines]
-    named = [each for each in known.plant.lines if line.port in (each.name, each.reached_at)]
+        return [_of_the_plant(each, known, line) for each in known.lines]
+    named = [each for each in known.lines if line.port in (each.name, each.reached_at)]
     return [_of_the_plant(each, known, replace(line, port=None)) for each in named] or [
         ExaminedLine(options=replace(line, given=line.given | {"port"}))
     ]
 
 
-def _of_the_plant(each: PlantLine, known: KnownPlant, line: LineOptions) -> ExaminedLine:
+def _of_the_plant(each: PlantLine, known: Plant, line: LineOptions) -> ExaminedLine:
     given = {key: value for key, value in line.facts.items() if value is not None}
     echo: Echo = "expect" if each.echo and line.echo == "off" else line.echo
     settings = {key: value for key, value in each.settings.items() if key not in given}
@@ -47,6 +46,6 @@ def _of_the_plant(each: PlantLine, known: KnownPlant, line: LineOptions) -> Exam
         drives=tuple(
             # What is given on the command line goes before what the plant says.
             replace(drive, options={**each.settings, **drive.options, **given})
-            for drive in known.plant.on_line(each.name)
+            for drive in known.on_line(each.name)
         ),
     )

@@ -160,8 +160,8 @@ class LineOptions:
         For what commands whatever drives are there.
         """
         known = known_plant(self.plant, port_given=False)
-        for drive in known.plant.drives if known else ():
-            there = known is not None and same_port(known.plant.line(drive.line).reached_at, self.named_port)
+        for drive in known.drives if known else ():
+            there = known is not None and same_port(known.line(drive.line).reached_at, self.named_port)
             if known is not None and there and not drive.armed and not self.arm:
                 raise UsageError(f"{drive.why_read_only(known.file)}, or give --arm for this once")
 
@@ -180,7 +180,7 @@ class LineOptions:
     def at(self, port: str) -> LineOptions:
         """Return the options for another port; where the plant says that its line has an echo, there is one."""
         known = known_plant(self.plant, port_given=self.port is not None)
-        lines = known.plant.lines if known else ()
+        lines = known.lines if known else ()
         echoes = "echo" not in self.given and any(line.echo for line in lines if line.reached_at == port)
         return replace(self, port=port, echo="expect" if echoes else self.echo, given=self.given | {"port"})
 
@@ -211,10 +211,10 @@ class LineOptions:
         known = known_plant(self.plant, port_given=False)
         if known is None:
             raise UsageError("no port: give --port, or set DRIVECOMM_PORT")
-        if len(known.plant.lines) > 1:
-            ports = ", ".join(f"{line.reached_at or 'no port'} ({line.name})" for line in known.plant.lines)
+        if len(known.lines) > 1:
+            ports = ", ".join(f"{line.reached_at or 'no port'} ({line.name})" for line in known.lines)
             raise UsageError(f"no port: give --port; {known.file} has {ports}")
-        return self.port_of(known.plant.lines[0], known.file)
+        return self.port_of(known.lines[0], known.file)
 
     @property
     def facts(self) -> dict[str, Any]:

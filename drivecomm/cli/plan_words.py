@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivecomm.cli.drive_names import KnownPlant, known_plant
+from drivecomm.cli.drive_names import known_plant
 from drivecomm.errors import UsageError
 from drivecomm.polling import Plan, PlannedRead
 from drivecomm.protocol import DriveConfig, installed, parse_drive, parse_options, unknown_protocol
 
 if TYPE_CHECKING:
     from drivecomm.cli.line_options import LineOptions
+    from drivecomm.plant import Plant
     from drivecomm.protocol import DriveConfig
 
 Words = Annotated[
@@ -59,14 +60,14 @@ def given_plan(
         plan = known.poll_plan()
     if all(drive.line for drive in plan.drives):
         line.refuse("the plan names the ports of all its drives", "port")
-    placed = {
-        drive: replace(drive, line=drive.line or line.port or "", options={**drive.options, **line.said_facts})
-        for drive in plan.drives
-    }
-    return Plan(reads=tuple(replace(read, drive=placed[read.drive]) for read in plan.reads)), line
+
+    def placed(drive: DriveConfig) -> DriveConfig:
+        return replace(drive, line=drive.line or line.port or "", options={**drive.options, **line.said_facts})
+
+    return plan.with_drives(placed), line
 
 
-def parse_plan(words: list[str], *, period_s: float, known: KnownPlant | None = None) -> Plan:
+def parse_plan(words: list[str], *, period_s: float, known: Plant | None = None) -> Plan:
     """Read `vabus:1 481 482@0.2 fuji:7,model=g11s M09!2`. Raises UsageError.
 
     known: the plant, whose names stand for its drives; PROTOCOL:ADDRESS is a drive of the plant that has one there.
@@ -93,8 +94,8 @@ def parse_plan(words: list[str], *, period_s: float, known: KnownPlant | None = 
     return Plan(reads=tuple(reads))
 
 
-def _names_a_drive(word: str, there: KnownPlant | None) -> bool:
-    if there is not None and word.partition(",")[0] in {drive.name for drive in there.plant.drives}:
+def _names_a_drive(word: str, there: Plant | None) -> bool:
+    if there is not None and word.partition(",")[0] in {drive.name for drive in there.drives}:
         return True
     protocol, colon, _ = word.partition(",")[0].partition(":")
     if colon and protocol in installed:
@@ -104,12 +105,12 @@ def _names_a_drive(word: str, there: KnownPlant | None) -> bool:
     return False
 
 
-def _drive(word: str, known: KnownPlant | None) -> DriveConfig:
+def _drive(word: str, known: Plant | None) -> DriveConfig:
     called, *settings = word.split(",")
-    if known is None or not any(called in (one.name, str(one)) for one in known.plant.drives):
+    if known is None or not any(called in (one.name, str(one)) for one in known.drives):
         return parse_drive(word)
-    drive = known.plant.drive(called)
-    reached = known.plant.line(drive.line).reached(drive)
+    drive = known.drive(called)
+    reached = known.line(drive.line).reached(drive)
     return replace(reached, options={**reached.options, **parse_options(settings)})
 
 

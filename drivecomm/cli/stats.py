@@ -57,7 +57,7 @@ def stats(
 def _of_the_plant(line: LineOptions) -> list[str]:
     """Return the names of the plant's drives; none where a port is given, or there is no plant."""
     known = known_plant(line.plant, port_given=line.port is not None)
-    return [drive.name for drive in known.plant.drives] if known else []
+    return [drive.name for drive in known.drives] if known else []
 
 
 def _by_line(line: LineOptions, drives: Sequence[str]) -> list[tuple[LineOptions, dict[str, DriveConfig]]]:

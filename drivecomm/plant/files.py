@@ -61,7 +61,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import UsageError
+from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.plant.plant import Plant, PlantLine
 from drivecomm.plant.script import Noise, kind_named
 from drivecomm.plant.script_files import RAW, errors_in, fault_of
@@ -126,8 +126,10 @@ def read_plant(path: Path) -> Plant:
     only_line = lines[0].name if len(lines) == 1 else ""
     drives = tuple(_drive(each, only_line) for each in top.tables("drive"))
     script = tuple(fault_of(each) for each in top.tables("fault"))
-    with errors_in(top):
-        return Plant(lines=lines, drives=drives, script=script)
+    try:
+        return Plant(lines=lines, drives=drives, script=script, file=str(path))
+    except UsageError as error:
+        raise FileFormatError(f"{path}: {error}") from error
 
 
 def _line(table: Table) -> PlantLine:

@@ -67,11 +67,15 @@ class PlantLine:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plant:
-    """Lines, drives, and the script of faults. Names are unique, and everything named is there."""
+    """Lines, drives, and the script of faults. Names are unique, and everything named is there.
+
+    file: where it was read, for messages.
+    """
 
     lines: tuple[PlantLine, ...]
     drives: tuple[DriveConfig, ...] = ()
     script: tuple[Step, ...] = ()
+    file: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
         if not self.lines:
@@ -92,16 +96,15 @@ class Plant:
         """Return a drive by its name, or by PROTOCOL:ADDRESS where that is one drive only. Raises UsageError."""
         same = [drive for drive in self.drives if str(drive) == name]
         if name in map(_name, self.drives) or not same:
-            return _named(name, self.drives, "there is no drive")
+            return _named(name, self.drives, f"{self._in_file}there is no drive")
         if len(same) > 1:
-            raise UsageError(
-                f"{name} is on several lines of this plant; name the drive: {' and '.join(map(_name, same))}"
-            )
+            names = " and ".join(map(_name, same))
+            raise UsageError(f"{self._in_file}{name} is on several lines of this plant; name the drive: {names}")
         return same[0]
 
     def line(self, name: str) -> PlantLine:
         """Return a line by its name. Raises UsageError."""
-        return _named(name, self.lines, "there is no line")
+        return _named(name, self.lines, f"{self._in_file}there is no line")
 
     def on_line(self, name: str) -> tuple[DriveConfig, ...]:
         """Return the drives of a line, in their order."""
@@ -125,10 +128,14 @@ class Plant:
             ]
         if not reads:
             raise UsageError(
-                'nothing is polled; write poll = [{ parameters = ["output_frequency"] }] in a drive, or name drives '
-                "and parameters"
+                f'{self._in_file}nothing is polled; write poll = [{{ parameters = ["output_frequency"] }}] in a drive, '
+                "or name drives and parameters"
             )
         return Plan(reads=tuple(reads))
+
+    @property
+    def _in_file(self) -> str:
+        return f"{self.file}: " if self.file else ""
 
 
 _Named = TypeVar("_Named", PlantLine, "DriveConfig")

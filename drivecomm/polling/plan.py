@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
@@ -52,6 +52,11 @@ class Plan:
     def on_line(self, line: str) -> Plan:
         """Return the part of the plan that is on one line."""
         return Plan(reads=tuple(read for read in self.reads if read.drive.line == line))
+
+    def with_drives(self, change: Callable[[DriveConfig], DriveConfig]) -> Plan:
+        """Return the plan with each drive changed."""
+        changed = {drive: change(drive) for drive in self.drives}
+        return Plan(reads=tuple(replace(read, drive=changed[read.drive]) for read in self.reads))
 
     def items(self, make: Callable[[DriveConfig], D]) -> list[PollItem[D]]:
         """Return the plan as a poll loop takes it. make: called once for each drive, returns what is read of it."""

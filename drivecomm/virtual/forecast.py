@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
 from drivecomm.virtual.forecast_advice import advise
-from drivecomm.virtual.rehearsal import Conditions, prepared, rehearse_periods, rehearse_round
+from drivecomm.virtual.rehearsal import Conditions, Shares, prepared, rehearse_periods, rehearse_round
 
 if TYPE_CHECKING:
     from drivecomm.polling import Plan
@@ -126,15 +126,11 @@ def _items(plan: Plan, round_: Round, course: Course) -> tuple[ItemForecast, ...
             drive=read.drive.name,
             parameter=read.parameter,
             period_s=read.period_s,
-            seconds=shares.seconds,
-            wire_s=shares.wire_s,
-            delay_s=shares.delay_s,
-            pause_s=shares.pause_s,
-            rest_s=shares.rest_s,
             every_s=pace.every_s,
             late_s=pace.late_s,
             missed=pace.missed,
             cause=cause,
+            **shares.by_name,
         )
         for read, shares, cause, pace in zip(plan.reads, round_.shares, round_.causes, course.paces, strict=True)
     )
@@ -149,12 +145,8 @@ def _drives(plan: Plan, round_: Round) -> tuple[DriveForecast, ...]:
                 drive=drive.name,
                 settings=str(round_.settings[drive]),
                 reads=len(own),
-                seconds=sum(shares.seconds for _, shares in own),
-                wire_s=sum(shares.wire_s for _, shares in own),
-                delay_s=sum(shares.delay_s for _, shares in own),
-                pause_s=sum(shares.pause_s for _, shares in own),
-                rest_s=sum(shares.rest_s for _, shares in own),
                 utilisation=sum(shares.seconds / read.period_s for read, shares in own if read.period_s),
+                **sum((shares for _, shares in own), Shares()).by_name,
             )
         )
     return tuple(found)

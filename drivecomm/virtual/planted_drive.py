@@ -49,8 +49,8 @@ class PlantedDrive:
         model: Model,
         *,
         for_all: Mapping[str, Any],
-        speed: float,
-        around: Callable[[str, VirtualDrive], VirtualDrive],
+        speed: float = 1.0,
+        around: Callable[[str, VirtualDrive], VirtualDrive] = lambda _, drive: drive,
     ) -> None:
         options = {name: value for name, value in planned.options.items() if name != "model"}
         self.planned = planned

@@ -7,8 +7,7 @@ does on a real line. Where a drive answers earlier or later than its virtual dou
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import asdict, dataclass, replace
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +18,7 @@ from drivecomm.polling import FIRST_ROUND_S, poll_bus
 from drivecomm.protocol import LONGEST_DELAY_S, ParameterInfo, installed
 from drivecomm.virtual.drives import virtual_drive
 from drivecomm.virtual.line import VirtualLine
+from drivecomm.virtual.planted_drive import PlantedDrive
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,15 +27,9 @@ if TYPE_CHECKING:
     from drivecomm.link import TraceEvent
     from drivecomm.polling import Plan, PlannedRead, PollItem, PollResult
     from drivecomm.protocol import (
-        Codec,
-        Damaged,
         DriveConfig,
-        Framed,
-        LineFacts,
         LineSettings,
         Model,
-        VirtualDrive,
-        VirtualReply,
     )
 
 _ROUNDS = 3
@@ -63,9 +57,7 @@ class Conditions:
 
     def __post_init__(self) -> None:
         if not 0 <= self.room < 1:
-            raise UsageError(
-                f"a room of {self.room:.0%} is no share of the line's time; give one from 0% to below 100%"
-            )
+            raise UsageError(f"invalid room of {self.room:.0%}; give a share of the line's time from 0% to below 100%")
         for name, seconds in (("guard time", self.guard_s), ("reply delay", self.reply_delay_s)):
             if seconds is not None and not 0 <= seconds < LONGEST_DELAY_S:
                 raise UsageError(f"a {name} of {seconds} s is not between 0 and {LONGEST_DELAY_S:g}")
@@ -85,15 +77,23 @@ class Shares:
     and inside it. rest_s: everything else, such as waiting for an answer that does not come.
     """
 
-    wire_s: float
-    delay_s: float
-    pause_s: float
-    rest_s: float
+    wire_s: float = 0.0
+    delay_s: float = 0.0
+    pause_s: float = 0.0
+    rest_s: float = 0.0
 
     @property
     def seconds(self) -> float:
         """All of it."""
         return self.wire_s + self.delay_s + self.pause_s + self.rest_s
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """All of it and its parts, as a forecast names them."""
+        return {"seconds": self.seconds, **asdict(self)}
+
+    def __add__(self, other: Shares) -> Shares:
+        return Shares(**{name: share + getattr(other, name) for name, share in asdict(self).items()})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,10 +131,9 @@ class Course:
 def rehearse_round(plan: Plan, conditions: Conditions) -> Round:
     """Carry out the reads of a plan one after the other and measure a round, once the line has found its stride."""
     ledger = _Ledger()
-    facts = line_facts(plan, conditions)
-    settings = {drive: facts[drive].settings for drive in facts}
     with _line(plan, conditions, ledger.note) as bus:
         items = plan.items(lambda drive: drive.build(bus.drive))
+        settings = {read.drive: item.drive.facts.settings for item, read in zip(items, plan.reads, strict=True)}
         for _ in range(_ROUNDS):
             shares, causes = [], []
             for item, read in zip(items, plan.reads, strict=True):
@@ -186,22 +185,15 @@ def _busy(reads: Sequence[tuple[float, float]]) -> float:
 
 def prepared(plan: Plan) -> Plan:
     """Return a plan with its models loaded, so that each file is read once. Raises UsageError for one that is none."""
-    loaded = {drive: _with_model(drive) for drive in plan.drives}
-    return replace(plan, reads=tuple(replace(read, drive=loaded[read.drive]) for read in plan.reads))
 
+    def loaded(drive: DriveConfig) -> DriveConfig:
+        model = drive.options.get("model")
+        if model is None:
+            return drive
+        known = load_model(installed[drive.protocol].package, drive.protocol, model)
+        return replace(drive, options={**drive.options, "model": known})
 
-def _with_model(drive: DriveConfig) -> DriveConfig:
-    model = drive.options.get("model")
-    if model is None:
-        return drive
-    known = load_model(installed[drive.protocol].package, drive.protocol, model)
-    return replace(drive, options={**drive.options, "model": known})
-
-
-def line_facts(plan: Plan, conditions: Conditions) -> dict[DriveConfig, LineFacts]:
-    """Return what holds on the line for each drive of a plan. Raises UsageError for drives that cannot be."""
-    with open_bus(VirtualLine().port, **conditions.facts) as bus:
-        return {drive: drive.build(bus.drive).facts for drive in plan.drives}
+    return plan.with_drives(loaded)
 
 
 def _carried_out(plan: Plan, conditions: Conditions, duration_s: float) -> Iterator[tuple[int, PollResult]]:
@@ -214,34 +206,21 @@ def _carried_out(plan: Plan, conditions: Conditions, duration_s: float) -> Itera
 
 
 def _line(plan: Plan, conditions: Conditions, trace: Callable[[TraceEvent], None] | None) -> Bus:
-    line = VirtualLine(_doubles(plan, conditions))
+    line = VirtualLine([_double(plan, drive, conditions) for drive in plan.drives])
     return open_bus(line.port, guard_s=conditions.guard_s, trace=trace, **conditions.facts)
 
 
-def _doubles(plan: Plan, conditions: Conditions) -> list[_Double]:
-    """Return a virtual drive for each drive of a plan, which holds all that the plan reads of it."""
-    facts = line_facts(plan, conditions)
-    made = []
-    for drive in plan.drives:
-        delay_s = conditions.reply_delay_s if drive.reply_delay_s is None else drive.reply_delay_s
-        reads = [read for read in plan.reads if read.drive == drive]
-        made.append(_Double(_virtual(drive, facts[drive], _model(drive, reads)), delay_s))
-    return made
-
-
-def _virtual(drive: DriveConfig, facts: LineFacts, model: Model) -> VirtualDrive:
-    settings = facts.settings
-    options = {name: value for name, value in drive.options.items() if name != "model"}
-    options |= {"baudrate": settings.baudrate, "bytesize": settings.bytesize}
-    options |= {"parity": settings.parity, "stopbits": settings.stopbits, "gap_s": facts.gap_s}
-    return virtual_drive(drive.protocol, drive.address, model=model, **options)
+def _double(plan: Plan, drive: DriveConfig, conditions: Conditions) -> PlantedDrive:
+    """Return a virtual drive that holds all that the plan reads of it, and nothing else that a plant says."""
+    model = _model(drive, [read for read in plan.reads if read.drive == drive])
+    delay_s = conditions.reply_delay_s if drive.reply_delay_s is None else drive.reply_delay_s
+    return PlantedDrive(replace(drive, reply_delay_s=delay_s, values={}), model, for_all=conditions.facts)
 
 
 def _model(drive: DriveConfig, reads: Sequence[PlannedRead]) -> Model:
     """Return the drive's model, with the parameters that it lacks: without them a drive would refuse, not answer."""
     plugin = installed[drive.protocol]
-    model = drive.options.get("model") or _default_model(drive.protocol)
-    model = load_model(plugin.package, drive.protocol, model)
+    model = load_model(plugin.package, drive.protocol, drive.options.get("model") or plugin.default_model)
     readable = [info for info in model.parameters.values() if "r" in info.access]
     added: dict[str, ParameterInfo] = {}
     for read in reads:
@@ -268,52 +247,12 @@ def _can_hold(drive: DriveConfig, model: Model, parameter: ParameterInfo) -> boo
     return True
 
 
-@lru_cache
-def _default_model(protocol: str) -> Model:
-    plugin = installed[protocol]
-    return load_model(plugin.package, protocol, plugin.default_model)
-
-
 def _type(readable: Sequence[ParameterInfo], read: PlannedRead) -> str:
     """Return the type that a parameter is given which the model does not know: the one asked for, or the commonest."""
     given = read.options.get("type")
     if isinstance(given, str) and given:
         return given
     return Counter(info.type for info in readable).most_common(1)[0][0]
-
-
-class _Double:
-    """A virtual drive that answers after a time of our choice."""
-
-    def __init__(self, drive: VirtualDrive, delay_s: float | None) -> None:
-        self.address = drive.address
-        self.settings = drive.settings
-        self.gap_s = drive.gap_s
-        self.motor = drive.motor
-        self._drive = drive
-        self._delay_s = delay_s
-
-    @property
-    def codec(self) -> Codec:
-        """The telegrams that the drive understands."""
-        return self._drive.codec
-
-    def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Let the drive answer, after that time."""
-        reply = self._drive.hear(find, now)
-        return reply if reply is None or self._delay_s is None else replace(reply, delay_s=self._delay_s)
-
-    def peek(self, parameter: str, now: float) -> int | str:
-        """Return what the drive holds."""
-        return self._drive.peek(parameter, now)
-
-    def poke(self, parameter: str, raw: int | str) -> None:
-        """Set what the drive holds."""
-        self._drive.poke(parameter, raw)
-
-    def trip(self, code: int, now: float) -> None:
-        """Make the drive trip."""
-        self._drive.trip(code, now)
 
 
 class _Ledger:
