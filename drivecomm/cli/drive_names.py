@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -82,17 +82,15 @@ def placed(text: str, asked: Asked) -> PlantPlace | None:
     reason = drive.why_read_only(known.file)
     if asked.arm and not reason:
         raise UsageError(f"{drive.name} is armed in {known.file}, so that --arm has no effect; leave it out")
-    refusal = {"read_only": f"{reason}, or give --arm for this once"} if reason and not asked.arm else {}
-    options = {**drive.options, **refusal}
-    return PlantPlace(
-        drive=replace(drive, options=options), settings=parse_options(settings), line=line, file=known.file
-    )
+    if reason and not asked.arm:
+        drive = drive.with_options(read_only=f"{reason}, or give --arm for this once")
+    return PlantPlace(drive=drive, settings=parse_options(settings), line=line, file=known.file)
 
 
 def _named(word: str, known: Plant | None) -> DriveConfig:
     if known is None:
         raise UsageError(
-            f"{word!r} names no drive; a drive is PROTOCOL:ADDRESS, such as vabus:1, or a name in a plant file "
+            f"{word!r} is not a drive; write PROTOCOL:ADDRESS, such as vabus:1, or a name in a plant file "
             "(--plant plant.toml)"
         )
     return known.drive(word)

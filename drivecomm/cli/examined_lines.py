@@ -45,7 +45,7 @@ def _of_the_plant(each: PlantLine, known: Plant, line: LineOptions) -> ExaminedL
         name=each.name,
         drives=tuple(
             # What is given on the command line goes before what the plant says.
-            replace(drive, options={**each.settings, **drive.options, **given})
+            each.reached(drive).with_options(**given)
             for drive in known.on_line(each.name)
         ),
     )

@@ -27,7 +27,7 @@ def drive_named(line: LineOptions, text: str, model: str | None) -> Iterator[tup
 def opened_drive(line: LineOptions, name: DriveConfig, model: str | None) -> Iterator[Drive]:
     """Open the line of a drive and yield it; errors within the block then name both."""
     with line.bus() as bus, named_in_errors(name):
-        yield bus.drive(name.protocol, name.address, **{**name.options, **({"model": model} if model else {})})
+        yield name.with_options(**({"model": model} if model else {})).build(bus.drive)
 
 
 @contextmanager

@@ -62,7 +62,7 @@ def given_plan(
         line.refuse("the plan names the ports of all its drives", "port")
 
     def placed(drive: DriveConfig) -> DriveConfig:
-        return replace(drive, line=drive.line or line.port or "", options={**drive.options, **line.said_facts})
+        return replace(drive, line=drive.line or line.port or "").with_options(**line.said_facts)
 
     return plan.with_drives(placed), line
 
@@ -110,8 +110,7 @@ def _drive(word: str, known: Plant | None) -> DriveConfig:
     if known is None or not any(called in (one.name, str(one)) for one in known.drives):
         return parse_drive(word)
     drive = known.drive(called)
-    reached = known.line(drive.line).reached(drive)
-    return replace(reached, options={**reached.options, **parse_options(settings)})
+    return known.line(drive.line).reached(drive).with_options(**parse_options(settings))
 
 
 def _read(word: str, drive: DriveConfig, period_s: float) -> PlannedRead:

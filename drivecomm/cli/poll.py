@@ -29,10 +29,10 @@ def poll(
     plan: PlanFile = None,
     period: Period = None,
     duration: Annotated[float | None, typer.Option("--for", metavar="SECONDS", help="End after this time.")] = None,
-    cycles: Annotated[int | None, typer.Option("--cycles", help="End when all were asked so often.")] = None,
+    cycles: Annotated[int | None, typer.Option("--cycles", help="End when each was asked this many times.")] = None,
     log: Log = None,
 ) -> int:
-    """Read parameters again and again, until Ctrl-C unless told otherwise; what fails is shown and ends nothing.
+    """Read parameters periodically, until Ctrl-C unless told otherwise; a failed read is shown and the others go on.
 
     Exit code 0 when each was read at least once, otherwise that of the first one that never was; 1 when values are
     missing in the log because there was no room for them.

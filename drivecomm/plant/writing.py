@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from itertools import count
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.bus import options_of
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.plant.plant import Plant, PlantLine
-from drivecomm.protocol import DriveConfig
 from drivecomm.tomlfile import toml_line
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.bus import Found
-    from drivecomm.protocol import PollGroup
+    from drivecomm.protocol import DriveConfig, PollGroup
 
 _ADVICE = """\
 # Written by a scan. Give the drives names (take away the # before name, and change it), and then:
@@ -28,31 +28,18 @@ _ADVICE = """\
 """
 
 
-def plant_of_found(found: Iterable[Found], *, port: str, line: str = "", echo: bool = False) -> Plant:
+def plant_of_found(found: Iterable[Found], *, port: str, echo: bool = False) -> Plant:
     """Return the plant that a scan of one line has found; settings that all drives share are the line's.
 
-    line: its name, that of the port unless given.
-
-    Who answered with damage only is left out: nothing is known of it.
+    A drive that answered with damage only is left out: nothing is known of it.
     """
-    line = line or line_name(port)
     sound = [one for one in found if one.sound]
     met = {one.settings for one in sound}
     shared = next(iter(met)) if len(met) == 1 else None
-    drives = tuple(
-        DriveConfig(
-            protocol=one.protocol,
-            address=one.address,
-            line=line,
-            options={
-                **({"model": one.model} if one.model else {}),
-                **(options_of(one.settings) if one.settings is not None and shared is None else {}),
-            },
-        )
-        for one in sound
-    )
-    settings = options_of(shared) if shared is not None else {}
-    return Plant(lines=(PlantLine(name=line, port=port, echo=echo, settings=settings),), drives=drives)
+    settings = {} if shared is None else options_of(shared)
+    line = PlantLine(name=line_name(port), port=port, echo=echo, settings=settings)
+    own = [replace(one, settings=None).drive if settings else one.drive for one in sound]
+    return Plant(lines=(line,), drives=tuple(replace(drive, line=line.name) for drive in own))
 
 
 def line_name(port: str) -> str:

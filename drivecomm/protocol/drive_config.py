@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
@@ -117,6 +117,10 @@ class DriveConfig:
     def build(self, factory: Callable[..., T]) -> T:
         """Return what a factory, such as `bus.drive` or `virtual_drive`, makes of protocol, address and options."""
         return factory(self.protocol, self.address, **self.options)
+
+    def with_options(self, **options: Any) -> DriveConfig:
+        """Return the same with further options, which go before those that it has."""
+        return replace(self, options={**self.options, **options})
 
     def why_read_only(self, file: str) -> str:
         """Return why masters may not write or command this drive, which this file says; empty where they may."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
@@ -126,8 +126,8 @@ class LineMaker:
         model, options: as `drivecomm.virtual.virtual_drive` takes them. The rest is as with `line`.
         """
         named = parse_drive(name)
-        given = {**named.options, **options} if model is None else {**named.options, "model": model, **options}
-        return self._line([replace(named, options=given)], listen=listen, faults=faults, echo=echo, paced=paced).drives[
+        chosen = options if model is None else {"model": model, **options}
+        return self._line([named.with_options(**chosen)], listen=listen, faults=faults, echo=echo, paced=paced).drives[
             0
         ]
 

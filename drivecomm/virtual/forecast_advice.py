@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -73,7 +72,7 @@ def _faster_line(plan: Plan, conditions: Conditions, round_: Round) -> str:
 
 
 def _at_least(baudrate: int, slower: list[DriveConfig], drive: DriveConfig) -> DriveConfig:
-    return replace(drive, options={**drive.options, "baudrate": baudrate}) if drive in slower else drive
+    return drive.with_options(baudrate=baudrate) if drive in slower else drive
 
 
 def _own_line(plan: Plan, round_: Round, most: float) -> Iterator[str]:

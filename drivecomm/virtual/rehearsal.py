@@ -190,8 +190,7 @@ def prepared(plan: Plan) -> Plan:
         model = drive.options.get("model")
         if model is None:
             return drive
-        known = load_model(installed[drive.protocol].package, drive.protocol, model)
-        return replace(drive, options={**drive.options, "model": known})
+        return drive.with_options(model=load_model(installed[drive.protocol].package, drive.protocol, model))
 
     return plan.with_drives(loaded)
 

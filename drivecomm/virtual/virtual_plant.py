@@ -120,7 +120,7 @@ class VirtualPlant:
         return self.drive(drive).peek(parameter, self.line_of(drive).time)
 
     def inject(self, line: str, data: bytes) -> None:
-        """Put bytes on a line that come from nobody. Raises UsageError."""
+        """Inject foreign bytes into a line. Raises UsageError."""
         if not data:
             raise UsageError("no bytes to inject")
         self.line(line).inject(data)

@@ -73,7 +73,7 @@ def test_a_drive_is_read_by_its_name(shell, plant):
 
 def test_where_the_plant_file_is_found(shell, plant, monkeypatch):
     assert shell("status", "pump", port=None) == 2
-    assert "'pump' names no drive" in shell.err
+    assert "'pump' is not a drive" in shell.err
     assert "--plant plant.toml" in shell.err
     monkeypatch.setenv("DRIVECOMM_PLANT", plant.path)
     assert shell("status", "pump", port=None) == 0

@@ -273,7 +273,8 @@ def test_a_plan_that_leaves_no_room_fits_without_room_to_spare(shell):
     assert (shell.objects[0]["fits"], shell.objects[0]["room_to_spare"]) == (True, False)
     for wrong in ("much", "100%", "-1%", "nan"):
         assert shell(*words, "--room", wrong, port=None) == 2
-        assert "no share of the line's time" in shell.err
+        refusal = "invalid --room 'much'; give a percentage of" if wrong == "much" else "; give a share of"
+        assert f"{refusal} the line's time" in shell.err
 
 
 def test_a_forecast_of_several_lines(shell, plan_file):

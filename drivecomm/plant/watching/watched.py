@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
@@ -51,6 +51,6 @@ def _line_of(plant: Plant, name: str, options: Mapping[str, Any]) -> WatchedLine
         raise UsageError(f'line {name} has no port; write port = "/dev/ttyUSB0" or what a master opens to reach it')
     given = {key: value for key, value in options.items() if value is not None}
     facts = {key: value for key, value in given.items() if key in LINE_FACT_NAMES}
-    drives = tuple(replace(drive, options={**drive.options, **facts}) for drive in plant.on_line(name))
+    drives = tuple(drive.with_options(**facts) for drive in plant.on_line(name))
     echo = {"echo": True} if line.echo else {}
     return WatchedLine(name=name, port=line.reached_at, drives=drives, options={**echo, **line.settings, **given})
