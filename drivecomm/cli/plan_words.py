@@ -1,4 +1,4 @@
-"""Poll plans as the command line writes them: drives, each followed by its parameters, or a plan file."""
+"""Poll plans as the command line writes them: drives, each followed by its parameters, or a plant file."""
 
 from __future__ import annotations
 
