@@ -149,7 +149,7 @@ def parse_options(settings: Iterable[str]) -> dict[str, Any]:
     for setting in settings:
         name, equals, value = setting.partition("=")
         if not equals or not name:
-            raise UsageError(f"{setting!r} is not an option; write name=value")
+            raise UsageError(f"{setting!r} is not an option; write NAME=VALUE")
         chosen[name.strip().replace("-", "_")] = _value(value.strip())
     return chosen
 
