@@ -11,7 +11,6 @@ from .opened import OpenPlant as OpenPlant, open_plant as open_plant
 from .plant import Plant as Plant, PlantLine as PlantLine
 from .salvage import salvaged as salvaged
 from .script import (
-    LARGEST_CODE as LARGEST_CODE,
     Condition as Condition,
     InjectStep as InjectStep,
     Noise as Noise,

@@ -74,15 +74,7 @@ if TYPE_CHECKING:
     from drivecomm.tomlfile import Table
 
 _SETTINGS = {"baudrate": WHOLE, "bytesize": WHOLE, "parity": TEXT, "stopbits": NUMBER}
-_LINE = {
-    "name": TEXT,
-    "listen": TEXT,
-    "port": TEXT,
-    "echo": CHOICE,
-    "paced": CHOICE,
-    **_SETTINGS,
-    "noise": TABLE,
-}
+_LINE = {"name": TEXT, "listen": TEXT, "port": TEXT, "echo": CHOICE, "paced": CHOICE, **_SETTINGS, "noise": TABLE}
 _NOISE = {
     "rate": NUMBER,
     "seed": WHOLE,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.models import load_model
-from drivecomm.plant import LARGEST_CODE, UNDISTURBED, InjectStep, PowerCutStep, StuckStep, TelegramFault, TripStep
+from drivecomm.plant import UNDISTURBED, InjectStep, PowerCutStep, StuckStep, TelegramFault, TripStep
 from drivecomm.protocol import Model, installed
 from drivecomm.virtual.condition_watch import ConditionWatch
 from drivecomm.virtual.line import VirtualLine
@@ -88,9 +88,8 @@ class VirtualPlant:
 
     def trip(self, drive: str, code: int) -> None:
         """Make a drive trip with this fault code. Raises UsageError."""
-        if not 1 <= code <= LARGEST_CODE:
-            raise UsageError(f"invalid fault code {str(code)[:12]}; write a number from 1 to {LARGEST_CODE}")
-        self.drive(drive).trip(code, self.line_of(drive).time)
+        now = self.line_of(drive).time
+        self.drive(drive).trip(TripStep(drive=drive, code=code, at_s=now).code, now)
 
     def power_off(self, drive: str) -> None:
         """Take a drive's power away; does nothing when it has none. Raises UsageError."""

@@ -190,7 +190,7 @@ class TestControl:
             ({"order": "power", "drive": "drive 0-1", "state": "half"}, "write one of on, off, factory"),
             ({"order": "set", "drive": "drive 0-1", "parameter": "999", "value": 1}, "999"),
             ({"order": "set", "drive": "drive 0-1", "parameter": "x", "value": 1}, "'x'"),
-            ({"order": "inject", "line": "line 0", "data": "xy"}, "'xy' are no bytes"),
+            ({"order": "inject", "line": "line 0", "data": "xy"}, "invalid bytes 'xy'"),
             ({"order": "inject", "line": "line 0", "data": ""}, "no bytes to inject"),
             ({"order": "fault", "text": "kind = 3"}, "the fault"),
             ({"order": "fault", "text": 'line = "yard"\nkind = "drop"'}, "there is no line 'yard'"),
