@@ -191,6 +191,7 @@ class InjectStep:
 
 
 Step: TypeAlias = TelegramFault | PowerCutStep | TripStep | StuckStep | InjectStep
+"""What goes wrong on a plant, once or for a time."""
 
 
 def kind_named(name: str) -> Fault:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol.motor import Motor
 
 LONGEST_DELAY_S = 60.0
+"""The longest reply delay of a drive, in seconds."""
 
 _LONGEST_ADDRESS = 9
 """Digits; Python makes no number of some thousands of them."""
