@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from drivecomm.cli.output import complain, emit, fields_text, say
+from drivecomm.cli.output import complain, emit, say
 from drivecomm.errors import TelegramError, UsageError
+from drivecomm.link import fields_text
 from drivecomm.models import model_names
 from drivecomm.protocol import Direction, decode as decode_telegram, encode as encode_telegram, installed, parse_options
 
