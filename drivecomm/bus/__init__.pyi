@@ -22,7 +22,7 @@ from .procedures import (
     write_parameter as write_parameter,
 )
 from .read_only import ReadOnly as ReadOnly
-from .roster import Member as Member, Roster as Roster, line_overrides as line_overrides
+from .roster import Member as Member, Roster as Roster
 from .scanning import (
     Asking as Asking,
     Found as Found,

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from drivecomm.bus.exchanges import setting_up
 from drivecomm.bus.read_only import ReadOnly
 from drivecomm.bus.stored_writes import ALLOWED, StoredWrites
-from drivecomm.errors import AddressError, NotSupported, UsageError, meant, shortened
+from drivecomm.errors import NotSupported, UsageError, shortened
 from drivecomm.link import Commands, Link, Party
 from drivecomm.models import load_model
-from drivecomm.protocol import LINE_FACT_NAMES, installed, is_duration, sort_out
+from drivecomm.protocol import checked_address, installed, is_duration, line_overrides, resolve_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -77,11 +77,9 @@ class Roster:
             raise UsageError(f"set_up cannot be {shortened(set_up)}; give parameters and their values")
         if not isinstance(read_only, str):
             raise UsageError(f"read_only cannot be {shortened(read_only)}; give a sentence that says why")
-        if type(address) is not int or address not in plugin.addresses:
-            allowed = f"{plugin.addresses.start} to {plugin.addresses.stop - 1}"
-            raise AddressError(f"{protocol} has no drive at address {shortened(address)}; addresses are {allowed}")
+        checked_address(plugin, address)
         known = None if model is None else load_model(plugin.package, protocol, model)
-        facts, chosen = sort_out(plugin, known, options, for_all=self._overrides)
+        facts, chosen = resolve_options(plugin, known, options, for_all=self._overrides)
         name = f"{plugin.name}:{address}"
         remembered = () if plugin.memory is None else (self.commands.memory(name, plugin.memory),)
         operations: Operations = plugin.operations(address, chosen, known, *remembered)
@@ -114,7 +112,7 @@ class Roster:
         if plugin.broadcast_address is None:
             raise NotSupported(f"{protocol} has no broadcast; command its drives one by one")
         known = None if model is None else load_model(plugin.package, protocol, model)
-        facts, chosen = sort_out(plugin, known, options, for_all=self._overrides)
+        facts, chosen = resolve_options(plugin, known, options, for_all=self._overrides)
         party = Party(name=f"{plugin.name}:*", codec=plugin.codec(chosen), facts=facts, mismatch=plugin.mismatch)
         return Member(party, plugin.operations(plugin.broadcast_address, chosen, known), known)
 
@@ -130,15 +128,6 @@ class Roster:
         """Carry out an exchange that stops a drive, or all of a protocol, and forget what they were told before."""
         self.commands.forget(party.name)
         return (yield from exchange)
-
-
-def line_overrides(facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Return those line facts that are given. Raises UsageError for a name that is none."""
-    unknown = sorted(set(facts) - LINE_FACT_NAMES)
-    if unknown:
-        known = meant(unknown[0], sorted(LINE_FACT_NAMES), "use one of")
-        raise UsageError(f"unknown line setting {unknown[0]!r}; {known}")
-    return {name: value for name, value in facts.items() if value is not None}
 
 
 def _echo_mode(echo: bool | Echo) -> Echo:

@@ -16,7 +16,7 @@ from drivecomm.bus.faces import Job
 from drivecomm.bus.likely_settings import likely_settings
 from drivecomm.errors import DriveCommError, NoReplyError, ReplyError, UsageError, shortened
 from drivecomm.models import load_model, model_names, user_folders
-from drivecomm.protocol import Ask, installed
+from drivecomm.protocol import Ask, DriveConfig, installed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -54,10 +54,11 @@ class Found:
         return f"{self.protocol}:{self.address}"
 
     @property
-    def options(self) -> dict[str, Any]:
-        """What to give `Bus.drive` besides protocol and address, so that it speaks to this drive."""
+    def drive(self) -> DriveConfig:
+        """The drive with the model and the line settings by which it is spoken to: `found.drive.build(bus.drive)`."""
         line = {} if self.settings is None else options_of(self.settings)
-        return {**({"model": self.model} if self.model else {}), **line}
+        options = {**({"model": self.model} if self.model else {}), **line}
+        return DriveConfig(protocol=self.protocol, address=self.address, options=options)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

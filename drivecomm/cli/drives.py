@@ -8,17 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drivecomm.cli.drive_names import parse_settings, plant_file
+from drivecomm.cli.drive_names import plant_file
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.opened_drive import drive_named, opened_drive
 from drivecomm.cli.output import complain, emit, plain, say
 from drivecomm.cli.stoppable import as_far_as_possible, stoppable_drive
 from drivecomm.errors import DriveCommError, LinkError, UsageError, meant
-from drivecomm.protocol import Stop
+from drivecomm.protocol import Stop, parse_options
 
 if TYPE_CHECKING:
-    from drivecomm.cli.drive_names import DriveName
-    from drivecomm.protocol import Reading
+    from drivecomm.protocol import DriveConfig, Reading
 
 Name = Annotated[
     str,
@@ -53,7 +52,7 @@ def read(
             except LinkError:
                 raise
             except DriveCommError as error:
-                error.about = {**name.keys, "parameter": parameter}
+                error.about = {**name.labels, "parameter": parameter}
                 complain(error, as_json=line.json, where=f"{reached.named_port}, {name.name}, {parameter}")
                 code = code or error.exit_code
             else:
@@ -81,7 +80,7 @@ def write(
         if reading is not None:
             _show_reading(name, parameter, reading, as_json=line.json)
         elif line.json:
-            emit(**name.keys, parameter=parameter, written=value, stored=store)
+            emit(**name.labels, parameter=parameter, written=value, stored=store)
         else:
             say(f"{name.name}  {parameter} = {value}  written{' and stored' if store else ''}")
     return 0
@@ -237,7 +236,7 @@ def call(
 ) -> int:
     """Carry out a verb that only this protocol has, such as jog or set_up."""
     with drive_named(line, drive, model) as (one, name):
-        result = one.call(verb, **parse_settings(arguments or []))
+        result = one.call(verb, **parse_options(arguments or []))
         done(name, line, verb, result=result)
     return 0
 
@@ -264,7 +263,7 @@ def _with_unit(value: str) -> tuple[str, str]:
 
 
 def _verb_options(type: str | None, further: list[str] | None) -> dict[str, Any]:
-    return {**parse_settings(further or []), **({"type": type} if type else {})}
+    return {**parse_options(further or []), **({"type": type} if type else {})}
 
 
 def _number(text: str | None) -> Decimal | None:
@@ -276,19 +275,19 @@ def _number(text: str | None) -> Decimal | None:
         raise UsageError(f"{text!r} is no number") from None
 
 
-def _show_reading(drive: DriveName, parameter: str, reading: Reading, *, as_json: bool) -> None:
+def _show_reading(drive: DriveConfig, parameter: str, reading: Reading, *, as_json: bool) -> None:
     if as_json:
         told = {**plain(reading), "parameter": parameter, "address": reading.parameter, "quantity": reading.name}
-        emit(**{**drive.keys, **told, "name": drive.name})
+        emit(**{**drive.labels, **told, "name": drive.name})
         return
     name = f"{reading.parameter} {reading.name}".rstrip()
     note = f"  [{reading.note}]" if reading.note else ""
     say(f"{drive.name}  {name:<34} {reading!s:>14}{note}".rstrip())
 
 
-def done(drive: DriveName, line: LineOptions, what: str, *, result: object = None) -> None:
+def done(drive: DriveConfig, line: LineOptions, what: str, *, result: object = None) -> None:
     """Say what was done with a drive."""
     if line.json:
-        emit(**drive.keys, done=what, result=result)
+        emit(**drive.labels, done=what, result=result)
         return
     say(f"{drive.name}  {what}" + (f": {result}" if result is not None else ""))

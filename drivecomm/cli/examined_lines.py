@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from drivecomm.cli.drive_names import known_plant
-from drivecomm.commissioning.doctor import Expected
+from drivecomm.protocol import DriveConfig
 
 if TYPE_CHECKING:
-    from drivecomm.cli.drive_names import KnownPlant
     from drivecomm.cli.line_options import LineOptions
     from drivecomm.link import Echo
-    from drivecomm.plant import PlantLine
+    from drivecomm.plant import Plant, PlantLine
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,7 +20,7 @@ class ExaminedLine:
 
     options: LineOptions
     name: str = ""
-    drives: tuple[Expected, ...] = ()
+    drives: tuple[DriveConfig, ...] = ()
 
 
 def lines_to_examine(line: LineOptions) -> list[ExaminedLine]:
@@ -30,14 +29,14 @@ def lines_to_examine(line: LineOptions) -> list[ExaminedLine]:
     if known is None:
         return [ExaminedLine(options=line)]
     if line.port is None:
-        return [_of_the_plant(each, known, line) for each in known.plant.lines]
-    named = [each for each in known.plant.lines if line.port in (each.name, each.reached_at)]
+        return [_of_the_plant(each, known, line) for each in known.lines]
+    named = [each for each in known.lines if line.port in (each.name, each.reached_at)]
     return [_of_the_plant(each, known, replace(line, port=None)) for each in named] or [
         ExaminedLine(options=replace(line, given=line.given | {"port"}))
     ]
 
 
-def _of_the_plant(each: PlantLine, known: KnownPlant, line: LineOptions) -> ExaminedLine:
+def _of_the_plant(each: PlantLine, known: Plant, line: LineOptions) -> ExaminedLine:
     given = {key: value for key, value in line.facts.items() if value is not None}
     echo: Echo = "expect" if each.echo and line.echo == "off" else line.echo
     settings = {key: value for key, value in each.settings.items() if key not in given}
@@ -45,13 +44,8 @@ def _of_the_plant(each: PlantLine, known: KnownPlant, line: LineOptions) -> Exam
         options=replace(line, port=line.port_of(each, known.file), echo=echo, given=line.given | {"port"}, **settings),
         name=each.name,
         drives=tuple(
-            Expected(
-                name=drive.name,
-                protocol=drive.protocol,
-                address=drive.address,
-                # What is given on the command line goes before what the plant says.
-                options={**each.settings, **drive.options, **given},
-            )
-            for drive in known.plant.on_line(each.name)
+            # What is given on the command line goes before what the plant says.
+            each.reached(drive).with_options(**given)
+            for drive in known.on_line(each.name)
         ),
     )

@@ -15,17 +15,18 @@ import typer
 from typer.core import TyperCommand
 
 from drivecomm.bus import bus as buses
-from drivecomm.cli.drive_names import Asked, known_plant, parse_drive, placed
+from drivecomm.cli.drive_names import Asked, known_plant, placed
 from drivecomm.cli.output import sentence, trace_as_json, trace_to_standard_error
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
 from drivecomm.link import Echo, tell_all
+from drivecomm.protocol import parse_drive
 from drivecomm.transport import same_port
 
 if TYPE_CHECKING:
     from drivecomm.bus import Bus
-    from drivecomm.cli.drive_names import DriveName
     from drivecomm.link import Port, TraceEvent
-    from drivecomm.plant import PlantLine, PlantLinkLoss
+    from drivecomm.plant import PlantLine
+    from drivecomm.protocol import DriveConfig, LinkLossPolicy
 
 _LINE = "Line"
 _PLANT = "Plant"
@@ -111,7 +112,7 @@ class LineOptions:
     given: frozenset[str] = frozenset()
     """Which of these were written on the command line; the others have their defaults, or are of the environment."""
 
-    def reaching(self, text: str) -> tuple[LineOptions, DriveName]:
+    def reaching(self, text: str) -> tuple[LineOptions, DriveConfig]:
         """Return the line of a drive and the drive, which is named as PROTOCOL:ADDRESS or as the plant names it.
 
         This is where all that is said of a drive comes together. What protocol and model say, `Bus.drive` adds. The
@@ -128,9 +129,9 @@ class LineOptions:
         port = self.port_of(place.line, place.file)
         echo: Echo = "expect" if place.line.echo and "echo" not in self.given else self.echo
         settings = {key: value for key, value in place.line.settings.items() if getattr(self, key) is None}
-        options = self._over(place.name.options, place.settings)
+        options = self._over(place.drive.options, place.settings)
         reached = replace(self, port=port, echo=echo, given=self.given | {"port"}, **settings)
-        return reached, replace(place.name, options=options)
+        return reached, replace(place.drive, options=options)
 
     def _over(self, options: Mapping[str, Any], behind: Mapping[str, Any]) -> dict[str, Any]:
         """Return a drive's options with what the command line says in their place."""
@@ -159,12 +160,12 @@ class LineOptions:
         For what commands whatever drives are there.
         """
         known = known_plant(self.plant, port_given=False)
-        for drive in known.plant.drives if known else ():
-            there = known is not None and same_port(known.plant.line(drive.line).reached_at, self.named_port)
+        for drive in known.drives if known else ():
+            there = known is not None and same_port(known.line(drive.line).reached_at, self.named_port)
             if known is not None and there and not drive.armed and not self.arm:
                 raise UsageError(f"{drive.why_read_only(known.file)}, or give --arm for this once")
 
-    def link_loss_of(self, text: str) -> PlantLinkLoss | None:
+    def link_loss_of(self, text: str) -> LinkLossPolicy | None:
         """Return what the plant says that a drive's motor shall do when its master falls silent, None for nothing."""
         place = placed(text, self.asked)
         return place.drive.link_loss if place else None
@@ -179,7 +180,7 @@ class LineOptions:
     def at(self, port: str) -> LineOptions:
         """Return the options for another port; where the plant says that its line has an echo, there is one."""
         known = known_plant(self.plant, port_given=self.port is not None)
-        lines = known.plant.lines if known else ()
+        lines = known.lines if known else ()
         echoes = "echo" not in self.given and any(line.echo for line in lines if line.reached_at == port)
         return replace(self, port=port, echo="expect" if echoes else self.echo, given=self.given | {"port"})
 
@@ -210,10 +211,10 @@ class LineOptions:
         known = known_plant(self.plant, port_given=False)
         if known is None:
             raise UsageError("no port: give --port, or set DRIVECOMM_PORT")
-        if len(known.plant.lines) > 1:
-            ports = ", ".join(f"{line.reached_at or 'no port'} ({line.name})" for line in known.plant.lines)
+        if len(known.lines) > 1:
+            ports = ", ".join(f"{line.reached_at or 'no port'} ({line.name})" for line in known.lines)
             raise UsageError(f"no port: give --port; {known.file} has {ports}")
-        return self.port_of(known.plant.lines[0], known.file)
+        return self.port_of(known.lines[0], known.file)
 
     @property
     def facts(self) -> dict[str, Any]:

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivecomm.cli.drive_names import parse_settings
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
 from drivecomm.commissioning import addresses_in, descriptions, grown
 from drivecomm.errors import DriveCommError, DriveError, UsageError
 from drivecomm.models import load_model, model_text
-from drivecomm.protocol import ParameterInfo, installed
+from drivecomm.protocol import ParameterInfo, installed, parse_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -62,7 +61,7 @@ def grow(
         addresses = addresses_in(parameters or _all_known(one, name.protocol))
         told: list[ParameterInfo] = []
         left_out: list[tuple[str, DriveCommError]] = []
-        for address, found in _shown(one, addresses, parse_settings(option or []), quiet=line.json):
+        for address, found in _shown(one, addresses, parse_options(option or []), quiet=line.json):
             if isinstance(found, ParameterInfo):
                 told.append(found)
             else:

@@ -32,7 +32,6 @@ from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
 
 if TYPE_CHECKING:
     from drivecomm.bus import Drive
-    from drivecomm.cli.drive_names import DriveName
     from drivecomm.commissioning.parameter_sets import (
         Comparison,
         Difference,
@@ -44,6 +43,7 @@ if TYPE_CHECKING:
         Planned,
         Restored,
     )
+    from drivecomm.protocol import DriveConfig
 
     Progress = Callable[[str, int, int], None]
 
@@ -72,7 +72,7 @@ def backup(
         found = back_up(one, parts, progress=progress)
     write_set(file, found)
     if line.json:
-        emit(**name.keys, model=found.model, file=str(file), parameters=len(found.entries),
+        emit(**name.labels, model=found.model, file=str(file), parameters=len(found.entries),
              not_read=dict(found.not_read))  # fmt: skip
         return 0
     for address, reason in found.not_read.items():
@@ -279,12 +279,12 @@ def _told(entry: Entry | None) -> Any:
 # Restoring
 
 
-def _show_plan(plan: Plan, drive: DriveName, *, as_json: bool) -> None:
+def _show_plan(plan: Plan, drive: DriveConfig, *, as_json: bool) -> None:
     if as_json:
         for item in plan.items:
             told = {**plain(item), "stage": item.stage.name.lower(), "quantity": item.name}
-            emit(**{**drive.keys, **told, "name": drive.name})
-        emit(**drive.keys, write=len(plan.to("write")), equal=len(plan.to("equal")), skip=len(plan.to("skip")),
+            emit(**{**drive.labels, **told, "name": drive.name})
+        emit(**drive.labels, write=len(plan.to("write")), equal=len(plan.to("equal")), skip=len(plan.to("skip")),
              missed=len(plan.missed), stored=plan.store, remarks=list(plan.remarks))  # fmt: skip
         return
     _show_changes(plan.to("write"), drive)
@@ -293,7 +293,7 @@ def _show_plan(plan: Plan, drive: DriveName, *, as_json: bool) -> None:
     say(f"{drive.name}  {counts}; nothing was written")
 
 
-def _show_changes(items: list[Planned], drive: DriveName) -> None:
+def _show_changes(items: list[Planned], drive: DriveConfig) -> None:
     """Say what each of these was before and what it is to be."""
     names = [f"{item.address} {item.name}" for item in items]
     width = max(map(len, names), default=0)
@@ -309,7 +309,7 @@ def _left_alone(plan: Plan) -> str:
     return told + (f", {as_meant} left alone" if as_meant else "")
 
 
-def _show_skipped(plan: Plan, drive: DriveName) -> None:
+def _show_skipped(plan: Plan, drive: DriveConfig) -> None:
     for remark in plan.remarks:
         say(f"{drive.name}  {remark}")
     by_reason: dict[tuple[bool, str], list[Planned]] = {}
@@ -320,10 +320,10 @@ def _show_skipped(plan: Plan, drive: DriveName) -> None:
         say(f"{drive.name}  {'not restored' if missed else 'left alone'}, {reason}: {names}")
 
 
-def _show_restored(done: Restored, drive: DriveName, *, as_json: bool) -> None:
+def _show_restored(done: Restored, drive: DriveConfig, *, as_json: bool) -> None:
     plan = done.plan
     if as_json:
-        emit(**drive.keys, written=list(done.written), equal=len(plan.to("equal")), stored=plan.store,
+        emit(**drive.labels, written=list(done.written), equal=len(plan.to("equal")), stored=plan.store,
              skipped={item.address: item.reason for item in plan.to("skip")}, refused=dict(done.refused),
              missed=[item.address for item in plan.missed], unconfirmed=list(done.unconfirmed), left=list(done.left),
              complete=done.complete)  # fmt: skip

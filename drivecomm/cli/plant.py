@@ -1,4 +1,4 @@
-"""The plant commands: steering virtual drives that `drivecomm simulate` serves, from outside."""
+"""The plant commands: controlling virtual drives that `drivecomm simulate` serves, from outside."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drivecomm.cli.output import emit, say
 from drivecomm.errors import UsageError
 from drivecomm.tomlfile import read_text_file
 
-plant = typer.Typer(name="plant", help="Steer virtual drives that drivecomm simulate serves.", no_args_is_help=True)
+plant = typer.Typer(name="plant", help="Control virtual drives that drivecomm simulate serves.", no_args_is_help=True)
 
 _Control = Annotated[
     str,
@@ -45,7 +45,7 @@ def power(
     control: _Control = "",
     json: _Json = False,
 ) -> int:
-    """Take a drive's power away, or give it back."""
+    """Switch a drive's power off or on."""
     return _done(_order(control, "power", drive=drive, state=state), f"power of {drive}: {state}", json)
 
 
@@ -57,7 +57,7 @@ def set_value(
     control: _Control = "",
     json: _Json = False,
 ) -> int:
-    """Set what a drive holds, as if at its keypad."""
+    """Set a parameter of a drive, as if at its keypad."""
     raw = int(value) if value.removeprefix("-").isdecimal() and value.isascii() else value
     answer = _order(control, "set", drive=drive, parameter=parameter, value=raw)
     return _done(answer, f"{drive} {parameter} is {answer['value']}", json)
@@ -70,13 +70,15 @@ def inject(
     control: _Control = "",
     json: _Json = False,
 ) -> int:
-    """Put bytes on a line that come from nobody."""
+    """Inject foreign bytes into a line."""
     return _done(_order(control, "inject", line=line, data=data), f"injected on {line}", json)
 
 
 @plant.command()
 def fault(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="What stands behind [[fault]] in a plant file.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A file with the keys of one [[fault]] of a plant file.")
+    ],
     control: _Control = "",
     json: _Json = False,
 ) -> int:
@@ -94,7 +96,7 @@ def show(
     control: _Control = "",
     json: _Json = False,
 ) -> int:
-    """Show how the drives are, or what parameters of one hold."""
+    """Show the states of all drives, or parameter values of one."""
     if drive:
         answer = _order(control, "show", drive=drive, parameters=parameter or [])
         lines = [f"{drive} {name} is {value}" for name, value in answer["values"].items()]
@@ -121,8 +123,8 @@ def _state_line(state: dict[str, Any]) -> str:
 
 def _order(control: str, order: str, **fields: Any) -> dict[str, Any]:
     if not control:
-        raise UsageError("no control socket named; write --control with the place that drivecomm simulate printed")
-    # Sockets and plants are loaded only where one is steered.
+        raise UsageError("no control socket; give --control with the address that drivecomm simulate printed")
+    # Sockets and plants are loaded only where one is controlled.
     from drivecomm.virtual import PlantControl  # noqa: PLC0415
 
     with PlantControl(control) as connection:

@@ -60,6 +60,8 @@ def replay(
         return _answer(capture, listen, as_json=line.json)
     if commands:
         line.must_be_armed()
+    else:
+        line.refuse("without --commands nothing is commanded", "arm")
     asking = Asking(
         exchanged(capture),
         plugins,

@@ -92,10 +92,11 @@ def scan(
 
 def _tell(found: list[Found], line: LineOptions, write: Path | None, *, force: bool) -> None:
     if write is not None and found:
-        from drivecomm.plant import found_text, write_new, write_over  # noqa: PLC0415 - as above
+        from drivecomm.plant import found_text, write_new  # noqa: PLC0415 - as above
+        from drivecomm.tomlfile import write_whole  # noqa: PLC0415 - as above
 
         text = found_text(found, port=line.named_port, echo=line.echo == "expect")
-        (write_over if force else write_new)(write, text)
+        (write_whole if force else write_new)(write, text)
     if not line.json:
         say(f"{len(found)} drive{'' if len(found) == 1 else 's'} found")
         if write is not None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivecomm.cli.drive_names import parse_drive
 from drivecomm.cli.output import emit, say
 from drivecomm.cli.signals import until_stopped
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
-from drivecomm.plant import Plant, PlantDrive, PlantLine, read_plant
+from drivecomm.plant import Plant, PlantLine, read_plant
+from drivecomm.protocol import parse_drive
 from drivecomm.virtual import PlantServer, VirtualPlant
 
 if TYPE_CHECKING:
@@ -31,13 +32,9 @@ def server_of_drives(
     """Return the server of one line with these drives. Raises UsageError."""
     if not drives or not listen:
         raise UsageError("nothing to simulate; name a plant file, or at least one --drive and a place to --listen at")
-    names = [parse_drive(text) for text in drives]
     plant = Plant(
         lines=(PlantLine(name="line", listen=listen, echo=echo, paced=paced),),
-        drives=tuple(
-            PlantDrive(protocol=name.protocol, address=name.address, options=name.options, line="line")
-            for name in names
-        ),
+        drives=tuple(replace(parse_drive(text), line="line") for text in drives),
     )
     return PlantServer(VirtualPlant(plant, speed=speed), control=control)
 

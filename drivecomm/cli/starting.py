@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from threading import Event
 
     from drivecomm.bus import Drive
-    from drivecomm.cli.drive_names import DriveName
-    from drivecomm.protocol import DriveStatus, Stop
+    from drivecomm.protocol import DriveConfig, DriveStatus, Stop
 
 
 def chosen_policy(drive: Drive, text: str | None) -> LinkLoss:
@@ -36,7 +35,7 @@ def chosen_policy(drive: Drive, text: str | None) -> LinkLoss:
     raise UsageError(f"{text!r} is nothing that a motor does when a line falls silent; {known} {_choice(drive)}")
 
 
-def start_and_leave(drive: Drive, name: DriveName, start: Callable[[], None], *, as_json: bool) -> None:
+def start_and_leave(drive: Drive, name: DriveConfig, start: Callable[[], None], *, as_json: bool) -> None:
     """Start a motor that nobody watches from here; its own watchdog, where its model knows one, must be off.
 
     Whoever interrupts this before it says that the motor was started does not want it to turn: it is stopped again.
@@ -52,7 +51,7 @@ def start_and_leave(drive: Drive, name: DriveName, start: Callable[[], None], *,
                     _stop_again(drive, name, as_json=as_json)
                     raise KeyboardInterrupt
         if as_json:
-            emit(**name.keys, done="started", link_loss="hold", watchdog_s=None)
+            emit(**name.labels, done="started", link_loss="hold", watchdog_s=None)
             return
         say(f"{name.name}  started, and goes on without this program")
         if kept.watchdog is None:
@@ -60,7 +59,7 @@ def start_and_leave(drive: Drive, name: DriveName, start: Callable[[], None], *,
             say(f"  its own watchdog was not looked at, because {why}{drive.capabilities.link_loss}")
 
 
-def _stop_again(drive: Drive, name: DriveName, *, as_json: bool) -> None:
+def _stop_again(drive: Drive, name: DriveConfig, *, as_json: bool) -> None:
     try:
         drive.stop()
     except DriveCommError as error:
@@ -71,7 +70,7 @@ def _stop_again(drive: Drive, name: DriveName, *, as_json: bool) -> None:
 
 def start_and_stay(
     drive: Drive,
-    name: DriveName,
+    name: DriveConfig,
     start: Callable[[], None],
     policy: LinkLoss,
     watchdog_s: str,
@@ -109,7 +108,7 @@ def start_and_stay(
 class _Watch:
     """Tells what happens to a drive that is kept in hand, each thing once."""
 
-    def __init__(self, name: DriveName, stop: Event, *, as_json: bool) -> None:
+    def __init__(self, name: DriveConfig, stop: Event, *, as_json: bool) -> None:
         self._name = name
         self._stop = stop
         self._as_json = as_json
@@ -119,7 +118,7 @@ class _Watch:
     def tell(self, *, done: str, text: str, **further: object) -> None:
         """Say what has been done."""
         if self._as_json:
-            emit(**self._name.keys, done=done, **further)
+            emit(**self._name.labels, done=done, **further)
         else:
             say(f"{self._name.name}  {text}")
 

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drivecomm.cli.drive_names import DriveName, known_plant
+from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
 from drivecomm.errors import DriveError, NotAnsweringError, ReplyError, UsageError
 from drivecomm.link import COUNTERS, REPLY_TIME_BOUNDS_MS, Statistics, total
+from drivecomm.protocol import DriveConfig
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -56,12 +57,12 @@ def stats(
 def _of_the_plant(line: LineOptions) -> list[str]:
     """Return the names of the plant's drives; none where a port is given, or there is no plant."""
     known = known_plant(line.plant, port_given=line.port is not None)
-    return [drive.name for drive in known.plant.drives] if known else []
+    return [drive.name for drive in known.drives] if known else []
 
 
-def _by_line(line: LineOptions, drives: Sequence[str]) -> list[tuple[LineOptions, dict[str, DriveName]]]:
+def _by_line(line: LineOptions, drives: Sequence[str]) -> list[tuple[LineOptions, dict[str, DriveConfig]]]:
     """Return the lines of these drives, each with its drives by what they are called."""
-    lines: list[tuple[LineOptions, dict[str, DriveName]]] = []
+    lines: list[tuple[LineOptions, dict[str, DriveConfig]]] = []
     for text in drives:
         reached, name = line.reaching(text)
         called = text.partition(",")[0]
@@ -74,12 +75,12 @@ def _by_line(line: LineOptions, drives: Sequence[str]) -> list[tuple[LineOptions
     return lines
 
 
-def _measure(line: LineOptions, names: Mapping[str, DriveName], seconds: float, *, headed: bool) -> bool:
+def _measure(line: LineOptions, names: Mapping[str, DriveConfig], seconds: float, *, headed: bool) -> bool:
     """Ask the drives of one line, and show what was counted; return whether all of them have answered."""
     if headed and not line.json:
         say(f"{line.named_port}")
     with line.bus() as bus:
-        asked = {called: bus.drive(one.protocol, one.address, **one.options) for called, one in names.items()}
+        asked = {called: one.build(bus.drive) for called, one in names.items()}
         began = bus.now()
         try:
             _ask_all(bus, list(asked.values()), began + seconds)
@@ -90,14 +91,14 @@ def _measure(line: LineOptions, names: Mapping[str, DriveName], seconds: float, 
     return all(each.counters["replies"] for each in counted.values())
 
 
-def _scanned(line: LineOptions) -> list[DriveName]:
+def _scanned(line: LineOptions) -> list[DriveConfig]:
     """Return the drives on the line; on a bus of its own, so that its questions are not counted, nor recorded."""
     sys.stderr.write("drivecomm: no drive named, so the line is scanned first\n")
     with replace(line, record=None).bus() as bus:
         found = [one for one in bus.scan() if one.sound]
     if not found:
         sys.stderr.write("drivecomm: no drive found; name one, or check the line with drivecomm doctor\n")
-    return [DriveName(protocol=one.protocol, address=one.address) for one in found]
+    return [DriveConfig(protocol=one.protocol, address=one.address) for one in found]
 
 
 def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
@@ -121,7 +122,9 @@ def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
             bus.sleep_until(min(until, bus.now() + _IDLE_S))
 
 
-def _show(counted: Mapping[str, Statistics], names: Mapping[str, DriveName], seconds: float, line: LineOptions) -> None:
+def _show(
+    counted: Mapping[str, Statistics], names: Mapping[str, DriveConfig], seconds: float, line: LineOptions
+) -> None:
     everything = total(counted.values())
     if line.json:
         for name, each in counted.items():

@@ -20,9 +20,8 @@ if TYPE_CHECKING:
 
     from rich.text import Text
 
-    from drivecomm.cli.drive_names import DriveName
     from drivecomm.plant import DriveReport
-    from drivecomm.protocol import DriveStatus, Reading
+    from drivecomm.protocol import DriveConfig, DriveStatus, Reading
 
 _WIDTH = 80
 """Of the table, where it is not drawn on a terminal."""
@@ -59,18 +58,18 @@ def _of_the_plant(line: LineOptions) -> int:
             "no drive and no plant; name a drive, such as vabus:1, or a plant file with --plant, or let a scan write "
             "one: drivecomm scan --write plant.toml"
         )
-    if not known.plant.drives:
+    if not known.drives:
         raise UsageError(f"{known.file}: there is no drive in this plant; add a [[drive]]")
-    if line.record is not None and len(known.plant.lines) > 1:
+    if line.record is not None and len(known.lines) > 1:
         raise UsageError("--record is for one line, and this plant has several; name a drive, or leave it out")
-    if "port" in line.given and all(each.reached_at for each in known.plant.lines):
+    if "port" in line.given and all(each.reached_at for each in known.lines):
         line.refuse(f"{known.file} names the ports of all its lines", "port")
     # Loaded by those who have a plant only.
     from drivecomm.plant import OpenPlant, plant_status  # noqa: PLC0415
 
     opening = {key: value for key, value in line.opening.items() if key != "echo" or "echo" in line.given}
     port_of = partial(line.port_of, file=known.file)
-    with OpenPlant(known.plant, known.file, port_of=port_of, **opening) as opened:
+    with OpenPlant(known, port_of=port_of, **opening) as opened:
         reports = plant_status(opened)
     now = monotonic()
     if line.json:
@@ -199,10 +198,10 @@ def _summary(reports: Sequence[DriveReport]) -> str:
     return f"{count}: {', '.join(wrong) or 'no fault'}"
 
 
-def show_status(drive: DriveName, found: DriveStatus, *, as_json: bool) -> None:
+def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool) -> None:
     """Show the status of one drive on a line."""
     if as_json:
-        emit(**drive.keys, **plain(found))
+        emit(**drive.labels, **plain(found))
         return
     words = [f"{drive.name}  {found.state.value}  word 0x{found.word:04X}"]
     if found.fault_code:

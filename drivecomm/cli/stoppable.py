@@ -7,10 +7,10 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drivecomm.cli.drive_names import DriveName, parse_drive, plant_file
+from drivecomm.cli.drive_names import plant_file
 from drivecomm.cli.opened_drive import named_in_errors
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.protocol import LINE_FACT_NAMES
+from drivecomm.protocol import LINE_FACT_NAMES, DriveConfig, parse_drive
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -38,7 +38,7 @@ def as_far_as_possible(make: Callable[..., T], options: Mapping[str, Any]) -> tu
 
 
 @contextmanager
-def stoppable_drive(line: LineOptions, text: str, model: str | None) -> Iterator[tuple[Drive, DriveName, str]]:
+def stoppable_drive(line: LineOptions, text: str, model: str | None) -> Iterator[tuple[Drive, DriveConfig, str]]:
     """Look a drive up, open its line, and yield it, its name, and what had to be left out; errors then name both."""
     reached, name, broken = reached_for_stopping(line, text)
     options = {**name.options, **({"model": model} if model else {})}
@@ -48,7 +48,7 @@ def stoppable_drive(line: LineOptions, text: str, model: str | None) -> Iterator
             yield drive, name, broken or without
 
 
-def reached_for_stopping(line: LineOptions, text: str) -> tuple[LineOptions, DriveName, str]:
+def reached_for_stopping(line: LineOptions, text: str) -> tuple[LineOptions, DriveConfig, str]:
     """Return the line of a drive, the drive, and what is wrong with the plant file, empty if nothing is.
 
     --arm is not needed for it, and does no harm.
@@ -77,17 +77,10 @@ def reached_for_stopping(line: LineOptions, text: str) -> tuple[LineOptions, Dri
             given=line.given | {"port"},
             **settings,
         )
-        name = DriveName(
-            protocol=drive.protocol,
-            address=drive.address,
-            options=dict(drive.options),
-            name=drive.name,
-            line=drive.line,
-        )
-        return reached, name, str(error)
+        return reached, drive, str(error)
 
 
-def _by_its_address(line: LineOptions, text: str, error: FileFormatError) -> tuple[LineOptions, DriveName]:
+def _by_its_address(line: LineOptions, text: str, error: FileFormatError) -> tuple[LineOptions, DriveConfig]:
     """Return line and drive as they are named, without any plant. Raises the error where that does not suffice."""
     if ":" not in text.partition(",")[0] or line.port is None:
         raise error

@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 
     from drivecomm.bus import Broadcast, Bus
     from drivecomm.cli.asking_start import Answer
-    from drivecomm.plant import Plant, PlantDrive
+    from drivecomm.plant import Plant
+    from drivecomm.protocol import DriveConfig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,7 +153,7 @@ class _Line:
     name: str
     port: str | None
     opening: Mapping[str, Any]
-    drives: tuple[PlantDrive, ...]
+    drives: tuple[DriveConfig, ...]
     also: tuple[str, ...]
     """Protocols of drives that may be there besides."""
 
@@ -306,7 +307,7 @@ def _each(bus: Bus, line: _Line, how: Stop, tell: _Tell, hurry: Event) -> None:
             tell(Outcome(line=line.name, drive=drive.name, how=how, error=error))
 
 
-def _stop_one(bus: Bus, drive: PlantDrive, how: Stop, **attempts: int) -> Outcome:
+def _stop_one(bus: Bus, drive: DriveConfig, how: Stop, **attempts: int) -> Outcome:
     one, without = as_far_as_possible(partial(bus.drive, drive.protocol, drive.address), {**drive.options, **attempts})
     used = how if how in one.capabilities.stops else Stop.RAMP
     one.stop(used)

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from drivecomm.cli.drive_names import parse_settings
 from drivecomm.cli.output import complain, emit, say
 from drivecomm.errors import TelegramError, UsageError
 from drivecomm.link import fields_text
 from drivecomm.models import model_names
-from drivecomm.protocol import Direction, decode as decode_telegram, encode as encode_telegram, installed
+from drivecomm.protocol import Direction, decode as decode_telegram, encode as encode_telegram, installed, parse_options
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Telegram
@@ -68,7 +67,7 @@ def decode(
     for name in names:
         for way in ways:
             try:
-                fits.append(decode_telegram(name, content, direction=way, **parse_settings(option or [])))
+                fits.append(decode_telegram(name, content, direction=way, **parse_options(option or [])))
             except TelegramError as refusal:
                 refusals.append((name, way, refusal))
     for telegram in fits:
@@ -98,7 +97,7 @@ def encode(
     """Build one telegram from its fields and print it in hexadecimal."""
     written = dict(_pair(text) for text in fields)
     given = {name: _field(value) for name, value in written.items()}
-    data = _encoded(protocol, direction, given, written, parse_settings(option or []))
+    data = _encoded(protocol, direction, given, written, parse_options(option or []))
     if json:
         emit(protocol=protocol, direction=direction, data=data, fields=given)
     else:

@@ -8,11 +8,10 @@ from typing import Annotated
 
 import typer
 
-from drivecomm.cli.drive_names import parse_settings
 from drivecomm.cli.output import complain, emit, say
 from drivecomm.cli.telegrams import Options
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.protocol import installed, option_names
+from drivecomm.protocol import installed, parse_options, protocol_options
 
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object per line.")]
 
@@ -67,10 +66,8 @@ def from_capture(
     from drivecomm.traffic.replay import vectors_text  # noqa: PLC0415
 
     plugin = installed[protocol]
-    options = parse_settings(option or [])
-    if unknown := sorted(set(options) - option_names(plugin)):
-        known = ", ".join(sorted(option_names(plugin)))
-        raise UsageError(f"{protocol} has no option {unknown[0]!r}; it has {known}")
+    options = parse_options(option or [])
+    protocol_options(plugin, options)
     capture = read_capture(file)
     for remark in capture.remarks:
         sys.stderr.write(f"drivecomm: {remark}\n")

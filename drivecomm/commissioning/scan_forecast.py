@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import Roster, Search, line_overrides, probe
+from drivecomm.bus import Roster, Search, probe
 from drivecomm.errors import ReplyError
 from drivecomm.link import Arrival, Configure, Link, Send
+from drivecomm.protocol import line_overrides
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -9,6 +9,14 @@ from .contract import (
     VirtualReply as VirtualReply,
 )
 from .decoding import decode as decode, encode as encode
+from .drive_config import (
+    LONGEST_DELAY_S as LONGEST_DELAY_S,
+    DriveConfig as DriveConfig,
+    LinkLossPolicy as LinkLossPolicy,
+    PollGroup as PollGroup,
+    parse_drive as parse_drive,
+    parse_options as parse_options,
+)
 from .exchange import (
     Ask as Ask,
     Exchange as Exchange,
@@ -42,9 +50,15 @@ from .model import (
     Sureness as Sureness,
     Watchdog as Watchdog,
 )
-from .motor import Command as Command, Motor as Motor
+from .motor import MOTOR_DATA as MOTOR_DATA, Command as Command, Motor as Motor
 from .numbers import exact as exact, scaled as scaled, unscaled as unscaled
-from .options import option_names as option_names, sort_out as sort_out
+from .options import (
+    checked_address as checked_address,
+    line_overrides as line_overrides,
+    option_names as option_names,
+    protocol_options as protocol_options,
+    resolve_options as resolve_options,
+)
 from .reading import Reading as Reading, Value as Value
 from .registry import (
     Protocols as Protocols,

@@ -68,7 +68,7 @@ def test_what_was_found_can_be_spoken_to():
     with drivecomm.open_bus(line.port) as bus:
         wanted = LineChoices(baudrates=(38400,), parities=("N",))
         (found,) = bus.scan(["danfoss-fc"], choices=wanted)
-        drive = bus.drive(found.protocol, found.address, **found.options)
+        drive = found.drive.build(bus.drive)
         assert not drive.status().running
         assert drive.facts.settings == ODD["danfoss-fc"][1]
 
@@ -217,7 +217,7 @@ class TestIdentification:
         with drivecomm.open_bus(line.port) as bus:
             (found,) = bus.scan(["danfoss-fc"], [3])
         assert found.model == model
-        assert found.options["model"] == model
+        assert found.drive.options["model"] == model
 
     def test_a_model_of_the_users_own(self, tmp_path, monkeypatch):
         # A name plate that no packaged model knows.

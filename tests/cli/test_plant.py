@@ -160,7 +160,7 @@ def test_nonsense_is_refused_in_a_sentence(run):
 def test_without_a_plant(run, monkeypatch):
     monkeypatch.delenv("DRIVECOMM_CONTROL", raising=False)
     assert run("plant", "show") == 2
-    assert "write --control" in run.err
+    assert "no control socket; give --control" in run.err
     assert run("plant", "show", "--control", "nowhere") == 2
     assert run("plant", "show", "--control", "127.0.0.1:1") == 3
     assert "start one with drivecomm simulate" in run.err

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivecomm.capture import CaptureWriter, Provenance, read_capture
-from drivecomm.cli.drive_names import parse_drive
 from drivecomm.cli.output import complain, emit, say
 from drivecomm.cli.sniff.lines import emit_event, say_event
 from drivecomm.cli.sniff.naming import Naming
 from drivecomm.cli.sniff.sources import Ear, is_file, opened, opened_shared, pieces_from, with_settings
 from drivecomm.cli.sniff.table import LiveTable, emit_summary, print_summary
 from drivecomm.errors import LinkError, UsageError
-from drivecomm.protocol import LineSettings, installed
+from drivecomm.protocol import LineSettings, installed, parse_drive
 from drivecomm.traffic.sniffer import Watch, detect
 from drivecomm.version import __version__
 

@@ -88,7 +88,7 @@ def _must_be_a_terminal() -> None:
 
 def watched_lines(what: list[str], line: LineOptions) -> list[WatchedLine]:
     """Return the lines that the words of a call name. Raises UsageError."""
-    from drivecomm.plant.watching import WatchedDrive, WatchedLine, lines_of  # noqa: PLC0415 - as above
+    from drivecomm.plant.watching import WatchedLine, lines_of  # noqa: PLC0415 - as above
 
     options = _options(line)
     if what:
@@ -105,10 +105,7 @@ def watched_lines(what: list[str], line: LineOptions) -> list[WatchedLine]:
         return lines_of(read_plant(Path(plants[0])), options)
     if not what:
         raise UsageError("nothing to watch; name a plant file, or drives such as vabus:1,model=agile with --port")
-    names = [line.reaching(word)[1] for word in what]
-    drives = tuple(
-        WatchedDrive(protocol=one.protocol, address=one.address, name=one.name, options=one.options) for one in names
-    )
+    drives = tuple(line.reaching(word)[1] for word in what)
     return [WatchedLine(name=line.named_port, port=line.named_port, drives=drives, options=options)]
 
 

@@ -179,7 +179,7 @@ class Watcher:
         for one in watched.drives:
             if one.name in self._seen:
                 raise UsageError(f"two drives are named {one.name!r}; give each a name of its own")
-            drive = line.bus.drive(one.protocol, one.address, **one.options)
+            drive = one.build(line.bus.drive)
             self._seen[one.name] = _Seen(line, drive, _Asked(drive), DriveView(drive=one, line=watched.name))
         return line
 
@@ -243,7 +243,7 @@ class Watcher:
 
     def _traced(self, line: WatchedLine, event: TraceEvent) -> None:
         for one in line.drives:
-            if one.place == event.drive:
+            if str(one) == event.drive:
                 self._seen[one.name].telegrams.append(event)
 
     async def _open(self) -> None:

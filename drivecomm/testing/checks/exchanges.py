@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.bus import Exchanges
 from drivecomm.errors import DriveCommError, ReplyError, TelegramError
-from drivecomm.protocol import Ask, Pause, Tell, fields_of, sort_out, with_each_command
+from drivecomm.protocol import Ask, Pause, Tell, fields_of, resolve_options, with_each_command
 from drivecomm.testing.calls import CallResult, Line, call_awaited, call_blocking, compare, exchange_of
 from drivecomm.testing.checking import check
 from drivecomm.testing.checks.framing import noise_of
@@ -92,7 +92,7 @@ def goes_as_written_without_a_line(plugin: Protocol, vector: ExchangeVector) -> 
     if script is None:
         return
     model = known_model(plugin, vector.model) if vector.model else None
-    options = sort_out(plugin, model, vector.options)[1]
+    options = resolve_options(plugin, model, vector.options)[1]
     verbs = Exchanges(f"{plugin.name}:{vector.address}", plugin.operations(vector.address, options, model))
     play(_as_on_the_wire(_codec(plugin, vector), _calls_of(vector, verbs)), script)
 
@@ -145,7 +145,7 @@ def _decoded(codec: Codec, data: bytes, direction: Direction) -> Message | None:
 
 def _codec(plugin: Protocol, vector: ExchangeVector) -> Codec:
     model = known_model(plugin, vector.model) if vector.model else None
-    return plugin.codec(sort_out(plugin, model, vector.options)[1])
+    return plugin.codec(resolve_options(plugin, model, vector.options)[1])
 
 
 def _of_another_drive(plugin: Protocol, vector: ExchangeVector, asked: bytes, data: bytes) -> bytes:

@@ -11,7 +11,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, TelegramError
-from drivecomm.protocol import Framed, sort_out
+from drivecomm.protocol import Framed, resolve_options
 from drivecomm.testing.bench import bench
 from drivecomm.testing.checking import check, expect, shown
 from drivecomm.testing.vectors import packaged_vectors
@@ -63,7 +63,7 @@ def tells_what_requests_are_for(plugin: Protocol, model: Model) -> None:
 @check("commands")
 def what_only_asks_moves_no_drive(plugin: Protocol, model: Model) -> None:
     """No request of the vectors that is said to ask only gives a virtual drive's motor another command."""
-    intent, options = plugin.intent, sort_out(plugin, model, {})[1]
+    intent, options = plugin.intent, resolve_options(plugin, model, {})[1]
     if intent is None:
         return
     for vector in packaged_vectors(plugin).vectors:
