@@ -94,10 +94,8 @@ class LineMaker:
         model, options: as `drivecomm.virtual.virtual_drive` takes them. The rest is as with `line`.
         """
         named = parse_drive(name)
-        chosen = options if model is None else {"model": model, **options}
-        return self._line([named.with_options(**chosen)], listen=listen, faults=faults, echo=echo, paced=paced).drives[
-            0
-        ]
+        named = named.with_options(**(options if model is None else {"model": model, **options}))
+        return self._line([named], listen=listen, faults=faults, echo=echo, paced=paced).drives[0]
 
     def plant(self, plant: str | Path | Plant, *, listen: str | None = None) -> WatchedPlant:
         """Make a whole plant: the lines, drives and fault script of a file, or of a `Plant`.
