@@ -20,6 +20,7 @@ Step: TypeAlias = Callable[[Any], Any]
 """Does something with a drive, and returns what came of it or what is to be awaited."""
 
 Procedure: TypeAlias = Generator[Step, Any, T]
+"""An operation of several steps, for both kinds of bus: it yields steps and is sent what came of them."""
 
 _NO_OPTIONS: Mapping[str, Any] = {}
 
