@@ -28,7 +28,7 @@ from drivecomm.plant import (
     write_new,
     write_over,
 )
-from drivecomm.protocol import Ask, LineSettings, Pause, Tell, installed
+from drivecomm.protocol import Ask, Intent, LineSettings, Pause, Tell, installed
 from drivecomm.testing import play
 from drivecomm.virtual import VirtualLine, VirtualPlant
 from drivecomm_vabus.telegrams import Select
@@ -222,7 +222,7 @@ def test_a_verb_that_asks_is_carried_out_and_hears_what_goes_wrong():
         yield from ()
 
     operations = SimpleNamespace(extra={"look": asking, "move": commanding, "choose": choosing})
-    ask_only = ReadOnly(lambda: operations, "no", lambda message: message == "ask")
+    ask_only = ReadOnly(lambda: operations, "no", lambda message: Intent(commands=message != "ask"))
     assert play(ask_only.extra["look"](), [("ask", NoReplyError("silence")), ("ask", "here")]) == "here"
     with pytest.raises(UsageError, match="no"):
         play(ask_only.extra["move"](), [("ask", "here")])
