@@ -24,7 +24,7 @@ from drivecomm.plant import (
     read_plant,
     write_new,
 )
-from drivecomm.protocol import Ask, DriveConfig, LineSettings, LinkLossPolicy, Pause, PollGroup, Tell, installed
+from drivecomm.protocol import Ask, DriveConfig, Intent, LineSettings, LinkLossPolicy, Pause, PollGroup, Tell, installed
 from drivecomm.testing import play
 from drivecomm.tomlfile import write_whole
 from drivecomm.virtual import VirtualLine, VirtualPlant
@@ -219,7 +219,7 @@ def test_a_verb_that_asks_is_carried_out_and_hears_what_goes_wrong():
         yield from ()
 
     operations = SimpleNamespace(extra={"look": asking, "move": commanding, "choose": choosing})
-    ask_only = ReadOnly(lambda: operations, "no", lambda message: message == "ask")
+    ask_only = ReadOnly(lambda: operations, "no", lambda message: Intent(commands=message != "ask"))
     assert play(ask_only.extra["look"](), [("ask", NoReplyError("silence")), ("ask", "here")]) == "here"
     with pytest.raises(UsageError, match="no"):
         play(ask_only.extra["move"](), [("ask", "here")])
