@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivecomm.cli.drive_names import parse_drive
+from drivecomm.cli.options import Json
 from drivecomm.cli.output import emit, plain, say
 from drivecomm.errors import UsageError
 from drivecomm.traffic.cohabitation import LineDrive, check_line
@@ -32,7 +33,7 @@ def cohabit(
         int | None,
         typer.Option("--bits", min=1, help="Let pass what chance brings about in less than one of 2^BITS telegrams."),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
+    json: Json = False,
 ) -> int:
     """Tell whether drives on one line can take each other's telegrams for their own, with telegrams as proof.
 

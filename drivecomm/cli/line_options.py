@@ -1,18 +1,12 @@
-"""The options that every command on a line has, declared once."""
+"""The options that every command on a line has, declared once, and what they open: ports, buses and drives."""
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from copy import copy
 from dataclasses import dataclass, fields, replace
-from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
-
-import typer
-from typer.core import TyperCommand
+from typing import TYPE_CHECKING, Annotated, Any
 
 from drivecomm.bus import bus as buses
 from drivecomm.cli.drive_names import Asked, known_plant, parse_drive, placed
@@ -22,7 +16,10 @@ from drivecomm.link import Echo, tell_all
 from drivecomm.transport import same_port
 
 if TYPE_CHECKING:
-    from drivecomm.bus import Bus
+    # At run time only by what reads the options' annotations: `stop --all` is quicker without it.
+    import typer
+
+    from drivecomm.bus import Bus, Drive
     from drivecomm.cli.drive_names import DriveName
     from drivecomm.link import Port, TraceEvent
     from drivecomm.plant import PlantLine, PlantLinkLoss
@@ -190,6 +187,19 @@ class LineOptions:
             yield bus
 
     @contextmanager
+    def drive(self, text: str, model: str | None = None) -> Iterator[tuple[Drive, DriveName]]:
+        """Open the line of a drive and yield the drive and its name; errors within the block then name both."""
+        reached, name = self.reaching(text)
+        with reached.drive_at(name, model) as drive:
+            yield drive, name
+
+    @contextmanager
+    def drive_at(self, name: DriveName, model: str | None = None) -> Iterator[Drive]:
+        """Yield a drive of this line, as `drive` does."""
+        with self.bus() as bus, naming(name):
+            yield bus.drive(name.protocol, name.address, **{**name.options, **({"model": model} if model else {})})
+
+    @contextmanager
     def opened(self) -> Iterator[Port]:
         """Open the port alone for the time of the block; errors then name it."""
         if self.record is not None:
@@ -275,65 +285,13 @@ class LineOptions:
         return buses.open_bus(port, **{**self.opening, "trace": tell_all(self.shown_trace, listener)})
 
 
-class LineCommand(TyperCommand):
-    """A command with the line options: lets `--echo` stand alone, as it did before it had a value."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Give a lone `--echo` its value."""
-        modes = get_args(Echo)
-        ends = args.index("--") if "--" in args else len(args)
-        given = []
-        for place, word in enumerate(args):
-            given.append(word)
-            if word == "--echo" and place < ends and (place + 1 == len(args) or args[place + 1] not in modes):
-                given.append("expect")
-        return super().parse_args(ctx, given)
-
-
-def on_a_line(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the line options; it receives them together as its argument `line`.
-
-    An option that the command has itself, such as one with room for several values, is its own alone.
-    """
-    hints = get_type_hints(LineOptions, include_extras=True)
-    signature = inspect.signature(command, eval_str=True)
-    own = [parameter for name, parameter in signature.parameters.items() if name != "line"]
-    names = [field.name for field in fields(LineOptions) if field.name != "given"]
-    shared = [field for field in fields(LineOptions) if field.name in names and field.name not in signature.parameters]
-    idle = WITHOUT_EFFECT.get(command.__name__, {})
-    added = [
-        inspect.Parameter(
-            field.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=field.default,
-            annotation=_hidden(hints[field.name]) if field.name in idle else hints[field.name],
-        )
-        for field in shared
-    ]
-
-    @wraps(command)
-    def with_line(context: typer.Context, **arguments: Any) -> Any:
-        given = frozenset(name for name in names if _is_written(context, name))
-        line = LineOptions(**{field.name: arguments.pop(field.name) for field in shared}, given=given)
-        for name, why in idle.items():
-            line.refuse(f"{command.__name__} {why}", name)
-        return command(line=line, **arguments)
-
-    context = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
-    parameters = [context, *(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own), *added]
-    with_line.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    with_line.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    del with_line.__wrapped__
-    return with_line
-
-
-def _is_written(context: typer.Context, name: str) -> bool:
-    source = context.get_parameter_source(name)
-    return source is not None and source.name == "COMMANDLINE"
-
-
-def _hidden(hint: Any) -> Any:
-    """Return the hint of an option that is known to be one, and not offered."""
-    option = copy(hint.__metadata__[0])
-    option.hidden = True
-    return Annotated[hint.__origin__, option]
+@contextmanager
+def naming(name: DriveName) -> Iterator[None]:
+    """Let the errors of the block name a drive, as the plant calls it."""
+    try:
+        yield
+    except DriveCommError as error:
+        error.about = name.keys
+        if name.name not in str(error):
+            error.args = (f"{name.name}: {error}", *error.args[1:])
+        raise

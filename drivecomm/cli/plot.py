@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from drivecomm.cli.options import Json
 from drivecomm.cli.output import emit, say
 
 
@@ -18,7 +19,7 @@ def plot(
     title: Annotated[
         str | None, typer.Option("--title", help="What stands above it; the log's name if absent.")
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
+    json: Json = False,
 ) -> int:
     """Plot a log: a panel for each unit, gaps where a drive did not answer, and what state the drives were in."""
     # Files, and what draws, are for this command alone.

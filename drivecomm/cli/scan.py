@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drivecomm.bus import LineChoices, scan_plan
-from drivecomm.cli.address_lists import addresses_of
 from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.options import Addresses, OnlyProtocols, addresses_of
 from drivecomm.cli.output import emit, say
+from drivecomm.cli.progress import progress_bar
 from drivecomm.errors import DriveCommError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from rich.progress import Progress
 
     from drivecomm.bus import Found
     from drivecomm.commissioning import ScanForecast
@@ -27,8 +26,8 @@ _LINE = "Line"
 
 def scan(
     line: LineOptions,
-    protocol: Annotated[list[str] | None, typer.Option("--protocol", help="Only these; repeat it for more.")] = None,
-    addresses: Annotated[str | None, typer.Option("--addresses", "-a", help="Such as 1-31 or 1,5,7-9.")] = None,
+    protocol: OnlyProtocols = None,
+    addresses: Addresses = None,
     wide: Annotated[bool, typer.Option("--wide", help="Try other line settings, too, the likely first.")] = False,
     baudrate: Annotated[
         str | None, typer.Option(rich_help_panel=_LINE, help="Bits per second; several to try: 9600,19200.")
@@ -116,33 +115,13 @@ def _settings(given: LineChoices, *, several: bool) -> dict[str, Any]:
 
 
 def _carry_out(line: LineOptions, asked: dict[str, Any], keep: Callable[[Found], None]) -> None:
-    # The bar stays out of what a script reads: on a terminal both share it, otherwise the bar goes to standard error.
-    on_terminal = sys.stdout.isatty()
-    with line.bus() as bus, _progress(shown=not line.json, on_terminal=on_terminal) as progress:
-        task = progress.add_task("scanning", total=None)
-
-        def show(name: str, done: int, total: int) -> None:
-            progress.update(task, description=f"asking {name}", completed=done, total=total)
-
-        for one in bus.scan(**asked, progress=show):
+    with line.bus() as bus, progress_bar("asking", shown=not line.json) as progress:
+        for one in bus.scan(**asked, progress=progress):
             keep(one)
             if line.json:
                 _emit(one)
-            elif on_terminal:
-                progress.console.print(_line(one, wide="choices" in asked), highlight=False, markup=False)
             else:
                 say(_line(one, wide="choices" in asked))
-
-
-def _progress(*, shown: bool, on_terminal: bool) -> Progress:
-    from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = Console(stderr=not on_terminal, soft_wrap=True)
-    return Progress(
-        *columns, console=console, transient=True, redirect_stdout=False, disable=not (shown and console.is_terminal)
-    )
 
 
 def _foretell(forecast: ScanForecast, *, as_json: bool) -> None:

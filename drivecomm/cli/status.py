@@ -11,7 +11,7 @@ import typer
 
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.opened_drive import drive_named
+from drivecomm.cli.options import Model
 from drivecomm.cli.output import emit, plain, say, sentence
 from drivecomm.errors import DriveError, UsageError
 
@@ -36,7 +36,7 @@ def status(
         str | None,
         typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS or a name of the plant. If absent: the whole plant."),
     ] = None,
-    model: Annotated[str | None, typer.Option("--model", "-m", help="Model by name, or a .toml file.")] = None,
+    model: Model = None,
 ) -> int:
     """Show how a drive is, or all drives of the plant; commands nothing.
 
@@ -46,7 +46,7 @@ def status(
         if model is not None:
             raise UsageError("--model is for one drive; name it, or leave --model out: the plant says which each has")
         return _of_the_plant(line)
-    with drive_named(line, drive, model) as (one, name):
+    with line.drive(drive, model) as (one, name):
         found = one.status()
         show_status(name, found, as_json=line.json)
     return DriveError.exit_code if found.fault else 0

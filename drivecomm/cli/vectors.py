@@ -9,17 +9,15 @@ from typing import Annotated
 import typer
 
 from drivecomm.cli.drive_names import parse_settings
+from drivecomm.cli.options import Json, ProtocolOption
 from drivecomm.cli.output import complain, emit, say
-from drivecomm.cli.telegrams import Options
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.protocol import installed, option_names
-
-AsJson = Annotated[bool, typer.Option("--json", help="One JSON object per line.")]
 
 
 def check(
     files: Annotated[list[Path] | None, typer.Argument(metavar="[FILE...]", help="Packaged vectors if absent.")] = None,
-    json: AsJson = False,
+    json: Json = False,
 ) -> int:
     """Run every check of every vector. Exit code 1 when one fails."""
     from drivecomm.testing import load_vectors, packaged_vectors, run_checks  # noqa: PLC0415
@@ -55,7 +53,7 @@ def from_capture(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A capture, .jsonl or .pcapng.")],
     protocol: Annotated[str, typer.Option("--protocol", help="The protocol whose telegrams are wanted.")],
     output: Annotated[Path | None, typer.Option("--output", help="The vector file; printed if absent.")] = None,
-    option: Options = None,
+    option: ProtocolOption = None,
 ) -> int:
     """Turn a capture into vectors: each sound telegram of a protocol once, replies with their requests.
 

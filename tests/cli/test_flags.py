@@ -5,7 +5,7 @@ from dataclasses import fields
 import pytest
 
 import drivecomm.bus.bus
-from drivecomm.cli.help_text import flowing
+from drivecomm.cli.lazy_commands import flowing
 from drivecomm.cli.line_options import WITHOUT_EFFECT, LineOptions
 from drivecomm.plant import read_plant
 from drivecomm.virtual import VirtualPlant

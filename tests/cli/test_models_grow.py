@@ -2,9 +2,6 @@
 
 import pytest
 
-from drivecomm.cli.app import app
-from drivecomm.cli.line_options import LineCommand, on_a_line
-from drivecomm.cli.models_grow import grow
 from drivecomm.models import read_model
 from drivecomm.virtual import virtual_drive
 
@@ -15,12 +12,10 @@ def line(shell):
 
 
 @pytest.fixture
-def grown(shell, line, monkeypatch):
-    """Run the command by itself, whatever group it belongs to, on a line with two drives."""
+def grown(shell, line):
+    """Run the command on a line with two drives."""
     assert line.time == 0
-    monkeypatch.setattr(app, "registered_commands", list(app.registered_commands))
-    app.command("grow-by-itself", cls=LineCommand)(on_a_line(grow))
-    return lambda *arguments: shell("grow-by-itself", *arguments)
+    return lambda *arguments: shell("models", "grow", *arguments)
 
 
 def test_a_range_and_a_name(grown, line, shell, tmp_path):

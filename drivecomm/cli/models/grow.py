@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,16 +10,16 @@ import typer
 from drivecomm.cli.drive_names import parse_settings
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
+from drivecomm.cli.progress import progress_bar
 from drivecomm.commissioning import addresses_in, descriptions, grown
 from drivecomm.errors import DriveCommError, DriveError, UsageError
 from drivecomm.models import load_model, model_text
 from drivecomm.protocol import ParameterInfo, installed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from drivecomm.bus import Drive
-    from drivecomm.commissioning import Described
 
 # As many as fit below each other on a screen; the others are counted.
 _MOST_SHOWN = 10
@@ -62,11 +61,13 @@ def grow(
         addresses = addresses_in(parameters or _all_known(one, name.protocol))
         told: list[ParameterInfo] = []
         left_out: list[tuple[str, DriveCommError]] = []
-        for address, found in _shown(one, addresses, parse_settings(option or []), quiet=line.json):
-            if isinstance(found, ParameterInfo):
-                told.append(found)
-            else:
-                left_out.append((address, found))
+        with progress_bar("asking", shown=not line.json) as progress:
+            for done, (address, found) in enumerate(descriptions(one, addresses, parse_settings(option or [])), 1):
+                progress(address, done, len(addresses))
+                if isinstance(found, ParameterInfo):
+                    told.append(found)
+                else:
+                    left_out.append((address, found))
         source = f"what {one.name} told of itself"
         made = grown(
             told,
@@ -99,19 +100,3 @@ def _all_known(drive: Drive, protocol: str) -> Sequence[str]:
     """Return the addresses of the drive's model, or of the model that the protocol takes for granted."""
     plugin = installed[protocol]
     return list((drive.model or load_model(plugin.package, protocol, plugin.default_model)).parameters)
-
-
-def _shown(
-    drive: Drive, addresses: Sequence[str], options: dict[str, object], *, quiet: bool
-) -> Iterator[tuple[str, Described]]:
-    """Yield what the drive tells, with a bar for people who wait."""
-    from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=quiet or not sys.stderr.isatty()) as progress:
-        task = progress.add_task("asking", total=len(addresses))
-        for done, (address, found) in enumerate(descriptions(drive, addresses, options), start=1):
-            progress.update(task, description=f"asking {address}", completed=done)
-            yield address, found

@@ -15,10 +15,10 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm.bus import bus as buses
-from drivecomm.cli.asking_start import WhatToStop, broadcasts, stopped_by_its_keeper
+from drivecomm.cli.control.client import StopRequest, broadcasts, stop_by_holder
 from drivecomm.cli.output import complain, emit, say, sentence
 from drivecomm.cli.signals import until_stopped
-from drivecomm.cli.stoppable import as_far_as_possible
+from drivecomm.cli.stop.one_drive import as_far_as_possible
 from drivecomm.errors import (
     DriveCommError,
     DriveError,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from threading import Event
 
     from drivecomm.bus import Broadcast, Bus
-    from drivecomm.cli.asking_start import Answer
+    from drivecomm.cli.control.client import StopAnswer
     from drivecomm.plant import Plant, PlantDrive
 
 
@@ -125,11 +125,11 @@ def _plant(path: Path, *, as_json: bool) -> tuple[Plant, bool]:
 
 
 def _without_a_plant(everything: Everything, *, as_json: bool) -> int:
-    def tell(answer: Answer) -> None:
+    def tell(answer: StopAnswer) -> None:
         _show(_news("", answer), everything.how, as_json=as_json)
 
-    all_of_them = WhatToStop(how=everything.how, protocols=tuple((name, {}) for name in installed), everything=True)
-    if stopped_by_its_keeper(everything.port, all_of_them, tell, everything.opening) is not None:
+    all_of_them = StopRequest(how=everything.how, protocols=tuple((name, {}) for name in installed), everything=True)
+    if stop_by_holder(everything.port, all_of_them, tell, everything.opening) is not None:
         return DriveError.exit_code
     with _bus(everything.port, everything.opening) as bus:
         for name in installed:
@@ -218,11 +218,11 @@ def _stop_line(line: _Line, how: Stop, news: SimpleQueue[_Item], hurry: Event) -
         news.put(item)
 
     drives = tuple((drive.name, drive.protocol, drive.address, drive.options) for drive in line.drives)
-    what = WhatToStop(
+    what = StopRequest(
         how=how, drives=drives, protocols=(*broadcasts(drives), *((name, {}) for name in line.also)), everything=True
     )
     try:
-        if stopped_by_its_keeper(line.port, what, lambda each: tell(_news(line.name, each)), line.opening) is not None:
+        if stop_by_holder(line.port, what, lambda each: tell(_news(line.name, each)), line.opening) is not None:
             return
         with _bus(line.port, line.opening) as bus:
             _broadcast(bus, line, how, tell)
@@ -237,7 +237,7 @@ def _stop_line(line: _Line, how: Stop, news: SimpleQueue[_Item], hurry: Event) -
         news.put(None)
 
 
-def _news(line: str, answer: Answer) -> Told | Outcome:
+def _news(line: str, answer: StopAnswer) -> Told | Outcome:
     if answer.drive:
         return Outcome(line=line, drive=answer.drive, how=answer.how, error=answer.error)
     return Told(line=line, protocol=answer.protocol, how=answer.how, error=answer.error)
