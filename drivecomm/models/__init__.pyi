@@ -16,6 +16,5 @@ from .quantities import (
     quantities as quantities,
 )
 from .schema import PARAMETER_KEYS as PARAMETER_KEYS, TABLES as TABLES, TEXTS as TEXTS
-from .toml_places import Places as Places
 from .units import converted as converted, factor_between as factor_between
 from .writing import model_text as model_text
