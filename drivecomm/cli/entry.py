@@ -116,18 +116,6 @@ def _usage_error(error: Any, *, as_json: bool) -> int:
         if text:
             say(text)
         return int(error.exit_code)
-    details = getattr(error.__cause__, "errors", None)
-    if details is not None:
-        text = _wrong_value(error, details()[0])
     hint = f" (see {context.command_path} --help)" if context else ""
     complain(f"{text}{hint}", as_json=as_json, exit_code=error.exit_code)
     return int(error.exit_code)
-
-
-def _wrong_value(error: Any, detail: dict[str, Any]) -> str:
-    """Return what is wrong with a value in the words of a user; the library that reads it has a programmer's."""
-    words = {"int": "a whole number", "float": "a number", "bool": "true or false"}
-    kind = words.get(detail["type"].partition("_")[0])
-    if kind is None:
-        return str(error.format_message()).rstrip(".")
-    return f"{error.param.get_error_hint().strip(chr(39))} cannot be {detail['input']!r}; write {kind}"

@@ -12,6 +12,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from drivecomm.cli import signals
+from drivecomm.cli.argument_values import use_plain_values
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -67,7 +68,9 @@ def made(name: str, function: Callable[..., Any]) -> Any:
     application.command(name, cls=kind, context_settings=settings, help=flowing(inspect.getdoc(function) or ""))(
         function
     )
-    return get_command(application)
+    command = get_command(application)
+    use_plain_values(command)
+    return command
 
 
 def flowing(text: str) -> str:

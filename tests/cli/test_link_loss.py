@@ -181,7 +181,7 @@ KILLED = {
 
 PROGRAM = """
 import sys, threading, drivecomm
-from drivecomm.bus.bus import keep
+from drivecomm.bus import keep
 for words in sys.argv[1:]:
     port, name, model, policy, seconds = words.split(",")
     protocol, _, address = name.partition(":")
