@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 from typer.main import get_command
 
+from drivecomm.cli.argument_values import Group
 from drivecomm.cli.lazy_commands import lazy
 from drivecomm.version import __version__
 
@@ -84,6 +85,7 @@ def _common(
 def _application() -> Any:
     application = typer.Typer(
         name="drivecomm",
+        cls=Group,
         help="Variable-frequency drives of different makers over serial lines: scan, read, write, command, simulate.",
         no_args_is_help=True,
         add_completion=False,

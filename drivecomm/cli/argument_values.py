@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,7 +27,7 @@ class InvalidValue(typer.BadParameter):
 
 
 @dataclass(frozen=True, slots=True)
-class PlainValue:
+class _PlainValue:
     """Makes the value of one parameter from what was written. kind: its type, or that of each of several."""
 
     kind: Any
@@ -55,11 +56,26 @@ class PlainValue:
         raise InvalidValue(f"{name} cannot be {value!r}; write {expected}", ctx=ctx, param=param)
 
 
-def use_plain_values(command: Any) -> None:
-    """Let the parameters of a command be made without pydantic, in versions of typer that use it."""
-    for parameter in command.params:
+class Command(TyperCommand):
+    """A command whose values are made without pydantic, in versions of typer that use it."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return its parameters."""
+        return _with_plain_values(super().get_params(ctx))
+
+
+class Group(TyperGroup):
+    """A group of commands, likewise."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return its parameters."""
+        return _with_plain_values(super().get_params(ctx))
+
+
+def _with_plain_values(parameters: list[Any]) -> list[Any]:
+    for parameter in parameters:
         about = getattr(parameter, "type_descriptor", None)
-        if about is None or about.is_ranged:
-            continue
-        kind = get_args(about.annotation)[0] if about.is_list else about.annotation
-        vars(parameter)["_runtime_param"] = PlainValue(kind)
+        if about is not None and not about.is_ranged:
+            kind = get_args(about.annotation)[0] if about.is_list else about.annotation
+            vars(parameter)["_runtime_param"] = _PlainValue(kind)
+    return parameters

@@ -8,11 +8,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand
 from typer.main import get_command
 
 from drivecomm.cli import signals
-from drivecomm.cli.argument_values import use_plain_values
+from drivecomm.cli.argument_values import Command, Group
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -41,15 +41,15 @@ class LazyCommand(TyperCommand):
         return context
 
 
-def lazy(commands: Mapping[str, tuple[str, str]]) -> dict[str, LazyCommand | TyperGroup]:
+def lazy(commands: Mapping[str, tuple[str, str]]) -> dict[str, LazyCommand | Group]:
     """Return commands by name from where they are and what they do; those of a group have its name before theirs."""
-    found: dict[str, LazyCommand | TyperGroup] = {}
+    found: dict[str, LazyCommand | Group] = {}
     for name, (where, text) in commands.items():
         group, _, within = name.rpartition(" ")
         if group:
             found[group].commands[within] = LazyCommand(within, where, text)  # type: ignore[union-attr]
         else:
-            found[name] = LazyCommand(name, where, text) if where else TyperGroup(
+            found[name] = LazyCommand(name, where, text) if where else Group(
                 name=name, help=text, no_args_is_help=True
             )  # fmt: skip
     return found
@@ -57,7 +57,7 @@ def lazy(commands: Mapping[str, tuple[str, str]]) -> dict[str, LazyCommand | Typ
 
 def made(name: str, function: Callable[..., Any]) -> Any:
     """Return the command of a function."""
-    kind = None
+    kind = Command
     if "line" in inspect.signature(function).parameters:
         # Buses and ports are for commands that have a line.
         from drivecomm.cli import line_command  # noqa: PLC0415
@@ -68,9 +68,7 @@ def made(name: str, function: Callable[..., Any]) -> Any:
     application.command(name, cls=kind, context_settings=settings, help=flowing(inspect.getdoc(function) or ""))(
         function
     )
-    command = get_command(application)
-    use_plain_values(command)
-    return command
+    return get_command(application)
 
 
 def flowing(text: str) -> str:

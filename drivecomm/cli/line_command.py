@@ -9,8 +9,8 @@ from functools import wraps
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
-from typer.core import TyperCommand
 
+from drivecomm.cli.argument_values import Command
 from drivecomm.cli.line_options import WITHOUT_EFFECT, LineOptions
 from drivecomm.link import Echo
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _TYPER: Mapping[str, Any] = {"typer": typer}
 
 
-class LineCommand(TyperCommand):
+class LineCommand(Command):
     """A command with the line options: lets `--echo` stand alone, as it did before it had a value."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

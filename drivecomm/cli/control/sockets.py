@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import secrets
 import socket
 import struct
 import sys
@@ -25,13 +24,19 @@ _CHUNK = 4096
 
 def socket_file(port: str) -> Path:
     """Return the path of the control socket of a port, by whatever name or link the port is called."""
-    # It takes some milliseconds to load, which not every use of this module needs.
+    return _runtime_folder() / f"{quote(_one_name(port), safe='')}.control"
+
+
+def _runtime_folder() -> Path:
+    if os.name == "posix" and (folder := os.environ.get("XDG_RUNTIME_DIR")):
+        return Path(folder) / "drivecomm"
+    # It takes long to load for a stop, and a login session on Linux does without it.
     from platformdirs import user_runtime_path  # noqa: PLC0415
 
     with warnings.catch_warnings():
         # Without a login session, as in a service, the folder is another one, which is as good.
         warnings.simplefilter("ignore")
-        return user_runtime_path("drivecomm", appauthor=False) / f"{quote(_one_name(port), safe='')}.control"
+        return user_runtime_path("drivecomm", appauthor=False)
 
 
 def _one_name(port: str) -> str:
@@ -70,7 +75,7 @@ class ControlSocket:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         else:
             self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-            self._secrets = (secrets.token_hex(16), secrets.token_hex(16))
+            self._secrets = (os.urandom(16).hex(), os.urandom(16).hex())
         try:
             self._bind()
         except OSError:
@@ -87,7 +92,7 @@ class ControlSocket:
         asked, answered = self._secrets
         if asked:
             with suppress(OSError, ValueError):
-                if secrets.compare_digest(str(connection.read(1.0).get("secret")), asked):
+                if _is_secret(connection.read(1.0), asked):
                     connection.write(secret=answered)
                     return connection
             connection.close()
@@ -142,13 +147,19 @@ def _connect_by_tcp(file: Path, limit_s: float) -> Connection:
     connection = Connection(socket.create_connection(("127.0.0.1", number), timeout=limit_s))
     try:
         connection.write(secret=asked)
-        if secrets.compare_digest(str(connection.read(limit_s).get("secret")), answered):
+        if _is_secret(connection.read(limit_s), answered):
             return connection
     except (OSError, ValueError):
         pass
     connection.close()
     # Another program has the number now.
     raise ConnectionRefusedError
+
+
+def _is_secret(told: dict[str, Any], secret: str) -> bool:
+    from hmac import compare_digest  # noqa: PLC0415 - only where there are no Unix sockets
+
+    return compare_digest(str(told.get("secret")).encode(), secret.encode())
 
 
 class Connection:
