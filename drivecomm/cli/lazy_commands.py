@@ -58,16 +58,16 @@ def lazy(commands: Mapping[str, tuple[str, str]]) -> dict[str, LazyCommand | Gro
 def made(name: str, function: Callable[..., Any]) -> Any:
     """Return the command of a function."""
     kind = Command
-    if "line" in inspect.signature(function).parameters:
+    line = inspect.signature(function).parameters.get("line")
+    if line is not None and line.annotation == "LineOptions":
         # Buses and ports are for commands that have a line.
         from drivecomm.cli import line_command  # noqa: PLC0415
 
         kind, function = line_command.LineCommand, line_command.on_a_line(function)
     application = typer.Typer(add_completion=False)
     settings = {"ignore_unknown_options": True} if name in _NEGATIVE_NUMBERS else None
-    application.command(name, cls=kind, context_settings=settings, help=flowing(inspect.getdoc(function) or ""))(
-        function
-    )
+    text = flowing(inspect.getdoc(function) or "")
+    application.command(name, cls=kind, context_settings=settings, help=text)(function)
     return get_command(application)
 
 
