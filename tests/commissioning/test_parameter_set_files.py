@@ -127,7 +127,7 @@ HEAD = 'format = 1\nprotocol = "vabus"\ndrive = "vabus:1"\nmodel = "agile"\n'
         (f'{HEAD}[settings]\n"481" = 5', "line 6: settings: 481 cannot be 5; write a table in braces"),
         (
             f'{HEAD}[settings]\n\n"481" = {{ valeu = 5 }}',
-            "line 7: 481: unknown key 'valeu'; did you mean 'value'?",
+            "481: unknown key 'valeu'; did you mean 'value'?",
         ),
         (f'{HEAD}[settings]\n"481" = {{ name = "x" }}', "line 6: settings, 481: the key 'value' is missing"),
         (f'{HEAD}[settings]\n"481" = {{ value = true }}', "line 6: settings, 481: value cannot be True"),

@@ -14,7 +14,7 @@ from drivecomm.cli.output import complain, emit, plain, say
 from drivecomm.cli.parameter_sets.drive_of_set import Communication, SetModel, drive_of_set
 from drivecomm.cli.progress import progress_bar
 from drivecomm.commissioning.parameter_sets import (
-    Wishes,
+    RestoreOptions,
     carry_out_plan,
     found_journal,
     journal_path,
@@ -63,12 +63,12 @@ def restore(
     journal = None
     if not dry_run:
         journal = (found_journal if resume else new_journal)(at, known, str(name))
-    wishes = Wishes(
+    options = RestoreOptions(
         only=frozenset(only or []), communication=communication, another_drive=another_drive, volatile=volatile
     )
     with drive_of_set(line, drive, model, known) as one:
         with progress_bar("reading", shown=not line.json) as progress:
-            plan = plan_restore(one, known, wishes, progress=progress)
+            plan = plan_restore(one, known, options, progress=progress)
         if journal is None:
             _show_plan(plan, name, as_json=line.json)
             return INCOMPLETE if plan.missed else 0
