@@ -14,12 +14,12 @@ from drivecomm.cli.options import Drive, Model
 
 def call(
     drive: Drive,
-    verb: Annotated[str, typer.Argument(help="A verb that only this protocol has; a wrong one lists them.")],
+    verb: Annotated[str, typer.Argument(help="A function of this protocol; an unknown name lists them all.")],
     line: LineOptions,
     arguments: Annotated[list[str] | None, typer.Argument(metavar="NAME=VALUE...")] = None,
     model: Model = None,
 ) -> int:
-    """Carry out a verb that only this protocol has, such as jog or set_up."""
+    """Call a function that only this protocol has, such as jog."""
     with line.drive(drive, model) as (one, name):
         result = one.call(verb, **parse_settings(arguments or []))
         done(name, line, verb, result=result)

@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 
 
 def decode(
-    data: Annotated[list[str], typer.Argument(help="The telegram in hexadecimal, in any spacing.")],
-    protocol: Annotated[str | None, typer.Option("--protocol", help="All installed ones if absent.")] = None,
+    data: Annotated[list[str], typer.Argument(help="The telegram in hexadecimal, with any spacing.")],
+    protocol: Annotated[str | None, typer.Option("--protocol", help="Default: all installed ones.")] = None,
     direction: Annotated[
-        Literal["request", "reply"] | None, typer.Option("--direction", "-d", help="Both if absent.")
+        Literal["request", "reply"] | None, typer.Option("--direction", "-d", help="Default: both.")
     ] = None,
     option: ProtocolOption = None,
     json: Json = False,
 ) -> int:
-    """Decode one telegram. Without a protocol, say which installed ones it fits."""
+    """Decode one telegram. Without --protocol, find the installed protocols that it fits."""
     content = _bytes(data)
     names = [protocol] if protocol else [plugin.name for plugin in installed.working()]
     ways: list[Direction] = [direction] if direction else ["request", "reply"]
@@ -47,7 +47,7 @@ def decode(
             emit(protocol=name, direction=way, valid=False, category=error.category, reason=str(error))
         else:
             say(f"{name} {way}: refused ({error.category}): {error}")
-    sys.stderr.write("drivecomm: these bytes are no telegram of the protocols asked\n")
+    sys.stderr.write("drivecomm: these bytes are not a telegram of the protocols tried\n")
     return TelegramError.exit_code
 
 

@@ -35,19 +35,19 @@ def doctor(
         str | None,
         typer.Argument(
             metavar="[PORT]",
-            help="The port (--port does as well), or a line of the plant by its name. If absent: each of them.",
+            help="Port (or use --port), or name of a line in the plant file. Default: all lines of the plant.",
         ),
     ] = None,
     protocol: OnlyProtocols = None,
     addresses: Addresses = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Addresses 1 to 4 only, fewer questions, no other baud rates.")
+        bool, typer.Option("--quick", help="Only addresses 1 to 4, fewer requests, no other baud rates.")
     ] = False,
 ) -> int:
-    """Examine a port and its line: adapter, noise, echo, who answers, how fast; with a remedy for what is wrong.
+    """Examine a port and its line: adapter, noise, echo, drives, reply times; with a remedy for each problem.
 
-    The drives that the plant has on the line are asked at their own settings; others at the usual ones. Sends only what
-    cannot move a motor. Exit code 1 when there is a problem.
+    Drives of the plant are asked at their own settings, others at the usual ones. Sends only what cannot move a motor.
+    Exit code 1 when there is a problem.
     """
     if name is not None and line.port != name:
         line.refuse(f"{name} is the port", "port")

@@ -133,7 +133,7 @@ def placed(text: str, asked: Asked) -> PlantPlace | None:
         )
     reason = drive.why_read_only(known.file)
     if asked.arm and not reason:
-        raise UsageError(f"{drive.name} is armed in {known.file}, so that --arm has no effect; leave it out")
+        raise UsageError(f"{drive.name} is armed in {known.file}, so --arm has no effect; leave it out")
     refusal = {"read_only": f"{reason}, or give --arm for this once"} if reason and not asked.arm else {}
     options = {**drive.options, **refusal}
     name = DriveName(protocol=drive.protocol, address=drive.address, options=options, name=drive.name, line=drive.line)

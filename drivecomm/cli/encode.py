@@ -49,7 +49,7 @@ def _encoded(
 def _pair(text: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not equals:
-        raise UsageError(f"{text!r} is no field; write name=value")
+        raise UsageError(f"{text!r} is not a field; write name=value")
     return name, value
 
 

@@ -67,30 +67,28 @@ class LineOptions:
     bytesize: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="Data bits, 7 or 8.")] = None
     parity: Annotated[str | None, typer.Option(rich_help_panel=_LINE, help="N, E, O, M or S.")] = None
     stopbits: Annotated[float | None, typer.Option(rich_help_panel=_LINE, help="1, 1.5 or 2.")] = None
-    timeout: Annotated[float | None, typer.Option(rich_help_panel=_LINE, help="Reply time in seconds.")] = None
-    attempts: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="How often to ask at most.")] = None
+    timeout: Annotated[float | None, typer.Option(rich_help_panel=_LINE, help="Seconds to wait for a reply.")] = None
+    attempts: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="Attempts per request at most.")] = None
     echo: Annotated[
         Echo,
         typer.Option(
             rich_help_panel=_LINE,
-            help="Whether the adapter hands back what it sends; --echo alone is expect, auto sees by itself.",
+            help="Whether the adapter echoes what it sends; --echo alone is expect, auto detects it.",
         ),
     ] = "off"
     rs485: Annotated[
-        bool, typer.Option("--rs485", rich_help_panel=_LINE, help="The port's driver switches the transmitter.")
+        bool, typer.Option("--rs485", rich_help_panel=_LINE, help="Let the port's driver switch the transmitter.")
     ] = False
     low_latency: Annotated[
         bool | None,
-        typer.Option(rich_help_panel=_LINE, help="A USB adapter hands bytes over at once; where it can, if absent."),
+        typer.Option(rich_help_panel=_LINE, help="Let a USB adapter deliver bytes at once; by default where it can."),
     ] = None
     trace: Annotated[
         bool, typer.Option("--trace", rich_help_panel=_LINE, help="Show every telegram, decoded, with its time.")
     ] = False
     record: Annotated[
         Path | None,
-        typer.Option(
-            "--record", rich_help_panel=_LINE, help="A file for every byte sent and received: .jsonl or .pcapng."
-        ),
+        typer.Option("--record", rich_help_panel=_LINE, help="Record every byte sent and received: .jsonl or .pcapng."),
     ] = None
     plant: Annotated[
         Path | None,
@@ -98,11 +96,11 @@ class LineOptions:
             "--plant",
             metavar="FILE",
             rich_help_panel=_PLANT,
-            help="Plant file in which drives have names; also $DRIVECOMM_PLANT, or plant.toml here, without --port.",
+            help="Plant file that names the drives. Default without --port: $DRIVECOMM_PLANT or plant.toml here.",
         ),
     ] = None
     arm: Annotated[
-        bool, typer.Option("--arm", rich_help_panel=_PLANT, help="Command a drive that the plant does not arm.")
+        bool, typer.Option("--arm", rich_help_panel=_PLANT, help="Command a drive that is not armed in the plant file.")
     ] = False
     json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False
     given: frozenset[str] = frozenset()
@@ -148,7 +146,7 @@ class LineOptions:
         """Raise UsageError if one of these options is written on the command line, which has no effect on this call."""
         for name in names or tuple(field.name for field in fields(self) if field.name != "json"):
             if name in self.given:
-                raise UsageError(f"{why}, so that --{name.replace('_', '-')} has no effect; leave it out")
+                raise UsageError(f"{why}, so --{name.replace('_', '-')} has no effect; leave it out")
 
     def must_be_armed(self) -> None:
         """Raise UsageError if the plant keeps a drive at this port read-only, and --arm is not given.

@@ -55,7 +55,7 @@ def given_plan(words: list[str], plan_file: Path | None, line: LineOptions, *, p
         else:
             plan = parse_plan(words, period_s=1.0 if period_s is None else period_s, known=there)
     if period_s is not None and not words:
-        raise UsageError("the plan says how often each is read, so that --period has no effect; leave it out")
+        raise UsageError("the plan says how often each is read, so --period has no effect; leave it out")
     if all(drive.port for drive in plan.drives):
         line.refuse("the plan names the ports of all its drives", "port")
     placed = {

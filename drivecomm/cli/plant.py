@@ -11,6 +11,7 @@ from drivecomm.cli.options import Json
 from drivecomm.cli.output import emit, say
 from drivecomm.errors import UsageError
 from drivecomm.tomlfile import read_text_file
+from drivecomm.virtual import PlantControl
 
 _Control = Annotated[
     str,
@@ -112,9 +113,6 @@ def _state_line(state: dict[str, Any]) -> str:
 def _order(control: str, order: str, **fields: Any) -> dict[str, Any]:
     if not control:
         raise UsageError("no control socket named; write --control with the place that drivecomm simulate printed")
-    # Sockets and plants are loaded only where one is steered.
-    from drivecomm.virtual import PlantControl  # noqa: PLC0415
-
     with PlantControl(control) as connection:
         return connection.order(order, **fields)
 

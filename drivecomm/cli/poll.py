@@ -28,7 +28,7 @@ def poll(
     words: Words = None,
     plan: PlanFile = None,
     period: Period = None,
-    duration: Annotated[float | None, typer.Option("--for", metavar="SECONDS", help="End after this time.")] = None,
+    duration: Annotated[float | None, typer.Option("--for", metavar="SECONDS", help="Stop after this time.")] = None,
     cycles: Annotated[int | None, typer.Option("--cycles", help="End when all were asked so often.")] = None,
     log: Log = None,
 ) -> int:

@@ -15,13 +15,13 @@ from drivecomm.errors import DriveCommError, LinkError
 
 def read(
     drive: Drive,
-    parameters: Annotated[list[str], typer.Argument(metavar="PARAM...", help="Addresses or names of the model.")],
+    parameters: Annotated[list[str], typer.Argument(metavar="PARAM...", help="Addresses, or names from the model.")],
     line: LineOptions,
     model: Model = None,
     type: Type = None,
     option: VerbOption = None,
 ) -> int:
-    """Read parameters. A parameter that cannot be read does not keep the others from being read."""
+    """Read parameters. If one cannot be read, the others still are."""
     options = verb_options(type, option)
     code = 0
     reached, name = line.reaching(drive)

@@ -16,12 +16,12 @@ def reference(
     drive: Drive,
     line: LineOptions,
     value: Annotated[str | None, typer.Argument(metavar="[VALUE]", help="With its unit: 50%, 25Hz or 1450rpm.")] = None,
-    percent: Annotated[str | None, typer.Option(help="Share of the reference range.")] = None,
-    hz: Annotated[str | None, typer.Option(help="Output frequency.")] = None,
-    rpm: Annotated[str | None, typer.Option(help="Speed, by the motor's name plate in the drive.")] = None,
+    percent: Annotated[str | None, typer.Option(help="Percent of the reference range.")] = None,
+    hz: Annotated[str | None, typer.Option(help="Output frequency in hertz.")] = None,
+    rpm: Annotated[str | None, typer.Option(help="Speed, from the motor data in the drive.")] = None,
     model: Model = None,
 ) -> int:
-    """Set the reference; never stored."""
+    """Set the reference; it is never stored."""
     if value is not None:
         for flag, said in (("percent", percent), ("hz", hz), ("rpm", rpm)):
             if said is not None:

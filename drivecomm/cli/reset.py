@@ -8,7 +8,7 @@ from drivecomm.cli.options import Drive, Model
 
 
 def reset(drive: Drive, line: LineOptions, model: Model = None) -> int:
-    """Acknowledge a fault; the motor does not start by it."""
+    """Acknowledge a fault; this does not start the motor."""
     with line.drive(drive, model) as (one, name):
         one.reset()
         done(name, line, "reset")

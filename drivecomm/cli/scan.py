@@ -13,7 +13,9 @@ from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Addresses, OnlyProtocols, addresses_of
 from drivecomm.cli.output import emit, say
 from drivecomm.cli.progress import progress_bar
+from drivecomm.commissioning import forecast_scan
 from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.plant import found_text, there_already, write_new, write_over
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,7 +30,7 @@ def scan(
     line: LineOptions,
     protocol: OnlyProtocols = None,
     addresses: Addresses = None,
-    wide: Annotated[bool, typer.Option("--wide", help="Try other line settings, too, the likely first.")] = False,
+    wide: Annotated[bool, typer.Option("--wide", help="Also try other line settings, the likely ones first.")] = False,
     baudrate: Annotated[
         str | None, typer.Option(rich_help_panel=_LINE, help="Bits per second; several to try: 9600,19200.")
     ] = None,
@@ -38,15 +40,14 @@ def scan(
     ] = None,
     stopbits: Annotated[str | None, typer.Option(rich_help_panel=_LINE, help="1, 1.5 or 2; or 1,2.")] = None,
     write: Annotated[
-        Path | None, typer.Option("--write", metavar="FILE", help="Write what is found into a plant file.")
+        Path | None, typer.Option("--write", metavar="FILE", help="Write the drives found to a plant file.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite a plant file that is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing plant file.")] = False,
 ) -> int:
-    """Find the drives on a line, with telegrams that cannot move a motor. Exit code 1 when there are none.
+    """Find the drives on a line with telegrams that cannot move a motor. Exit code 1 when there are none.
 
-    A plain scan asks each protocol's drives at the line settings that they usually have. With --wide, or with several
-    values for a setting, others are tried, too; that takes long, so it says first how long, and Ctrl-C keeps what was
-    found.
+    A plain scan asks each protocol's drives at their usual line settings. With --wide, or with several values for a
+    setting, it tries others too; that takes long, so it first says how long, and Ctrl-C keeps what was found.
     """
     given = LineChoices(
         baudrates=tuple(_number(text, "baud rate") for text in _parts(baudrate)),
@@ -63,8 +64,6 @@ def scan(
     if not scan_plan(protocol or None, wanted):
         raise UsageError(f"no drive of these protocols can have the address {addresses}; see drivecomm protocols")
     if write is not None and not force and write.exists():
-        from drivecomm.plant import there_already  # noqa: PLC0415 - loaded by those who write a plant
-
         # Said before the line is asked for minutes.
         raise UsageError(there_already(write))
     asked: dict[str, Any] = {"only": protocol or None, "addresses": wanted, **_settings(given, several=several)}
@@ -74,8 +73,6 @@ def scan(
             "and lists of settings out"
         )
     if several:
-        from drivecomm.commissioning import forecast_scan  # noqa: PLC0415 - a plain scan says nothing before
-
         _foretell(forecast_scan(**{**line.facts, **asked}), as_json=line.json)
     found: list[Found] = []
     try:
@@ -91,8 +88,6 @@ def scan(
 
 def _tell(found: list[Found], line: LineOptions, write: Path | None, *, force: bool) -> None:
     if write is not None and found:
-        from drivecomm.plant import found_text, write_new, write_over  # noqa: PLC0415 - as above
-
         text = found_text(found, port=line.named_port, echo=line.echo == "expect")
         (write_over if force else write_new)(write, text)
     if not line.json:

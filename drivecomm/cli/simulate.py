@@ -24,24 +24,24 @@ def simulate(
     ] = None,
     drive: Annotated[
         list[str] | None,
-        typer.Option("--drive", "-d", metavar="DRIVE", help="PROTOCOL:ADDRESS[,model=...]; repeat it for more."),
+        typer.Option("--drive", "-d", metavar="DRIVE", help="PROTOCOL:ADDRESS[,model=...]; repeatable."),
     ] = None,
     listen: Annotated[str, typer.Option("--listen", "-l", help="pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT.")] = "",
-    echo: Annotated[bool, typer.Option("--echo", help="Hand back what the master sends, as some adapters do.")] = False,
-    paced: Annotated[bool, typer.Option("--paced", help="Characters take their time on the line.")] = False,
+    echo: Annotated[bool, typer.Option("--echo", help="Echo what the master sends, as some adapters do.")] = False,
+    paced: Annotated[bool, typer.Option("--paced", help="Characters take as long as on a real line.")] = False,
     speed: Annotated[
-        float, typer.Option("--speed", metavar="N", help="Motors and faults go N times as fast; the lines do not.")
+        float, typer.Option("--speed", metavar="N", help="Run motors and faults N times as fast, but not the lines.")
     ] = 1.0,
     control: Annotated[
         str,
-        typer.Option("--control", metavar="PLACE", help="HOST:PORT or unix:PATH for drivecomm plant."),
+        typer.Option("--control", metavar="PLACE", help="Control socket for drivecomm plant: HOST:PORT or unix:PATH."),
     ] = "",
     json: Json = False,
 ) -> int:
-    """Serve virtual drives until Ctrl-C or SIGTERM. A master connects to them as to a real line.
+    """Serve virtual drives until Ctrl-C or SIGTERM; a master connects to them as to a real line.
 
-    Either a plant file, or one line with --drive and --listen. A plant file has a control socket in any case, at a
-    free port of this machine unless --control says where.
+    Give a plant file, or one line with --drive and --listen. A plant file always has a control socket, at a free port
+    of this machine unless --control says where.
     """
     if plant is None:
         server = _server_of_drives(drive or [], listen, echo=echo, paced=paced, speed=speed, control=control)
@@ -62,7 +62,7 @@ def _server_of_drives(
 ) -> PlantServer:
     """Return the server of one line with these drives. Raises UsageError."""
     if not drives or not listen:
-        raise UsageError("nothing to simulate; name a plant file, or at least one --drive and a place to --listen at")
+        raise UsageError("nothing to simulate; name a plant file, or at least one --drive and --listen")
     names = [parse_drive(text) for text in drives]
     plant = Plant(
         lines=(PlantLine(name="line", listen=listen, echo=echo, paced=paced),),

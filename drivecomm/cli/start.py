@@ -34,21 +34,22 @@ def start(
         typer.Option(
             "--link-loss",
             metavar="POLICY",
-            help="If this line falls silent: hold, ramp, coast or trip; the plant's if absent.",
+            help="If communication is lost: hold, ramp, coast or trip. Default: as in the plant file.",
         ),
     ] = None,
     watchdog: Annotated[
-        str | None, typer.Option("--watchdog", metavar="SECONDS", help="How long the drive's own watchdog waits; 5.")
+        str | None,
+        typer.Option("--watchdog", metavar="SECONDS", help="Timeout of the drive's watchdog. Default: 5."),
     ] = None,
-    reverse: Annotated[bool, typer.Option("--reverse", help="Backwards.")] = False,
+    reverse: Annotated[bool, typer.Option("--reverse", help="Run in reverse.")] = False,
     percent: Annotated[str | None, typer.Option(help="Set the reference first, in percent.")] = None,
     hz: Annotated[str | None, typer.Option(help="Set the reference first, in hertz.")] = None,
     model: Model = None,
 ) -> int:
-    """Start the motor; --link-loss says what it does when nobody speaks to it any more.
+    """Start the motor; --link-loss says what it does when communication is lost.
 
-    With hold it goes on, and the command ends. Otherwise the drive's own watchdog is set first, and the command stays
-    and feeds it until Ctrl-C, which stops the motor. Exit code 5 when the drive has a fault meanwhile.
+    With hold it keeps running, and the command ends. Otherwise the command sets the drive's own watchdog first, then
+    stays and feeds it until Ctrl-C, which stops the motor. Exit code 5 when the drive has a fault meanwhile.
     """
     said = line.link_loss_of(drive)
     with line.drive(drive, model) as (one, name):
@@ -74,7 +75,7 @@ def start(
                 one, name, run, policy, watchdog or usual_s, port=line.reaching(drive)[0].named_port, as_json=line.json
             )
         if watchdog is not None:
-            raise UsageError("hold is without a watchdog; leave --watchdog out, or choose another policy")
+            raise UsageError("hold uses no watchdog; leave --watchdog out, or choose another policy")
         _start_and_leave(one, name, run, as_json=line.json)
     return 0
 
@@ -91,7 +92,7 @@ def _chosen_policy(drive: bus.Drive, text: str | None) -> LinkLoss:
             return found
     question = near(text, get_args(LinkLoss))
     known = f"{question} Write" if question else "write"
-    raise UsageError(f"{text!r} is nothing that a motor does when a line falls silent; {known} {_choice(drive)}")
+    raise UsageError(f"{text!r} is not a policy; {known} {_choice(drive)}")
 
 
 def _start_and_leave(drive: bus.Drive, name: DriveName, start: Callable[[], None], *, as_json: bool) -> None:
@@ -115,7 +116,7 @@ def _start_and_leave(drive: bus.Drive, name: DriveName, start: Callable[[], None
         say(f"{name.name}  started, and goes on without this program")
         if kept.watchdog is None:
             why = "no model is named" if drive.model is None else f"the model {drive.model.name} knows no watchdog"
-            say(f"  its own watchdog was not looked at, because {why}; {drive.capabilities.link_loss}")
+            say(f"  its own watchdog was not checked, because {why}; {drive.capabilities.link_loss}")
 
 
 def _stop_again(drive: bus.Drive, name: DriveName, *, as_json: bool) -> None:

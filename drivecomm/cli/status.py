@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 from functools import partial
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated
@@ -34,11 +35,11 @@ def status(
     line: LineOptions,
     drive: Annotated[
         str | None,
-        typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS or a name of the plant. If absent: the whole plant."),
+        typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS or a name from the plant file. Default: all drives."),
     ] = None,
     model: Model = None,
 ) -> int:
-    """Show how a drive is, or all drives of the plant; commands nothing.
+    """Show the state of a drive, or of all drives of the plant; commands nothing.
 
     Exit code 5 when a drive has a fault, 4 when one does not answer.
     """
@@ -176,8 +177,6 @@ def _reference(reading: Reading | None) -> str:
 
 def _explain(report: DriveReport, width: int, tell: Callable[[str, str], None]) -> None:
     """Tell below a drive's row what is wrong with it."""
-    from textwrap import wrap  # noqa: PLC0415 - only where something is wrong
-
     if report.error is not None:
         words, style = sentence(report.error), "dim"
     elif report.status is not None and report.status.fault:
@@ -187,7 +186,7 @@ def _explain(report: DriveReport, width: int, tell: Callable[[str, str], None]) 
         words, style = "a warning is active", "yellow"
     else:
         return
-    for text in wrap(words, max(20, width - 4), break_long_words=False, break_on_hyphens=False):
+    for text in textwrap.wrap(words, max(20, width - 4), break_long_words=False, break_on_hyphens=False):
         tell(f"    {text}", style)
 
 

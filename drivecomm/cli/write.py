@@ -14,18 +14,18 @@ from drivecomm.cli.output import emit, say
 
 def write(
     drive: Drive,
-    parameter: Annotated[str, typer.Argument(metavar="PARAM", help="Address or name of the model.")],
-    value: Annotated[str, typer.Argument(help="Physical where the model knows the scale.")],
+    parameter: Annotated[str, typer.Argument(metavar="PARAM", help="Address, or name from the model.")],
+    value: Annotated[str, typer.Argument(help="In physical units where the model has the scale.")],
     line: LineOptions,
-    store: Annotated[bool, typer.Option("--store", help="Keep it over power-off (EEPROM).")] = False,
+    store: Annotated[bool, typer.Option("--store", help="Store it in EEPROM, so that it survives power-off.")] = False,
     read_back: Annotated[
-        bool, typer.Option("--read-back", help="Read it afterwards; exit code 5 when the drive holds something else.")
+        bool, typer.Option("--read-back", help="Read it back; exit code 5 when the drive holds another value.")
     ] = False,
     model: Model = None,
     type: Type = None,
     option: VerbOption = None,
 ) -> int:
-    """Write a parameter; into RAM unless --store is given, where the protocol makes the difference."""
+    """Write a parameter: to RAM, or with --store to EEPROM, where the protocol distinguishes them."""
     with line.drive(drive, model) as (one, name):
         write = one.write_and_read if read_back else one.write
         reading = write(parameter, value, store=store, **verb_options(type, option))

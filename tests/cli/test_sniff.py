@@ -67,7 +67,7 @@ class Played:
 @pytest.fixture
 def at_port(monkeypatch):
     def play(port):
-        monkeypatch.setattr(command, "opened", lambda *_: port)
+        monkeypatch.setattr(command, "listening_port", lambda *_: port)
         return port
 
     return play

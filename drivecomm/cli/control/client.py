@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.cli.control.sockets import connect, socket_file
@@ -121,8 +122,6 @@ def _asked(
 
 def _plain(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return options as they can be written down; a model's file is found from anywhere."""
-    from pathlib import Path  # noqa: PLC0415 - only where a port is held
-
     model = options.get("model")
     if model is None:
         return dict(options)

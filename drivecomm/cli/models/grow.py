@@ -28,32 +28,32 @@ _MOST_SHOWN = 10
 def grow(
     drive: Annotated[str, typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS, such as danfoss-fc:3.")],
     line: LineOptions,
-    write: Annotated[Path, typer.Option("--write", "-w", metavar="FILE", help="The model file to make.")],
+    write: Annotated[Path, typer.Option("--write", "-w", metavar="FILE", help="The model file to write.")],
     parameters: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="[PARAM or FIRST..LAST]...",
-            help="Such as 3-41 or 16-10..16-18. If absent: all that its model knows, or the protocol's own.",
+            help="Such as 3-41 or 16-10..16-18. Default: all of its model, or of the protocol's usual one.",
         ),
     ] = None,
     model: Annotated[
-        str | None, typer.Option("--model", "-m", help="What the drive is taken for; common names come from there.")
+        str | None, typer.Option("--model", "-m", help="The model to start from; common names come from there.")
     ] = None,
     option: Annotated[
         list[str] | None,
         typer.Option("--option", "-o", metavar="NAME=VALUE", help="Option of this protocol's describe."),
     ] = None,
 ) -> int:
-    """Write a model file of what a drive tells of its own parameters: names, types, units, scales, limits, texts.
+    """Write a model file from what a drive reports of its parameters: names, types, units, scales, limits, texts.
 
-    Only for protocols whose drives tell it. Nothing in the drive is changed. Exit code 5 when it told nothing.
+    Only for protocols whose drives report it. Changes nothing in the drive. Exit code 5 when it reports nothing.
     """
     if write.suffix != ".toml":
         raise UsageError(f"a model file ends in .toml; write --write {write.with_suffix('.toml')}")
     if write.exists():
-        raise UsageError(f"{write} is there already; name another file, or remove it")
+        raise UsageError(f"{write} already exists; name another file, or remove it")
     if not write.parent.is_dir():
-        raise UsageError(f"there is no folder {write.parent} for the model; make it first")
+        raise UsageError(f"there is no folder {write.parent} for the model; create it first")
     reached, name = line.reaching(drive)
     with reached.bus() as bus:
         chosen = {**name.options, **({"model": model} if model else {})}

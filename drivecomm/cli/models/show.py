@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Model, ParameterInfo, Protocol
 
-_Protocol = Annotated[str | None, typer.Option("--protocol", help="Where several protocols have a model so named.")]
+_Protocol = Annotated[str | None, typer.Option("--protocol", help="If several protocols have a model of that name.")]
 
 
 def list_models(
-    protocol: Annotated[str | None, typer.Argument(metavar="[PROTOCOL]", help="All installed ones if absent.")] = None,
+    protocol: Annotated[str | None, typer.Argument(metavar="[PROTOCOL]", help="Default: all installed ones.")] = None,
     json: Json = False,
 ) -> int:
     """List the models by protocol: name, title, number of parameters, and where each comes from."""
@@ -58,12 +58,12 @@ def list_models(
 
 
 def show(
-    model: Annotated[str, typer.Argument(metavar="MODEL", help="Its name, PROTOCOL/NAME, or a .toml file.")],
+    model: Annotated[str, typer.Argument(metavar="MODEL", help="NAME, PROTOCOL/NAME, or a .toml file.")],
     parameters: Annotated[
-        list[str] | None, typer.Argument(metavar="[PARAM...]", help="Only these, with all that is known of them.")
+        list[str] | None, typer.Argument(metavar="[PARAM...]", help="Only these, in full detail.")
     ] = None,
     protocol: _Protocol = None,
-    common: Annotated[bool, typer.Option("--quantities", help="Only the common names that it has.")] = False,
+    common: Annotated[bool, typer.Option("--quantities", help="Only its common names.")] = False,
     json: Json = False,
 ) -> int:
     """Show what is known of a drive series: its parameters, common names, watchdog, and how sure each fact is."""
@@ -85,11 +85,11 @@ def show(
 
 def check(
     files: Annotated[
-        list[Path] | None, typer.Argument(metavar="[FILE...]", help="All that drivecomm finds by name if absent.")
+        list[Path] | None, typer.Argument(metavar="[FILE...]", help="Default: all that drivecomm finds by name.")
     ] = None,
     json: Json = False,
 ) -> int:
-    """Say all that is wrong in model files, a line for each. Exit code 2 when anything is."""
+    """Check model files and list everything that is wrong. Exit code 2 when anything is."""
     paths = files or [path for plugin in installed.working() for path in _paths(plugin)]
     wrong = 0
     for path in paths:

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 def backup(
     drive: Drive,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="TOML, such as pump.toml; an older one is replaced.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="TOML file; an existing one is replaced.")],
     line: LineOptions,
     model: Model = None,
-    everything: Annotated[bool, typer.Option("--all", help="Measured values, too; they are never restored.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Also measured values, which are never restored.")] = False,
 ) -> int:
-    """Write the parameters of a drive into a file. What the drive does not tell is listed in it."""
+    """Save the parameters of a drive to a file. What cannot be read is listed in it."""
     _, name = line.reaching(drive)
     must_be_free(file, str(name))
     parts: list[Part] = ["settings", "communication", *(["measured"] if everything else [])]  # type: ignore[list-item]

@@ -23,16 +23,16 @@ FACTORY = "factory"
 
 
 def compare(
-    left: Annotated[str, typer.Argument(metavar="A", help="A drive, PROTOCOL:ADDRESS, or a parameter set's file.")],
-    right: Annotated[str, typer.Argument(metavar="B", help="As A, or factory: what the drive says of itself.")],
+    left: Annotated[str, typer.Argument(metavar="A", help="A drive, PROTOCOL:ADDRESS, or a file written by backup.")],
+    right: Annotated[str, typer.Argument(metavar="B", help="As A, or factory: the drive's own default values.")],
     line: LineOptions,
     model: SetModel = None,
     communication: Communication = False,
-    everything: Annotated[bool, typer.Option("--all", help="Everything, measured values too.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Everything, including measured values.")] = False,
 ) -> int:
-    """Tell in which parameters two drives or files differ. Exit code 1 when they do.
+    """List the parameters in which two drives or files differ. Exit code 1 when they do.
 
-    What one of them merely lacks is listed and counted apart, and is no difference.
+    What one of them lacks is listed and counted separately, and is not a difference.
     """
     parts: list[Part] = ["settings"]
     if communication or everything:
@@ -40,11 +40,11 @@ def compare(
     if everything:
         parts.append("measured")
     if FACTORY in (left, right) and (left == right or _file(left) or _file(right)):
-        raise UsageError("factory stands for what a drive says of itself; compare a drive with it")
+        raise UsageError("factory means the default values that a drive reports; compare a drive with it")
     if _file(left) and _file(right):
         line.refuse("both are files, so no drive is asked")
         if model is not None:
-            raise UsageError("both are files, which say their models, so that --model has no effect; leave it out")
+            raise UsageError("both are files, which say their models, so --model has no effect; leave it out")
     files = {word: read_set(path) for word in (left, right) if (path := _file(word))}
     read = _Operands(files, model, parts, line)
     ours, theirs = read(left, right), read(right, left)

@@ -36,27 +36,27 @@ INCOMPLETE = 1
 
 def restore(
     drive: Drive,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="What backup wrote.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A file written by backup.")],
     line: LineOptions,
     model: SetModel = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only tell what would be written.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would be written.")] = False,
     only: Annotated[
-        list[str] | None, typer.Option("--only", metavar="PARAM", help="Only this parameter; repeat it for more.")
+        list[str] | None, typer.Option("--only", metavar="PARAM", help="Only this parameter; repeatable.")
     ] = None,
     communication: Communication = False,
     another_drive: Annotated[
-        bool, typer.Option("--another-drive", help="The set is of another drive, model or maker, and that is meant.")
+        bool, typer.Option("--another-drive", help="Accept a set from another drive, model or maker.")
     ] = False,
-    volatile: Annotated[bool, typer.Option("--volatile", help="Into RAM; without, it is kept over power-off.")] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with a restore that was cut off.")] = False,
+    volatile: Annotated[bool, typer.Option("--volatile", help="Write to RAM instead of EEPROM.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted restore.")] = False,
 ) -> int:
-    """Give a drive the parameters of a file, each read back; whatever is equal already is not written.
+    """Write the parameters in a file to a drive and read each back; equal values are not written.
 
-    Exit code 5 when the drive refuses some, 1 when some of its own settings cannot be restored; 2 when nothing can be
-    written, to a read-only drive for example.
+    Exit code 5 when the drive refuses some, 1 when some of its own settings cannot be restored, 2 when nothing can be
+    written, for example to a read-only drive.
     """
     if resume and dry_run:
-        raise UsageError("--dry-run writes nothing, so that --resume has no effect; leave one of them out")
+        raise UsageError("--dry-run writes nothing, so --resume has no effect; leave one of them out")
     known = read_set(file)
     _, name = line.reaching(drive)
     at = journal_path(file, str(name))
