@@ -32,13 +32,19 @@ class StopRequest:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StopAnswer:
-    """What became of one of them. drive: its name, empty for a broadcast."""
+class StopResult:
+    """What became of a stop: of a drive by its name, or where that is empty of a broadcast.
 
+    how: other than asked for where that is not possible. error: why a drive has not confirmed, or a broadcast was not
+    sent. line: its name in the plant. without: what was left out, because it was invalid.
+    """
+
+    line: str = ""
     drive: str = ""
     protocol: str = ""
     how: Stop
-    error: DriveCommError | None
+    error: Exception | None = None
+    without: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +61,7 @@ class Holder:
 def stop_by_holder(
     port: str | None,
     request: StopRequest,
-    tell: Callable[[StopAnswer], None],
+    tell: Callable[[StopResult], None],
     opening: Mapping[str, Any] | None = None,
 ) -> Holder | None:
     """Have drives stopped by the `start` that holds this port; None, and nothing done, when there is none.
@@ -92,7 +98,7 @@ def _hangs(port: str, pid: int | None, error: Exception) -> PortError:
 
 
 def _asked(
-    connection: Connection, request: StopRequest, tell: Callable[[StopAnswer], None], opening: Mapping[str, Any]
+    connection: Connection, request: StopRequest, tell: Callable[[StopResult], None], opening: Mapping[str, Any]
 ) -> Holder:
     greeting = connection.read(_GREETING_S)
     name = f"drivecomm start {greeting['drive']} (pid {greeting['pid']})"
@@ -111,7 +117,7 @@ def _asked(
                 raise ValueError(answer["error"])
             return Holder(name=name, ended=bool(answer["ended"]))
         tell(
-            StopAnswer(
+            StopResult(
                 drive=str(answer.get("drive", "")),
                 protocol=str(answer.get("protocol", "")),
                 how=Stop(answer["how"]),

@@ -16,7 +16,7 @@ from drivecomm.protocol import LINE_FACT_NAMES
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.cli.control.client import StopAnswer
+    from drivecomm.cli.control.client import StopResult
     from drivecomm.cli.line_options import LineOptions
     from drivecomm.protocol import Stop
 
@@ -126,7 +126,7 @@ def _by_its_address(line: LineOptions, text: str, error: FileFormatError) -> tup
 
 def _stopped_by_holder(line: LineOptions, reached: LineOptions, request: StopRequest) -> bool:
     """Have the `start` that holds the line stop; False when there is none."""
-    answers: list[StopAnswer] = []
+    answers: list[StopResult] = []
     holder = stop_by_holder(reached.named_port, request, answers.append, reached.opening)
     if holder is None:
         return False
