@@ -16,7 +16,9 @@ def call(
     drive: Drive,
     verb: Annotated[str, typer.Argument(help="A function of this protocol; an unknown name lists them all.")],
     line: LineOptions,
-    arguments: Annotated[list[str] | None, typer.Argument(metavar="NAME=VALUE...")] = None,
+    arguments: Annotated[
+        list[str] | None, typer.Argument(metavar="NAME=VALUE...", help="Its arguments, such as number=2.")
+    ] = None,
     model: Model = None,
 ) -> int:
     """Call a function that only this protocol has, such as jog."""

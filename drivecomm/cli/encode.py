@@ -18,7 +18,9 @@ def encode(
     fields: Annotated[
         list[str], typer.Argument(metavar="NAME=VALUE...", help="Fields as decode shows them, such as kind=enquiry.")
     ],
-    direction: Annotated[Literal["request", "reply"], typer.Option("--direction", "-d")] = "request",
+    direction: Annotated[
+        Literal["request", "reply"], typer.Option("--direction", "-d", help="To the drive, or from it.")
+    ] = "request",
     option: ProtocolOption = None,
     json: Json = False,
 ) -> int:

@@ -27,7 +27,7 @@ def wait(
     goals: dict[str, Goal] = {"at_reference": "at_reference", **{each.value: each for each in DriveState}}
     goal = goals.get(state.lower().replace("-", "_"))
     if goal is None:
-        raise UsageError(f"Unknown state {state!r}; {meant(state, goals, 'write one of')}")
+        raise UsageError(f"unknown state {state!r}; {meant(state, goals, 'write one of')}")
     with line.drive(drive, model) as (one, name):
         show_status(name, one.wait_for(goal, seconds), as_json=line.json)
     return 0

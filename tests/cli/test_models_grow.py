@@ -63,7 +63,7 @@ def test_a_protocol_that_cannot(grown, shell, tmp_path):
 
 def test_files_that_cannot_be_written_are_refused_before_anything_is_sent(grown, line, shell, tmp_path):
     (tmp_path / "there.toml").write_text("mine", encoding="utf-8")
-    bad = {"there.toml": "is there already", "model.txt": "ends in .toml", "no/where.toml": "there is no folder"}
+    bad = {"there.toml": "already exists", "model.txt": "ends in .toml", "no/where.toml": "there is no folder"}
     for file, words in bad.items():
         assert grown("danfoss-fc:3", "16-14", "--write", str(tmp_path / file)) == 2
         assert words in shell.err

@@ -187,7 +187,7 @@ def test_control_of_drives_that_are_named_as_options(simulated, run):
     ("arguments", "sentence"),
     [
         ([], "name a plant file"),
-        (["-d", "vabus:1"], "a place to --listen at"),
+        (["-d", "vabus:1"], "at least one --drive and --listen"),
         (["none.toml"], "none.toml: there is no such file"),
         (["PLANT", "-d", "vabus:1"], "leave these options out"),
         (["PLANT", "--echo"], "leave these options out"),
