@@ -156,7 +156,7 @@ def _parts(text: str | None) -> list[str]:
 
 def _number(text: str, what: str) -> int:
     if not (text.isascii() and text.isdigit()):
-        raise UsageError(f"{text!r} is no {what}; write a number, or several with commas between")
+        raise UsageError(f"{text!r} is not a {what}; write a number, or several with commas between")
     return int(text)
 
 
@@ -164,4 +164,4 @@ def _stop_bits(text: str) -> float:
     try:
         return float(text) if "." in text else int(text)
     except ValueError:
-        raise UsageError(f"{text!r} is no number of stop bits; write 1, 1.5 or 2") from None
+        raise UsageError(f"{text!r} is not a number of stop bits; write 1, 1.5 or 2") from None
