@@ -9,8 +9,9 @@ import typer
 
 from drivecomm.cli.drive_names import parse_settings
 from drivecomm.cli.options import Json, ProtocolOption
-from drivecomm.cli.output import emit, fields_text, say
+from drivecomm.cli.output import emit, say
 from drivecomm.errors import TelegramError, UsageError
+from drivecomm.link import fields_text
 from drivecomm.protocol import Direction, decode as decode_telegram, installed
 
 if TYPE_CHECKING:

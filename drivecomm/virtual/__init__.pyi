@@ -1,7 +1,7 @@
 from .control_door import _MOST_GUESTS as _MOST_GUESTS, LONGEST_ORDER as LONGEST_ORDER, parse_place as parse_place
 from .control_orders import answer_order as answer_order
 from .direct import carry_out as carry_out
-from .drive_setup import OfDrive as OfDrive
+from .drive_proxy import DriveProxy as DriveProxy
 from .drives import drive_type as drive_type, virtual_drive as virtual_drive
 from .forecast import Forecast as Forecast, forecast as forecast
 from .line import _MOST_AUDIBLE as _MOST_AUDIBLE, _ROOM as _ROOM, VirtualLine as VirtualLine

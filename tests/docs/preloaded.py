@@ -18,10 +18,10 @@ import drivecomm_fuji.plugin
 import drivecomm_vabus.plugin
 import drivecomm_vlt3500.plugin
 from drivecomm.cli import main
-from drivecomm.testing import judge
+from drivecomm.testing import run_conformance
 
-__all__ = ["asyncio", "drivecomm_danfoss_fc", "drivecomm_fuji", "drivecomm_vabus", "drivecomm_vlt3500", "judge"]
-__all__ += ["platformdirs", "serial"]
+__all__ = ["asyncio", "drivecomm_danfoss_fc", "drivecomm_fuji", "drivecomm_vabus", "drivecomm_vlt3500"]
+__all__ += ["platformdirs", "run_conformance", "serial"]
 
 # Every process that runs one command builds it once.
 typer.main.get_command = cache(typer.main.get_command)

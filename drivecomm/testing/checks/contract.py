@@ -23,10 +23,9 @@ from drivecomm.protocol import (
     installed,
     sort_out,
 )
-from drivecomm.testing.bench import bench, raise_all
-from drivecomm.testing.case import expect
-from drivecomm.testing.known_models import known_model
-from drivecomm.testing.report import CheckFailure
+from drivecomm.testing.bench import bench
+from drivecomm.testing.checking import CheckFailure, check, expect, raise_all
+from drivecomm.testing.subjects import known_model
 from drivecomm.testing.vectors import packaged_vectors
 
 if TYPE_CHECKING:
@@ -65,6 +64,7 @@ _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
 }
 
 
+@check("contract")
 def has_all_fields(plugin: Protocol) -> None:
     """Every field of the Protocol object has its type, texts say something, and what is to be called can be."""
     wrong = []
@@ -83,6 +83,7 @@ def has_all_fields(plugin: Protocol) -> None:
     expect(installed[plugin.name] is plugin, f"what is installed as {plugin.name} is another object")
 
 
+@check("contract")
 def has_addresses(plugin: Protocol) -> None:
     """There are addresses, a scan asks only these, and the broadcast address is none of them."""
     expect(len(plugin.addresses) > 0, "no drive has an address")
@@ -91,6 +92,7 @@ def has_addresses(plugin: Protocol) -> None:
     expect(plugin.broadcast_address not in plugin.addresses, "the broadcast address is that of a drive")
 
 
+@check("contract")
 def has_frozen_options(plugin: Protocol) -> None:
     """The options are a frozen, keyword-only dataclass that works without any, and share no name with a line fact."""
     kind = plugin.options
@@ -104,41 +106,7 @@ def has_frozen_options(plugin: Protocol) -> None:
         sort_out(plugin, known_model(plugin, name), {})
 
 
-def is_honest_about_blind_spots(plugin: Protocol) -> None:
-    """Where a blind spot is declared, a wrong bit does go unnoticed in some telegram; no more is excused than is so."""
-    declared: dict[tuple[str, int, int], bytes] = {}
-    confirmed: set[tuple[str, int, int]] = set()
-    codec = plugin.codec(plugin.options())
-    for vector in packaged_vectors(plugin).vectors:
-        if not vector.valid or vector.options:
-            continue
-        data, direction = vector.data, vector.direction
-        for place in plugin.blind_spots(data, direction):
-            key = (direction, len(data), place)
-            declared[key] = data
-            if key in confirmed:
-                continue
-            for bit in range(8):
-                flipped = data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :]
-                if _decodes(codec, flipped, direction):
-                    confirmed.add(key)
-                    break
-    raise_all(
-        [
-            f"byte {place} of a {direction} of {length} bytes is called blind, and every wrong bit in it is noticed"
-            for direction, length, place in sorted(set(declared) - confirmed)
-        ]
-    )
-
-
-def _decodes(codec: Any, data: bytes, direction: str) -> bool:
-    try:
-        codec.decode(data, direction)
-    except TelegramError:
-        return False
-    return True
-
-
+@check("contract")
 def operations_are_whole(plugin: Protocol) -> None:
     """Operations have all verbs, capabilities and one address for each parameter; further verbs say what they do."""
     options = plugin.options()
@@ -178,6 +146,7 @@ def _one_address_for_each_parameter(operations: Operations, model: Model) -> Non
     expect(len({*addresses}) == len(addresses), "two parameters of the model have one address")
 
 
+@check("contract")
 def virtual_drives_are_whole(plugin: Protocol) -> None:
     """A virtual drive has its address, settings, gap, motor and codec; what it holds can be looked at and set."""
     model = known_model(plugin, plugin.default_model)
@@ -209,6 +178,17 @@ def _pokes(drive: VirtualDrive, parameter: str) -> bool:
     return True
 
 
+@check("contract")
+def finds_its_examples(plugin: Protocol) -> None:
+    """The parameter addresses that show the forms of this protocol are parameter addresses."""
+    expect(plugin.parameter_examples, "there are no examples of parameter addresses")
+    operations = plugin.operations(plugin.addresses[0], plugin.options(), None)
+    for parameter in plugin.parameter_examples:
+        command = next(operations.read(parameter))
+        expect(isinstance(command, Ask), f"reading {parameter} begins with {command}, not with a question")
+
+
+@check("contract")
 def refuses_what_cannot_be(plugin: Protocol) -> None:
     """A wrong parameter, value or option is a UsageError before anything is sent."""
     with bench(plugin) as on:
@@ -234,17 +214,9 @@ def refuses_what_cannot_be(plugin: Protocol) -> None:
                 raise CheckFailure(f"{what} is not refused")
 
 
-def finds_its_examples(plugin: Protocol) -> None:
-    """The parameter addresses that show the forms of this protocol are parameter addresses."""
-    expect(plugin.parameter_examples, "there are no examples of parameter addresses")
-    operations = plugin.operations(plugin.addresses[0], plugin.options(), None)
-    for parameter in plugin.parameter_examples:
-        command = next(operations.read(parameter))
-        expect(isinstance(command, Ask), f"reading {parameter} begins with {command}, not with a question")
-
-
+@check("contract")
 def speaks_to_all_without_waiting(plugin: Protocol) -> None:
-    """What goes to all drives is told and not asked, stops every motor, and nobody answers; the rest is refused."""
+    """A broadcast waits for no reply, stops every motor, and no drive answers; what cannot be broadcast is refused."""
     if plugin.broadcast_address is None:
         return
     operations = plugin.operations(plugin.broadcast_address, plugin.options(), None)
@@ -279,6 +251,7 @@ def _at_all_drives(operations: Operations) -> Iterator[tuple[str, Callable[[], A
     yield "a reference in Hz", lambda: operations.set_reference_hz(10)
 
 
+@check("contract")
 def judges_every_pair(plugin: Protocol) -> None:
     """For any request and any reply, mismatch returns a text and raises nothing."""
     codec = plugin.codec(plugin.options())
@@ -293,3 +266,39 @@ def judges_every_pair(plugin: Protocol) -> None:
             except DriveCommError as error:
                 raise CheckFailure(f"asked whether {reply} answers {request}, it raises {error}") from error
             expect(isinstance(found, str), f"asked whether {reply} answers {request}, it says {found!r}")
+
+
+@check("contract")
+def is_honest_about_blind_spots(plugin: Protocol) -> None:
+    """Where a blind spot is declared, a wrong bit does go unnoticed in some telegram; no more is excused than is so."""
+    declared: dict[tuple[str, int, int], bytes] = {}
+    confirmed: set[tuple[str, int, int]] = set()
+    codec = plugin.codec(plugin.options())
+    for vector in packaged_vectors(plugin).vectors:
+        if not vector.valid or vector.options:
+            continue
+        data, direction = vector.data, vector.direction
+        for place in plugin.blind_spots(data, direction):
+            key = (direction, len(data), place)
+            declared[key] = data
+            if key in confirmed:
+                continue
+            for bit in range(8):
+                flipped = data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :]
+                if _decodes(codec, flipped, direction):
+                    confirmed.add(key)
+                    break
+    raise_all(
+        [
+            f"byte {place} of a {direction} of {length} bytes is called blind, and every wrong bit in it is noticed"
+            for direction, length, place in sorted(set(declared) - confirmed)
+        ]
+    )
+
+
+def _decodes(codec: Any, data: bytes, direction: str) -> bool:
+    try:
+        codec.decode(data, direction)
+    except TelegramError:
+        return False
+    return True

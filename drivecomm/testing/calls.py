@@ -1,16 +1,20 @@
-"""Carrying out the calls of an exchange vector, with the blocking face and with the awaited one."""
+"""The calls of an exchange vector: carried out with either face, and compared with what is expected of them."""
 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from decimal import Decimal
+from enum import Enum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from drivecomm import errors
 from drivecomm.bus import open_bus, open_bus_async
 from drivecomm.errors import DriveCommError, NotSupported
 from drivecomm.protocol import Stop
-from drivecomm.testing.known_models import known_model
-from drivecomm.testing.outcomes import Outcome, judge
-from drivecomm.testing.report import CheckFailure
+from drivecomm.testing.checking import CheckFailure, expect
+from drivecomm.testing.subjects import known_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,10 +43,10 @@ def call_blocking(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
         line.ready(_reply_time_s(plugin, vector, partner))
         for call in vector.calls:
             try:
-                outcome = Outcome(_verb(partner, call)(**_arguments(call)))
+                outcome = CallResult(_verb(partner, call)(**_arguments(call)))
             except DriveCommError as error:
-                outcome = Outcome(error=error)
-            judge(call, outcome)
+                outcome = CallResult(error=error)
+            compare(call, outcome)
 
 
 def call_awaited(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
@@ -56,10 +60,10 @@ async def _call_awaited(plugin: Protocol, vector: ExchangeVector, line: Line) ->
         line.ready(_reply_time_s(plugin, vector, partner))
         for call in vector.calls:
             try:
-                outcome = Outcome(await _verb(partner, call)(**_arguments(call)))
+                outcome = CallResult(await _verb(partner, call)(**_arguments(call)))
             except DriveCommError as error:
-                outcome = Outcome(error=error)
-            judge(call, outcome)
+                outcome = CallResult(error=error)
+            compare(call, outcome)
 
 
 def exchange_of(verbs: Verbs, call: Call) -> Exchange[Any]:
@@ -118,3 +122,68 @@ def _arguments(call: Call) -> dict[str, Any]:
             ways = ", ".join(way.value for way in Stop)
             raise CheckFailure(f"there is no way of stopping named {given['how']!r}; there are {ways}") from error
     return given
+
+
+@dataclass(frozen=True, slots=True)
+class CallResult:
+    """The result of a call, or the error that it raised."""
+
+    result: Any = None
+    error: DriveCommError | None = None
+
+
+def compare(call: Call, outcome: CallResult) -> None:
+    """Compare what came of a call with what was expected. Raises CheckFailure."""
+    expected, error = call.expected, outcome.error
+    if expected.error:
+        kind: type[DriveCommError] = getattr(errors, expected.error)
+        if error is None:
+            raise CheckFailure(f"{call.call} gives {as_data(outcome.result)!r}, expected is {expected.error}")
+        expect(
+            isinstance(error, kind) and expected.error_text in str(error),
+            f"{call.call} raises {type(error).__name__} ({error}), expected is {expected.error}"
+            + (f" with {expected.error_text!r}" if expected.error_text else ""),
+        )
+        return
+    if error is not None:
+        raise CheckFailure(f"{call.call} raises {type(error).__name__}: {error}") from error
+    if expected.result is not None:
+        _compare_result(call.call, outcome.result, expected.result)
+
+
+def as_data(value: object) -> Any:
+    """Return a value as vectors write it: exact decimals as text, enums by their values."""
+    if isinstance(value, Decimal):
+        return f"{value:f}"
+    if isinstance(value, Enum):
+        return as_data(value.value)
+    if isinstance(value, Mapping):
+        return {str(as_data(key)): as_data(each) for key, each in value.items()}
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: as_data(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, set | frozenset):
+        return sorted(map(as_data, value))
+    if isinstance(value, list | tuple):
+        return [as_data(each) for each in value]
+    return value
+
+
+def _compare_result(name: str, result: object, wanted: Mapping[str, Any]) -> None:
+    found = as_data(result)
+    if not wanted:
+        expect(found is None or found == {}, f"{name} gives {found!r}, expected is nothing")
+        return
+    if not isinstance(found, dict):
+        found = {"value": found}
+    for key, value in wanted.items():
+        expect(key in found, f"{name} gives nothing named {key}; it gives {found}")
+        expect(same(found[key], value), f"{name} gives {key} = {found[key]!r}, expected is {value!r}")
+
+
+def same(found: object, wanted: object) -> bool:
+    """Whether two pieces of data are equal and of one type: a flag is no number."""
+    if isinstance(found, list) and isinstance(wanted, list):
+        return len(found) == len(wanted) and all(map(same, found, wanted))
+    if isinstance(found, dict) and isinstance(wanted, dict):
+        return found.keys() == wanted.keys() and all(same(found[key], wanted[key]) for key in wanted)
+    return type(found) is type(wanted) and found == wanted

@@ -11,8 +11,8 @@ from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.testing.bench import bench, raise_all
-from drivecomm.testing.case import expect
+from drivecomm.testing.bench import bench
+from drivecomm.testing.checking import check, expect, raise_all
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -25,6 +25,7 @@ _NEAR_HZ = 0.05
 _TRIED = 4
 
 
+@check("commands")
 def guards_its_limits(plugin: Protocol, model: Model) -> None:
     """A value beyond the limits is not taken by a virtual drive either, sent by a master that knows no limits."""
     careless = replace(
@@ -46,6 +47,7 @@ def guards_its_limits(plugin: Protocol, model: Model) -> None:
     raise_all(wrong)
 
 
+@check("commands")
 def forgets_what_was_not_stored(plugin: Protocol, model: Model) -> None:
     """What was written and not stored is gone when mains come back, what was stored is there."""
     for store in (False, True):
@@ -56,11 +58,11 @@ def forgets_what_was_not_stored(plugin: Protocol, model: Model) -> None:
                 if not (able.stored_writes and able.volatile_writes and on.virtual.has_mains):
                     return
                 before = on.virtual.peek(info.address, on.line.time)
-                settings = (on.virtual.address, on.virtual.settings)
+                place = on.place
                 with suppress(DriveCommError):
                     on.drive.write(info.address, info.start + info.factor, store=store)  # type: ignore[operator]
                 written = on.virtual.peek(info.address, on.line.time)
-                if written == before or (on.virtual.address, on.virtual.settings) != settings:
+                if written == before or on.place != place:
                     continue
                 on.virtual.power_cycle(on.line.time)
                 kept = on.virtual.peek(info.address, on.line.time)
@@ -72,6 +74,7 @@ def forgets_what_was_not_stored(plugin: Protocol, model: Model) -> None:
                 break
 
 
+@check("commands")
 def heeds_the_sign_of_a_reference(plugin: Protocol, model: Model) -> None:
     """At a negative reference the motor turns backwards or as slowly as it can, or the reference is refused."""
     for unit, value in (("hz", 20), ("percent", 40)):

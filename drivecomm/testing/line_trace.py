@@ -7,26 +7,25 @@ from dataclasses import dataclass
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from drivecomm.cli.output import fields_text
+from drivecomm.link import ARROWS, fields_text, hex_text, line_text
 from drivecomm.protocol import Damaged, Framed, Framer
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from drivecomm.capture import Piece, Source
+    from drivecomm.capture import Piece
     from drivecomm.protocol import Codec, Direction, Find, VirtualDrive
 
-_ARROWS: dict[Source, str] = {"master": "->", "drive": "<-", "unknown": "??"}
 _MOST_PIECES = 5000
 _MOST_LINES = 80
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class TracedPiece:
     """A piece, and whether it met others on the wire or broke off."""
 
     piece: Piece
-    spoilt: bool
+    disturbed: bool
 
 
 class LineTrace:
@@ -34,13 +33,13 @@ class LineTrace:
 
     def __init__(self, drives: Sequence[VirtualDrive]) -> None:
         self._drives = drives
-        self._heard: deque[Heard] = deque(maxlen=_MOST_PIECES)
+        self._heard: deque[TracedPiece] = deque(maxlen=_MOST_PIECES)
         self._guard = Lock()
 
-    def add(self, piece: Piece, *, spoilt: bool = False) -> None:
+    def add(self, piece: Piece, *, disturbed: bool = False) -> None:
         """Note down what was on the line."""
         with self._guard:
-            self._heard.append(Heard(piece, spoilt))
+            self._heard.append(TracedPiece(piece, disturbed))
 
     def lines(self) -> Iterator[str]:
         """Yield one line of text for each telegram, and for what is none: time, direction, bytes, meaning."""
@@ -59,7 +58,7 @@ class LineTrace:
         head = [f"({left_out} earlier ones are left out)"] if left_out > 0 else []
         return "\n".join([*head, *lines[-_MOST_LINES:]])
 
-    def _told(self, together: Sequence[Heard]) -> Iterator[str]:
+    def _told(self, together: Sequence[TracedPiece]) -> Iterator[str]:
         source, place = together[0].piece.source, 0
         data = b"".join(heard.piece.data for heard in together)
         remarks = self._remarks(together)
@@ -68,35 +67,31 @@ class LineTrace:
                 meaning = fields_text(find.message)
             else:
                 meaning = f"[damaged: {find.error}]" if isinstance(find, Damaged) else "[no telegram]"
-            parts = (
-                f"{_time_of(together, place):12.4f}",
-                _ARROWS[source],
-                find.data.hex(" ").upper(),
-                meaning,
-                *remarks,
-            )
-            yield "  ".join(parts)
+            time_s, arrow = _time_of(together, place), ARROWS.get(source, "??")
+            yield line_text(time_s, arrow, hex_text(find.data), meaning, remarks=remarks)
             # The bytes of a damaged telegram are looked at again; here they are shown once.
             place += len(find.data)
 
     def _finds(self, data: bytes, direction: Direction) -> list[Find]:
         """Return what the protocol that understands most of it makes of these bytes."""
-        readings = [_once(_read(codec, direction, data)) for codec in _different(self._drives)]
+        # Drives of one protocol need not be asked one by one.
+        codecs = {type(drive.codec): drive.codec for drive in self._drives}
+        readings = [_once(_read(codec, direction, data)) for codec in codecs.values()]
         return max(readings, key=_understood, default=[])
 
-    def _remarks(self, together: Sequence[Heard]) -> list[str]:
+    def _remarks(self, together: Sequence[TracedPiece]) -> list[str]:
         said = []
         settings = together[0].piece.settings
         if settings is not None and all(settings != drive.settings for drive in self._drives):
-            said.append(f"[sent with {settings}, which no drive here listens with]")
-        if any(heard.spoilt for heard in together):
-            said.append("[met others on the wire, or broke off]")
+            said.append(f"sent with {settings}, which no drive here listens with")
+        if any(heard.disturbed for heard in together):
+            said.append("met others on the wire, or broke off")
         return said
 
 
-def _joined(heard: Iterable[Heard], gap_s: float) -> Iterator[list[Heard]]:
+def _joined(heard: Iterable[TracedPiece], gap_s: float) -> Iterator[list[TracedPiece]]:
     """Yield pieces that came from one side without a pause between them."""
-    together: list[Heard] = []
+    together: list[TracedPiece] = []
     for each in heard:
         if together and not _follows(each.piece, together[-1].piece, gap_s):
             yield together
@@ -111,22 +106,13 @@ def _follows(piece: Piece, last: Piece, gap_s: float) -> bool:
     return same and piece.time_s - last.time_s <= gap_s
 
 
-def _time_of(together: Sequence[Heard], place: int) -> float:
+def _time_of(together: Sequence[TracedPiece], place: int) -> float:
     """Return when the piece came that the byte at this place is in."""
     for heard in together:
         if place < len(heard.piece.data):
             return heard.piece.time_s
         place -= len(heard.piece.data)
     return together[-1].piece.time_s
-
-
-def _different(drives: Iterable[VirtualDrive]) -> Iterator[Codec]:
-    """Yield one codec of each sort: drives of one protocol need not be asked one by one."""
-    known = set()
-    for drive in drives:
-        if type(drive.codec) not in known:
-            known.add(type(drive.codec))
-            yield drive.codec
 
 
 def _read(codec: Codec, direction: Direction, data: bytes) -> list[Find]:

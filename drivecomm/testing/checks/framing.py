@@ -6,13 +6,14 @@ from random import Random
 from typing import TYPE_CHECKING
 
 from drivecomm.protocol import Damaged, Framed, Framer
-from drivecomm.testing.case import codec_for, expect, shown
+from drivecomm.testing.checking import check, expect, is_valid, shown
+from drivecomm.testing.subjects import codec_for
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from drivecomm.protocol import Codec, Direction, Find, Protocol
-    from drivecomm.testing.case import Case
+    from drivecomm.testing.subjects import Case
     from drivecomm.testing.vectors import Stream
 
 
@@ -33,6 +34,7 @@ def pieces_of(data: bytes, size: int) -> Iterator[bytes]:
     return (data[start : start + size] for start in range(0, len(data), size))
 
 
+@check("vectors", "byte-by-byte")
 def found_byte_by_byte(case: Case) -> None:
     """Fed byte by byte, a sound telegram is found alone and whole; a refused one is not found."""
     vector = case.vector
@@ -46,6 +48,7 @@ def found_byte_by_byte(case: Case) -> None:
     expect(isinstance(found[0], Framed) and found[0].data == vector.data, f"found {_listed(found)}")
 
 
+@check("vectors", "shortest", applies_to=is_valid)
 def is_as_long_as_the_shortest(case: Case) -> None:
     """What measure says of no bytes at all, the length of the shortest telegram, is not more than this one has."""
     vector = case.vector
@@ -56,6 +59,7 @@ def is_as_long_as_the_shortest(case: Case) -> None:
     )
 
 
+@check("vectors", "five-in-a-row", applies_to=is_valid)
 def found_in_a_row(case: Case) -> None:
     """Five telegrams without a gap are found as five, whole and byte by byte."""
     vector = case.vector
@@ -65,6 +69,7 @@ def found_in_a_row(case: Case) -> None:
         expect(telegrams == [vector.data] * 5 and len(found) == 5, f"found {_listed(found)}")
 
 
+@check("vectors", "garbage-before", applies_to=is_valid, costly=True)
 def found_after_garbage(case: Case) -> None:
     """Bytes that begin no telegram do not hide the one that follows them."""
     vector, codec = case.vector, case.codec
@@ -74,6 +79,7 @@ def found_after_garbage(case: Case) -> None:
             expect(found == [vector.data], f"after {shown(garbage[:8])}... found {[shown(each) for each in found]}")
 
 
+@check("vectors", "false-starts", applies_to=is_valid, costly=True)
 def found_after_false_starts(case: Case) -> None:
     """A telegram that breaks off, or a character that looks like a start, does not hide the telegram that follows.
 
@@ -86,15 +92,16 @@ def found_after_false_starts(case: Case) -> None:
         framer = Framer(codec, vector.direction)
         found = [*framer.feed(start), *framer.flush(), *framer.feed(vector.data), *framer.flush()]
         telegrams = [find.data for find in found if isinstance(find, Framed)]
-        expect(vector.data in telegrams, f"behind {shown(start)} and a gap found {_listed(found)}")
+        expect(vector.data in telegrams, f"after {shown(start)} and a gap found {_listed(found)}")
         both = start + vector.data
         telegrams = frames(codec, vector.direction, [both])
         happened = any(both.find(telegram) < len(start) < both.find(telegram) + len(telegram) for telegram in telegrams)
         expect(
-            vector.data in telegrams or happened, f"behind {shown(start)} found {[shown(each) for each in telegrams]}"
+            vector.data in telegrams or happened, f"after {shown(start)} found {[shown(each) for each in telegrams]}"
         )
 
 
+@check("vectors", "garbage-after", applies_to=is_valid, costly=True)
 def found_before_garbage(case: Case) -> None:
     """What follows a telegram does not hide it."""
     vector, codec = case.vector, case.codec
@@ -110,6 +117,7 @@ def found_before_garbage(case: Case) -> None:
             expect(telegrams[:1] == [vector.data], f"before {shown(garbage[:8])}... found {telegrams}")
 
 
+@check("vectors", "truncated-stream", applies_to=is_valid, costly=True)
 def nothing_in_truncations(case: Case) -> None:
     """In the beginning of a telegram there is none, unless it is one that the vectors list."""
     vector, codec = case.vector, case.codec
@@ -119,6 +127,7 @@ def nothing_in_truncations(case: Case) -> None:
             expect(known, f"the first {length} bytes contain the telegram {shown(telegram)}")
 
 
+@check("streams", "stream")
 def found_in_stream(plugin: Protocol, stream: Stream) -> None:
     """The telegrams of a stream are found, fed whole and in pieces of every size."""
     codec = codec_for(plugin, stream.options)

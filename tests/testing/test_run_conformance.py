@@ -8,7 +8,7 @@ from altered import Altered
 
 from drivecomm.errors import UsageError
 from drivecomm.protocol import Ask, Pause, Stop, VirtualReply, installed
-from drivecomm.testing import FULL, QUICK, all_checks, first_failure, judge, left_out, try_out, verdicts
+from drivecomm.testing import FULL, QUICK, all_checks, first_failure, left_out, results, run_conformance, try_out
 
 # test_vectors and test_properties run what is left out here.
 ELSEWHERE = ("/vectors.toml/", "/properties/")
@@ -334,7 +334,7 @@ def test_line_facts_of_which_the_source_does_not_speak(in_place_of):
 
 
 def test_only_a_part_is_judged():
-    report = judge(installed["fuji"], QUICK, only="/documents/")
+    report = run_conformance(installed["fuji"], QUICK, only="/documents/")
     assert report.ok
     assert len(report.passed) == 7
     assert report.left_out == left_out() == ()
@@ -342,23 +342,23 @@ def test_only_a_part_is_judged():
 
 def test_a_part_that_is_not_there():
     with pytest.raises(UsageError, match="no check has 'lunch' in its name"):
-        judge(installed["vabus"], QUICK, only="lunch")
+        run_conformance(installed["vabus"], QUICK, only="lunch")
 
 
 def test_judging_stops_when_enough_was_heard(in_place_of):
     plugin = in_place_of("vabus", title="")
     verdict = first_failure(plugin, QUICK)
     assert verdict.check.name == "vabus/contract/has all fields"
-    assert next(verdicts(plugin, QUICK)).check.name == verdict.check.name
+    assert next(results(plugin, QUICK)).check.name == verdict.check.name
 
 
 def test_a_protocol_that_is_not_installed_is_for_the_time_being():
     stranger = replace(installed["vabus"], name="stranger")
-    report = judge(stranger, QUICK, only="/contract/has all")
+    report = run_conformance(stranger, QUICK, only="/contract/has all")
     assert report.ok
     assert "stranger" not in installed
 
 
 def test_a_protocol_whose_name_is_taken():
     with pytest.raises(UsageError, match="another protocol is installed as 'vabus'"):
-        judge(replace(installed["vabus"], title="another"), QUICK)
+        run_conformance(replace(installed["vabus"], title="another"), QUICK)

@@ -13,12 +13,10 @@ from hypothesis import HealthCheck, Phase, given, settings, strategies as st
 from drivecomm.errors import DriveCommError, TelegramError
 from drivecomm.protocol import Framed, Framer, Noise, fields_of
 from drivecomm.testing import strategies
-from drivecomm.testing.case import expect, shown
-from drivecomm.testing.forms import forms_of
-from drivecomm.testing.framing_checks import finds, frames
-from drivecomm.testing.known_models import known_model
-from drivecomm.testing.report import CheckFailure
-from drivecomm.testing.schema_checks import same_both_ways
+from drivecomm.testing.checking import CheckFailure, check, expect, shown
+from drivecomm.testing.checks.framing import finds, frames
+from drivecomm.testing.checks.schemas import same_both_ways
+from drivecomm.testing.subjects import forms_of, known_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -49,25 +47,16 @@ class Drawn:
 def drawn(plugin: Protocol, direction: Direction) -> Drawn:
     """Return what examples are drawn from. Raises FileFormatError for a package without vectors."""
     codec = plugin.codec(plugin.options())
-    fields = strategies.telegram_fields(plugin, direction)
-    telegrams = fields.map(lambda drawn_fields: codec.encode(plugin.message(drawn_fields, direction)))
     return Drawn(
         plugin=plugin,
         direction=direction,
         codec=codec,
         model=known_model(plugin, plugin.default_model),
-        fields=fields,
-        telegrams=telegrams,
+        fields=strategies.telegram_fields(plugin, direction),
+        telegrams=strategies.telegrams(plugin, direction),
         junk_fields=strategies.junk_fields(plugin, direction),
-        near=st.one_of(st.binary(max_size=64), telegrams, telegrams.flatmap(_spoilt)),
+        near=strategies.near_telegrams(plugin, direction),
         noise=strategies.line_noise(codec, direction),
-    )
-
-
-def _spoilt(telegram: bytes) -> SearchStrategy[bytes]:
-    """Give a telegram that is cut, has something in it that does not belong there, or goes on behind its end."""
-    return st.tuples(st.integers(0, len(telegram)), st.integers(0, len(telegram)), st.binary(max_size=3)).map(
-        lambda spoilt: telegram[: spoilt[0]] + spoilt[2] + telegram[spoilt[1] :]
     )
 
 
@@ -91,6 +80,7 @@ def try_examples(holds: Callable[[Drawn, DataObject], None], source: Drawn, exam
     attempt()
 
 
+@check("properties")
 def decodes_what_it_encodes(source: Drawn, data: DataObject) -> None:
     """What is encoded decodes to the same, and what is decoded encodes to the same."""
     plugin, codec, direction = source.plugin, source.codec, source.direction
@@ -104,6 +94,7 @@ def decodes_what_it_encodes(source: Drawn, data: DataObject) -> None:
     expect(again == written, f"the fields {fields_of(read)} of {shown(written)} make {shown(again)}")
 
 
+@check("properties")
 def decodes_or_refuses(source: Drawn, data: DataObject) -> None:
     """Any bytes are decoded to something that has a kind and fields, or refused with a TelegramError."""
     received = data.draw(source.near)
@@ -116,6 +107,7 @@ def decodes_or_refuses(source: Drawn, data: DataObject) -> None:
     expect(fields_of(message)["kind"] == message.kind, f"{shown(received)} has the fields {fields_of(message)}")
 
 
+@check("properties")
 def encodes_or_refuses(source: Drawn, data: DataObject) -> None:
     """Any fields make a sound telegram, or are refused with an error of the tree."""
     fields = data.draw(source.junk_fields)
@@ -131,6 +123,7 @@ def encodes_or_refuses(source: Drawn, data: DataObject) -> None:
         raise CheckFailure(f"the fields {fields} make {shown(written)}, which is refused: {error}") from error
 
 
+@check("properties")
 def finds_the_same_in_any_pieces(source: Drawn, data: DataObject) -> None:
     """However a stream is cut, the same telegrams are found in it."""
     codec, direction = source.codec, source.direction
@@ -143,8 +136,9 @@ def finds_the_same_in_any_pieces(source: Drawn, data: DataObject) -> None:
     expect(single == whole, f"{shown(stream)} byte by byte")
 
 
+@check("properties")
 def finds_every_telegram_between_noise(source: Drawn, data: DataObject) -> None:
-    """Between characters that begin no telegram, and behind a gap, every telegram is found."""
+    """Between characters that begin no telegram, and after a gap, every telegram is found."""
     framer = Framer(source.codec, source.direction)
     sent, found = [], []
     for telegram in data.draw(st.lists(source.telegrams, min_size=1, max_size=4)):
@@ -155,6 +149,7 @@ def finds_every_telegram_between_noise(source: Drawn, data: DataObject) -> None:
     expect(found == sent, f"sent {[shown(each) for each in sent]}, found {[shown(each) for each in found]}")
 
 
+@check("properties")
 def loses_and_invents_no_byte(source: Drawn, data: DataObject) -> None:
     """Each byte that comes is part of a telegram, or noise."""
     received = data.draw(source.near)
@@ -164,6 +159,7 @@ def loses_and_invents_no_byte(source: Drawn, data: DataObject) -> None:
     expect(seen == len(received), f"of the {len(received)} bytes {shown(received)} {seen} are accounted for")
 
 
+@check("properties")
 def measures_rising(source: Drawn, data: DataObject) -> None:
     """The length that a telegram needs never becomes less while it comes, and is never less than what is there."""
     codec, direction = source.codec, source.direction
@@ -178,6 +174,7 @@ def measures_rising(source: Drawn, data: DataObject) -> None:
     expect(measured >= len(telegram), f"{shown(telegram)} is measured as {measured}")
 
 
+@check("properties")
 def compiled_is_interpreted(source: Drawn, data: DataObject) -> None:
     """Compiled and interpreted schemas read and write alike."""
     received = data.draw(source.near)
@@ -185,6 +182,7 @@ def compiled_is_interpreted(source: Drawn, data: DataObject) -> None:
         same_both_ways(named, received)
 
 
+@check("properties")
 def survives_whatever_it_hears(source: Drawn, data: DataObject) -> None:
     """A virtual drive raises nothing, whatever comes, and what it answers is a sound reply."""
     plugin = source.plugin
@@ -195,17 +193,3 @@ def survives_whatever_it_hears(source: Drawn, data: DataObject) -> None:
             if answer is not None:
                 drive.codec.decode(answer.data, "reply")
                 expect(answer.delay_s >= 0, f"it answers {shown(piece)} before it was asked")
-
-
-PROPERTIES = (
-    decodes_what_it_encodes,
-    decodes_or_refuses,
-    encodes_or_refuses,
-    finds_the_same_in_any_pieces,
-    finds_every_telegram_between_noise,
-    loses_and_invents_no_byte,
-    measures_rising,
-    compiled_is_interpreted,
-    survives_whatever_it_hears,
-)
-"""What must hold for every protocol, whatever it is given."""

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 from drivecomm.bus import Verbs
 from drivecomm.errors import DriveCommError, ReplyError, TelegramError
 from drivecomm.protocol import Pause, fields_of, sort_out
-from drivecomm.testing.exchange_vectors import Step
-from drivecomm.testing.faces import Line, call_awaited, call_blocking, exchange_of
-from drivecomm.testing.framing_checks import noise_of
-from drivecomm.testing.known_models import known_model
-from drivecomm.testing.outcomes import Outcome, judge
-from drivecomm.testing.script import Script
-from drivecomm.testing.script_runner import play
+from drivecomm.testing.calls import CallResult, Line, call_awaited, call_blocking, compare, exchange_of
+from drivecomm.testing.checking import check
+from drivecomm.testing.checks.framing import noise_of
+from drivecomm.testing.exchange_vectors import WireStep
+from drivecomm.testing.script import Script, play
 from drivecomm.testing.scripted_port import ScriptedPort
+from drivecomm.testing.subjects import known_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,34 +28,39 @@ if TYPE_CHECKING:
     Face: TypeAlias = Callable[[Protocol, ExchangeVector, Line], None]
 
 
+@check("exchanges", "exchange")
 def goes_as_written(plugin: Protocol, vector: ExchangeVector) -> None:
     """The blocking face sends, waits and results in what the vector says."""
     _play(call_blocking, plugin, vector, ScriptedPort())
 
 
+@check("exchanges", "awaited", costly=True)
 def goes_as_written_awaited(plugin: Protocol, vector: ExchangeVector) -> None:
     """The awaited face sends, waits and results in what the vector says."""
     _play(call_awaited, plugin, vector, ScriptedPort())
 
 
+@check("exchanges", "echo", costly=True)
 def goes_as_written_with_echo(plugin: Protocol, vector: ExchangeVector) -> None:
     """An adapter that hands back what is sent changes nothing."""
     _play(call_blocking, plugin, vector, ScriptedPort(echo=True), echo="expect")
 
 
+@check("exchanges", "lumps", costly=True)
 def goes_as_written_in_lumps(plugin: Protocol, vector: ExchangeVector) -> None:
     """An adapter that collects the characters of a telegram before it hands them over changes nothing."""
     _play(call_blocking, plugin, vector, ScriptedPort(in_lumps=True))
 
 
+@check("exchanges", "another-drive")
 def passes_over_another_drive(plugin: Protocol, vector: ExchangeVector) -> None:
     """What another drive says in front of each reply changes nothing."""
     codec = _codec(plugin, vector)
-    steps: list[Step] = []
+    steps: list[WireStep] = []
     asked = b""
     for step in vector.steps:
-        asked = step.data if step.deed == "send" else asked
-        said = _of_another_drive(plugin, vector, asked, step.data) if step.deed == "reply" else b""
+        asked = step.data if step.action == "send" else asked
+        said = _of_another_drive(plugin, vector, asked, step.data) if step.action == "reply" else b""
         if said and _decoded(codec, said, "reply") is not None:
             steps += [replace(step, data=said), replace(step, seconds=None)]
         else:
@@ -64,19 +68,21 @@ def passes_over_another_drive(plugin: Protocol, vector: ExchangeVector) -> None:
     _play(call_blocking, plugin, replace(vector, steps=tuple(steps)), ScriptedPort())
 
 
+@check("exchanges", "noise", costly=True)
 def passes_over_noise(plugin: Protocol, vector: ExchangeVector) -> None:
     """Characters that begin no telegram, in front of each reply, change nothing."""
     codec = _codec(plugin, vector)
     noise = noise_of(codec, "reply")[:3]
-    steps: list[Step] = []
+    steps: list[WireStep] = []
     for step in vector.steps:
-        if step.deed == "reply" and noise and _decoded(codec, step.data, "reply") is not None:
-            steps += [Step(deed="garbage", data=noise, seconds=step.seconds), replace(step, seconds=None)]
+        if step.action == "reply" and noise and _decoded(codec, step.data, "reply") is not None:
+            steps += [WireStep(action="garbage", data=noise, seconds=step.seconds), replace(step, seconds=None)]
         else:
             steps.append(step)
     _play(call_blocking, plugin, replace(vector, steps=tuple(steps)), ScriptedPort())
 
 
+@check("exchanges", "script")
 def goes_as_written_without_a_line(plugin: Protocol, vector: ExchangeVector) -> None:
     """The operations alone, on the script runner, ask and result in what the vector says.
 
@@ -107,24 +113,24 @@ def _as_on_the_wire(codec: Codec, exchange: Exchange[None]) -> Exchange[None]:
 def _calls_of(vector: ExchangeVector, verbs: Verbs) -> Exchange[None]:
     for call in vector.calls:
         try:
-            outcome = Outcome((yield from exchange_of(verbs, call)))
+            outcome = CallResult((yield from exchange_of(verbs, call)))
         except DriveCommError as error:
-            outcome = Outcome(error=error)
-        judge(call, outcome)
+            outcome = CallResult(error=error)
+        compare(call, outcome)
 
 
 def _as_script(plugin: Protocol, vector: ExchangeVector) -> list[tuple[Message, Message | ReplyError | None]] | None:
     """Return the steps as messages; None where they are more than requests and their replies."""
     codec = _codec(plugin, vector)
     script: list[tuple[Message, Message | ReplyError | None]] = []
-    steps = [step for step in vector.steps if step.deed != "pause_s"]
+    steps = [step for step in vector.steps if step.action != "pause_s"]
     while steps:
         send = steps.pop(0)
         request = _decoded(codec, send.data, "request")
-        if send.deed != "send" or request is None:
+        if send.action != "send" or request is None:
             return None
         reply = None
-        if steps and steps[0].deed == "reply":
+        if steps and steps[0].action == "reply":
             reply = _decoded(codec, steps.pop(0).data, "reply")
             if reply is None or plugin.mismatch(request, reply):
                 return None

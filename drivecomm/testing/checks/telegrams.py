@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, TelegramError
 from drivecomm.protocol import fields_of
-from drivecomm.testing.case import codec_for, expect, shown
-from drivecomm.testing.report import CheckFailure
+from drivecomm.testing.calls import same
+from drivecomm.testing.checking import CheckFailure, check, expect, is_valid, shown
+from drivecomm.testing.subjects import codec_for
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from drivecomm.protocol import Message, Protocol
-    from drivecomm.testing.case import Case
+    from drivecomm.protocol import Protocol
+    from drivecomm.testing.subjects import Case
     from drivecomm.testing.vectors import Refuse
 
 
+@check("vectors", "decode")
 def decodes(case: Case) -> None:
     """Decoding gives the fields of the vector, or is refused in its category."""
     vector = case.vector
@@ -26,14 +26,7 @@ def decodes(case: Case) -> None:
     found = fields_of(case.codec.decode(vector.data, vector.direction))
     for name, wanted in vector.fields.items():
         expect(name in found, f"the field {name} is missing; decoded is {found}")
-        expect(_same(found[name], wanted), f"{name} is {found[name]!r}, the vector says {wanted!r}")
-
-
-def _same(found: object, wanted: object) -> bool:
-    # True == 1 in Python, and a flag is no number.
-    if isinstance(found, list) and isinstance(wanted, list):
-        return len(found) == len(wanted) and all(map(_same, found, wanted))
-    return type(found) is type(wanted) and found == wanted
+        expect(same(found[name], wanted), f"{name} is {found[name]!r}, the vector says {wanted!r}")
 
 
 def _refused_as(case: Case, category: str | None) -> None:
@@ -45,6 +38,7 @@ def _refused_as(case: Case, category: str | None) -> None:
         raise CheckFailure(f"decoded as {fields_of(found)}, the vector says it is refused ({category})")
 
 
+@check("vectors", "encode", applies_to=lambda vector: vector.valid and vector.canonical)
 def encodes(case: Case) -> None:
     """Encoding the fields of the vector gives its bytes."""
     vector = case.vector
@@ -52,6 +46,7 @@ def encodes(case: Case) -> None:
     expect(built == vector.data, f"encoded as {shown(built)}, the vector has {shown(vector.data)}")
 
 
+@check("vectors", "encode", applies_to=lambda vector: vector.valid and not vector.canonical)
 def survives_its_own_encoder(case: Case) -> None:
     """What was decoded is refused by the encoder, or encoded so that it says the same again."""
     vector, codec = case.vector, case.codec
@@ -64,14 +59,16 @@ def survives_its_own_encoder(case: Case) -> None:
     expect(again == message, f"decoded {message}, encoded and decoded again {again}")
 
 
+@check("vectors", "trailing", applies_to=is_valid)
 def refuses_what_follows(case: Case) -> None:
-    """A telegram with anything behind it is no telegram."""
+    """A telegram with anything after it is no telegram."""
     vector = case.vector
     for tail in (b"\x00", b"\r\n", b"\xff", vector.data[-1:], vector.data):
         longer = vector.data + tail
-        expect(_refuses(case, longer) or _is_listed(case, longer), f"decoded with {shown(tail)} behind it")
+        expect(_refuses(case, longer) or _is_listed(case, longer), f"decoded with {shown(tail)} after it")
 
 
+@check("vectors", "truncated", applies_to=is_valid)
 def refuses_truncations(case: Case) -> None:
     """The beginning of a telegram is none, unless it is a shorter one that the vectors list."""
     data = case.vector.data
@@ -80,6 +77,7 @@ def refuses_truncations(case: Case) -> None:
         expect(_refuses(case, cut) or _is_listed(case, cut), f"the first {length} bytes are decoded, {shown(cut)}")
 
 
+@check("vectors", "flipped", applies_to=is_valid, costly=True)
 def refuses_flips(case: Case) -> None:
     """Every single wrong bit is noticed, except where the protocol declares that it cannot."""
     data, direction = case.vector.data, case.vector.direction
@@ -105,16 +103,12 @@ def _is_listed(case: Case, data: bytes) -> bool:
     return (case.vector.direction, data) in case.listed
 
 
+@check("refusals", "refuse")
 def refuses_to_encode(plugin: Protocol, refuse: Refuse) -> None:
     """An encoder raises an error of the tree for these fields."""
     codec = codec_for(plugin, refuse.options)
     try:
-        data = codec.encode(_message(plugin, refuse))
+        data = codec.encode(plugin.message(refuse.fields, refuse.direction))
     except DriveCommError:
         return
     raise CheckFailure(f"encoded as {shown(data)}, the vector says it is refused ({refuse.reason or 'no reason'})")
-
-
-def _message(plugin: Protocol, refuse: Refuse) -> Message:
-    fields: Mapping[str, object] = refuse.fields
-    return plugin.message(fields, refuse.direction)

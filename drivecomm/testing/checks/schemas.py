@@ -5,28 +5,30 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, TelegramError
-from drivecomm.testing.case import expect, shown
+from drivecomm.testing.checking import check, expect, shown
+from drivecomm.testing.subjects import forms_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from drivecomm.protocol import Message
     from drivecomm.protocol.schema import Form
-    from drivecomm.testing.case import Case
-    from drivecomm.testing.forms import NamedForm
+    from drivecomm.testing.subjects import Case, NamedForm
 
 
+@check("schemas", "linked")
 def compiles_whole(form: Form[Any]) -> None:
     """The schema is read and written by functions of its own, not by construct's interpreter."""
     interpreted = form.read == form.parse_declared or form.write == form.build_declared
     expect(not interpreted, "a leaf cannot be said in code, so all of the schema is interpreted")
 
 
+@check("vectors", "compiled", costly=True)
 def compiled_as_interpreted(case: Case) -> None:
     """Every form of the protocol reads and writes the telegram, and what is left of it, in both ways alike."""
     data = case.vector.data
     middle = len(data) // 2
-    for named in case.forms:
+    for named in forms_of(case.plugin):
         for each in (data, data[:-1], data + b"0", *_changed_at(middle, data)):
             same_both_ways(named, each)
         # A form that another telegram belongs to finds out at the first wrong constant; this one's are gone through.
@@ -36,7 +38,7 @@ def compiled_as_interpreted(case: Case) -> None:
                     same_both_ways(named, each)
     if case.vector.valid:
         message = case.codec.decode(case.vector.data, case.vector.direction)
-        for named in case.forms:
+        for named in forms_of(case.plugin):
             same_writing(named, message)
 
 

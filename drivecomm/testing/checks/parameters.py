@@ -5,10 +5,10 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import DriveCommError, DriveError, NotSupported, UsageError
-from drivecomm.testing.bench import bench, raise_all
-from drivecomm.testing.case import expect
-from drivecomm.testing.outcomes import as_data
+from drivecomm.errors import DriveCommError, DriveError, UsageError
+from drivecomm.testing.bench import bench
+from drivecomm.testing.calls import as_data
+from drivecomm.testing.checking import check, expect, raise_all
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,6 +22,7 @@ _READABLE = 0.75
 _KEPT = 0.85
 
 
+@check("parameters")
 def reads_what_the_drive_holds(plugin: Protocol, model: Model) -> None:
     """Every parameter is read as the drive holds it, with the name, unit and scale of the model."""
     wrong = []
@@ -71,6 +72,7 @@ def _can_be_held(info: ParameterInfo) -> bool:
     return info.start is not None and (isinstance(info.start, str) or info.start % info.factor == 0)
 
 
+@check("parameters")
 def is_found_by_name(plugin: Protocol, model: Model) -> None:
     """A parameter is the same by the name in the model and by its address."""
     wrong = []
@@ -92,6 +94,7 @@ def is_found_by_name(plugin: Protocol, model: Model) -> None:
     raise_all(wrong)
 
 
+@check("parameters")
 def writes_what_was_given(plugin: Protocol, model: Model) -> None:
     """A value that is written is read back as it was given, at the ends of its range too, or refused as a whole."""
     wrong: list[str] = []
@@ -111,18 +114,18 @@ def writes_what_was_given(plugin: Protocol, model: Model) -> None:
 def _written(plugin: Protocol, model: Model, info: ParameterInfo) -> Iterator[tuple[str, bool]]:
     """Write some values; yield for each what is wrong with what came of it, and whether the drive took a new value."""
     with bench(plugin, model) as on:
-        address, settings = on.virtual.address, on.virtual.settings
+        place = on.place
         for value in _values(info):
             before = on.virtual.peek(info.address, on.line.time)
             try:
-                confirmed = _write(on, info.address, value)
+                confirmed = on.write(info.address, value)
             except (UsageError, DriveError):
                 continue
             except DriveCommError as error:
                 if not on.answers_too_late:
                     yield f"{info.address} := {value}: {error}", False
                 return
-            if (on.virtual.address, on.virtual.settings) != (address, settings):
+            if on.place != place:
                 # It was told to speak elsewhere or otherwise, and does.
                 return
             if info.access == "r":
@@ -140,7 +143,7 @@ def _written(plugin: Protocol, model: Model, info: ParameterInfo) -> Iterator[tu
 def _wrong_write(
     info: ParameterInfo, value: Decimal, reading: Reading, confirmed: Reading | None, *, unchanged: bool
 ) -> str:
-    """Return what is wrong with what is read behind a write; a command leaves nothing behind."""
+    """Return what is wrong with what is read after a write; a command leaves nothing to read."""
     # Of a number of no known type nobody knows whether its first bit is a sign; the reading says so.
     sign_unknown = value < 0 and not info.type and reading.note != ""
     if reading.value != value and not (unchanged or sign_unknown or _is_bare(info, reading)):
@@ -152,13 +155,6 @@ def _wrong_write(
     if info.minimum is not None and value < info.minimum and not unchanged:
         return f"{info.address} := {value} is below its minimum {info.minimum}"
     return ""
-
-
-def _write(on: Bench, parameter: str, value: Decimal) -> Reading | None:
-    try:
-        return on.drive.write(parameter, value)
-    except NotSupported:
-        return on.drive.write(parameter, value, store=True)
 
 
 def _values(info: ParameterInfo) -> list[Decimal]:
@@ -173,6 +169,7 @@ def _values(info: ParameterInfo) -> list[Decimal]:
     return [*sorted(near - {start}), start]
 
 
+@check("parameters")
 def stores_nothing_where_it_cannot(plugin: Protocol, model: Model) -> None:
     """Where no write can be stored, asking for it is refused before anything is sent."""
     wrong = []

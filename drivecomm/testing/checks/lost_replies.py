@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, NoReplyError, ReplyError
 from drivecomm.testing.bench import bench
-from drivecomm.testing.case import expect, shown
-from drivecomm.testing.report import CheckFailure
+from drivecomm.testing.checking import CheckFailure, check, expect, shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,6 +15,7 @@ if TYPE_CHECKING:
     from drivecomm.testing.bench import Bench
 
 
+@check("commands")
 def a_lost_answer_is_asked_for_again(plugin: Protocol, model: Model) -> None:
     """A read whose answers are lost is sent as often as the drive's attempts say, the same each time, and no more."""
     with bench(plugin, model) as on:
@@ -34,6 +34,7 @@ def a_lost_answer_is_asked_for_again(plugin: Protocol, model: Model) -> None:
             on.line.advance(60.0)
 
 
+@check("commands")
 def a_start_is_not_repeated(plugin: Protocol, model: Model) -> None:
     """The telegram that makes the motor run is never sent twice: with its answer lost, the start ends in an error."""
     for reverse in (False, True):
@@ -52,6 +53,7 @@ def a_start_is_not_repeated(plugin: Protocol, model: Model) -> None:
             expect(times == 1, f"{shown(starting[0])} makes the motor run, and is sent {times} times")
 
 
+@check("commands")
 def a_stop_is_repeated(plugin: Protocol, model: Model) -> None:
     """A stop whose first answer is lost is sent again, and the motor stands afterwards."""
     with bench(plugin, model) as on:
@@ -65,6 +67,7 @@ def a_stop_is_repeated(plugin: Protocol, model: Model) -> None:
         expect(not on.virtual.motor.running, "the motor runs on")
 
 
+@check("commands")
 def a_deaf_drive_is_reported(plugin: Protocol, model: Model) -> None:
     """From a drive that never answers, every verb ends in NoReplyError, and not before the reply time is over."""
     verbs: dict[str, Callable[[Bench], object]] = {
@@ -117,7 +120,7 @@ def _losing(on: Bench, number: int) -> list[bytes]:
 
 
 def _losing_what_starts(on: Bench) -> list[bytes]:
-    """Lose the answer to the first telegram that makes the motor run, and all behind it; returns that telegram."""
+    """Lose the answer to the first telegram that makes the motor run, and all after it; returns that telegram."""
     starting: list[bytes] = []
 
     def between(find: Framed, reply: VirtualReply | None) -> VirtualReply | None:

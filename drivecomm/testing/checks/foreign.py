@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, FileFormatError, ReplyError, TelegramError
-from drivecomm.protocol import Framed, Framer, installed
-from drivecomm.testing.bench import bench, raise_all
-from drivecomm.testing.case import expect, shown
+from drivecomm.protocol import Framed, installed
+from drivecomm.testing.bench import bench
+from drivecomm.testing.checking import check, expect, raise_all, shown
+from drivecomm.testing.checks.framing import finds
 from drivecomm.testing.vectors import packaged_vectors
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 _READS = 60
 
 
+@check("foreign traffic")
 def is_not_believed(plugin: Protocol, other: Protocol) -> None:
     """No telegram of another protocol is the answer to any of this one's own requests."""
     codec = plugin.codec(plugin.options())
@@ -40,6 +42,7 @@ def is_not_believed(plugin: Protocol, other: Protocol) -> None:
     raise_all(wrong)
 
 
+@check("foreign traffic")
 def is_not_answered(plugin: Protocol, other: Protocol) -> None:
     """No virtual drive answers a telegram of another protocol, or begins to turn its motor because of it."""
     wrong = []
@@ -56,12 +59,11 @@ def is_not_answered(plugin: Protocol, other: Protocol) -> None:
 
 
 def _answers(drive: Overheard, data: bytes) -> bool:
-    framer = Framer(drive.codec, "request")
-    finds = [*framer.feed(data), *framer.flush()]
-    answers = [drive.hear(find, 1.0) for find in finds if isinstance(find, Framed)]
+    answers = [drive.hear(find, 1.0) for find in finds(drive.codec, "request", [data]) if isinstance(find, Framed)]
     return any(answer is not None for answer in answers)
 
 
+@check("foreign traffic")
 def does_not_spoil_a_reading(plugin: Protocol, other: Protocol) -> None:
     """With telegrams of another protocol on the line before, during and after each request, no reading is wrong."""
     good = tried = 0

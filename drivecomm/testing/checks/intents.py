@@ -10,10 +10,10 @@ from contextlib import suppress
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import DriveCommError, NotSupported, TelegramError
+from drivecomm.errors import DriveCommError, TelegramError
 from drivecomm.protocol import Framed, sort_out
 from drivecomm.testing.bench import bench
-from drivecomm.testing.case import expect, shown
+from drivecomm.testing.checking import check, expect, shown
 from drivecomm.testing.vectors import packaged_vectors
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from drivecomm.testing.bench import Bench
 
 
+@check("commands")
 def tells_asking_from_acting(plugin: Protocol, model: Model) -> None:
     """A request that only asks changes no motor and no parameter; all that reads, looks and probes only asks."""
     asks = plugin.only_asks
@@ -33,11 +34,12 @@ def tells_asking_from_acting(plugin: Protocol, model: Model) -> None:
     with bench(plugin, model) as on:
         on.drive.probe()
         on.drive.status()
-        _read_something(on, model)
+        on.read_first(model)
         for find in on.virtual.heard:
             expect(asks(find.message), f"{shown(find.data)} is sent to ask, and is said to do more")
 
 
+@check("commands")
 def tells_what_requests_are_for(plugin: Protocol, model: Model) -> None:
     """What reads a parameter is for reading, what changes one for writing, and what moves a motor is no reading."""
     purpose = plugin.purpose
@@ -48,7 +50,7 @@ def tells_what_requests_are_for(plugin: Protocol, model: Model) -> None:
         fits = told == "write" if what == _CHANGES else told != "read"
         expect(fits, f"{shown(find.data)} {what}, and is said to be a {told}")
     with bench(plugin, model) as on:
-        _read_something(on, model)
+        on.read_first(model)
         for find in on.virtual.heard:
             told = purpose(find.message)
             expect(told != "write", f"{shown(find.data)} is sent to read a parameter, and is said to be a write")
@@ -58,6 +60,7 @@ def tells_what_requests_are_for(plugin: Protocol, model: Model) -> None:
         )
 
 
+@check("commands")
 def what_only_asks_moves_no_drive(plugin: Protocol, model: Model) -> None:
     """No request of the vectors that is said to ask only gives a virtual drive's motor another command."""
     asks, options = plugin.only_asks, sort_out(plugin, model, {})[1]
@@ -113,11 +116,11 @@ def _changing_one(plugin: Protocol, model: Model, kind: type[Decimal | str]) -> 
             continue
         with bench(plugin, model) as on:
             changing = _watching(on, lambda: on.virtual.peek(info.address, on.line.time))  # noqa: B023 - used at once
-            address, settings = on.virtual.address, on.virtual.settings
+            place = on.place
             for value in _others(info):
                 with suppress(DriveCommError):
-                    _write(on, info.address, value)
-            if changing and (on.virtual.address, on.virtual.settings) == (address, settings):
+                    on.write(info.address, value)
+            if changing and on.place == place:
                 return changing
     return []
 
@@ -129,15 +132,8 @@ def _others(info: ParameterInfo) -> tuple[Decimal | str, ...]:
     return (f"{str(info.start)[1:]}0",)
 
 
-def _write(on: Bench, parameter: str, value: Decimal | str) -> None:
-    try:
-        on.drive.write(parameter, value)
-    except NotSupported:
-        on.drive.write(parameter, value, store=True)
-
-
 def _watching(on: Bench, look: Callable[[], object]) -> list[Framed]:
-    """Return a list that collects the telegrams behind which something looks different."""
+    """Return a list that collects the telegrams after which something looks different."""
     changing: list[Framed] = []
     last = look()
 
@@ -151,13 +147,3 @@ def _watching(on: Bench, look: Callable[[], object]) -> list[Framed]:
 
     on.virtual.between = between
     return changing
-
-
-def _read_something(on: Bench, model: Model) -> None:
-    """Read the first parameter that the drive tells."""
-    for info in model.parameters.values():
-        try:
-            on.drive.read(info.address)
-        except DriveCommError:
-            continue
-        return

@@ -9,9 +9,8 @@ from importlib import resources
 from typing import TYPE_CHECKING
 
 from drivecomm.models import check_model, model_names, packaged_models
-from drivecomm.testing.bench import raise_all
-from drivecomm.testing.case import expect
-from drivecomm.testing.known_models import known_model
+from drivecomm.testing.checking import check, expect, raise_all
+from drivecomm.testing.subjects import known_model
 from drivecomm.testing.vectors import packaged_vectors
 
 if TYPE_CHECKING:
@@ -23,6 +22,7 @@ _A_DOCUMENT = re.compile(
 _A_PLACE = re.compile(r"\b(p|page|pages|section|sections|chapter|table|printed page)\b\.?|\d+-\d+", re.IGNORECASE)
 
 
+@check("documents")
 def has_a_readme(plugin: Protocol) -> None:
     """The README of the package names the documents that the protocol is taken from, and where in them."""
     readme = resources.files(plugin.package) / "README.md"
@@ -33,6 +33,7 @@ def has_a_readme(plugin: Protocol) -> None:
     expect(_A_PLACE.search(text), "the README names no page or section")
 
 
+@check("documents")
 def names_the_source_of_its_facts(plugin: Protocol) -> None:
     """Line settings and timing say where they come from, with speed and form of a character as they are given."""
     expect(len(plugin.facts_source.split()) >= 3, f"the source of the line facts is {plugin.facts_source!r}")
@@ -41,6 +42,7 @@ def names_the_source_of_its_facts(plugin: Protocol) -> None:
         expect(fact in plugin.facts_source, f"the line is {settings}, and the source of its facts does not say {fact}")
 
 
+@check("documents")
 def has_a_source_for_every_vector(plugin: Protocol) -> None:
     """Every telegram and every exchange says where it is known from."""
     file = packaged_vectors(plugin)
@@ -49,6 +51,7 @@ def has_a_source_for_every_vector(plugin: Protocol) -> None:
     raise_all([f"{name} has no source" for name, source in sources.items() if not source.strip()])
 
 
+@check("documents")
 def has_vectors_for_everything(plugin: Protocol) -> None:
     """There are vectors for both directions, for what is refused, and for every form that the protocol declares."""
     file = packaged_vectors(plugin)
@@ -72,6 +75,7 @@ def _reads(parse: object, data: bytes) -> bool:
     return True
 
 
+@check("documents")
 def has_a_source_for_every_parameter(plugin: Protocol) -> None:
     """Every parameter of every model has a source, its own or its model's."""
     wrong = []
@@ -85,11 +89,13 @@ def has_a_source_for_every_parameter(plugin: Protocol) -> None:
     raise_all(wrong)
 
 
+@check("documents")
 def has_models_in_order(plugin: Protocol) -> None:
     """Every model file of the package is in order, as `drivecomm models check` sees it."""
     raise_all([str(finding) for path in packaged_models(plugin.package) for finding in check_model(path, plugin)])
 
 
+@check("documents")
 def explains_its_options(plugin: Protocol) -> None:
     """The docstring of the options explains each of them, and the package says what it is."""
     text = inspect.getdoc(plugin.options) or ""

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import DriveCommError, DriveError, ReplyError
 from drivecomm.plant import Fault, FaultPlan
 from drivecomm.protocol import Ask, VirtualReply, fields_of, sort_out
-from drivecomm.testing.bench import bench, raise_all
-from drivecomm.testing.case import expect
+from drivecomm.testing.bench import bench
+from drivecomm.testing.checking import check, expect, raise_all
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Framed, Message, Model, Operations, Protocol, Reading
@@ -32,6 +32,7 @@ class _Asked:
     reading: Reading
 
 
+@check("confusion")
 def an_answer_answers_its_question_only(plugin: Protocol, model: Model) -> None:
     """The answer about one parameter is never the answer about another, where answers name what they are about."""
     wrong = []
@@ -59,8 +60,9 @@ def _names_it(mine: _Asked, other: _Asked) -> str:
     return ""
 
 
+@check("confusion")
 def another_drive_is_not_believed(plugin: Protocol, model: Model) -> None:
-    """The answer that another drive would give to the same question is passed over, whatever is asked."""
+    """The answer that another drive would give to the same question is ignored, whatever is asked."""
     wrong = []
     for first, second in ((plugin.addresses[0], plugin.addresses[1]), (plugin.addresses[-1], plugin.addresses[0])):
         with bench(plugin, model, addresses=(second,)) as elsewhere:
@@ -79,6 +81,7 @@ def another_drive_is_not_believed(plugin: Protocol, model: Model) -> None:
     raise_all(wrong)
 
 
+@check("confusion")
 def a_write_is_not_confirmed_by_another(plugin: Protocol, model: Model) -> None:
     """Where the confirmation of a write repeats the value, that of another value is not taken for it.
 
@@ -108,6 +111,7 @@ def a_write_is_not_confirmed_by_another(plugin: Protocol, model: Model) -> None:
     raise_all(wrong)
 
 
+@check("confusion")
 def a_disturbed_line_tells_no_lies(plugin: Protocol, model: Model) -> None:
     """On a line where a third of all telegrams is lost, cut, late, doubled or changed, no reading is wrong."""
     with bench(plugin, model) as quiet:

@@ -7,17 +7,24 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
-from drivecomm.protocol import Framer, Noise
-from drivecomm.testing.case import expect, shown
-from drivecomm.testing.known_models import known_model
+from drivecomm.protocol import Noise
+from drivecomm.testing.checking import check, expect, shown
+from drivecomm.testing.checks.framing import finds
+from drivecomm.testing.subjects import known_model
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Message, VirtualDrive, VirtualReply
-    from drivecomm.testing.case import Case
+    from drivecomm.testing.subjects import Case
+    from drivecomm.testing.vectors import Vector
 
 _NOW = 1.0
 
 
+def _is_request(vector: Vector) -> bool:
+    return vector.valid and vector.direction == "request"
+
+
+@check("vectors", "answers", applies_to=lambda vector: vector.valid and vector.answers_to is not None)
 def belongs_to_its_request(case: Case) -> None:
     """The protocol says of the reply what the vector says: that it answers the request, or in what it differs."""
     vector, codec = case.vector, case.codec
@@ -30,6 +37,7 @@ def belongs_to_its_request(case: Case) -> None:
     expect(found == wanted, f"differs in {found or 'nothing'}, the vector says {wanted or 'nothing'}")
 
 
+@check("vectors", "silence", applies_to=lambda vector: _is_request(vector) and not vector.reply_expected)
 def stays_silent(case: Case) -> None:
     """Nobody answers this request: neither a drive that it is for, nor one that overhears it."""
     for address in _some_addresses(case):
@@ -37,6 +45,7 @@ def stays_silent(case: Case) -> None:
         expect(not answers, f"drive {address} answers {[shown(answer.data) for answer in answers]}")
 
 
+@check("vectors", "virtual-drive", applies_to=lambda vector: _is_request(vector) and vector.reply_expected)
 def is_answered_by_the_right_drive(case: Case) -> None:
     """What the virtual drive answers, if anything, is a reply to this request; other drives are silent."""
     vector, codec, plugin = case.vector, case.codec, case.plugin
@@ -56,6 +65,7 @@ def is_answered_by_the_right_drive(case: Case) -> None:
         expect(answer.delay_s >= 0, f"drive {own} answers {-answer.delay_s} s before it was asked")
 
 
+@check("vectors", "virtual-drive", applies_to=lambda vector: vector.direction == "request" and not vector.valid)
 def survives_damage(case: Case) -> None:
     """A drive that hears a refused telegram raises nothing, and answers a sound reply or not at all."""
     for address in _some_addresses(case):
@@ -86,8 +96,7 @@ def _exists(case: Case, address: int) -> bool:
 def _answers(case: Case, address: int) -> list[VirtualReply]:
     """Return what a drive at this address answers when the telegram arrives and nothing follows it."""
     drive = _drive(case, address)
-    framer = Framer(drive.codec, "request")
-    found = [*framer.feed(case.vector.data), *framer.flush()]
+    found = finds(drive.codec, "request", [case.vector.data])
     replies = [drive.hear(find, _NOW) for find in found if not isinstance(find, Noise)]
     return [reply for reply in replies if reply is not None]
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveError, NotSupported, UsageError
 from drivecomm.protocol import Command, DriveState, Stop
-from drivecomm.testing.bench import bench, raise_all
-from drivecomm.testing.case import expect
-from drivecomm.testing.report import CheckFailure
+from drivecomm.testing.bench import bench
+from drivecomm.testing.checking import CheckFailure, check, expect, raise_all
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,6 +29,7 @@ _STOPPING = {
 }
 
 
+@check("commands")
 def runs_at_the_reference(plugin: Protocol, model: Model) -> None:
     """After set_reference and start the motor turns as fast as it was told to, and the status says so."""
     able = _capabilities(plugin, model)
@@ -59,6 +59,7 @@ def runs_at_the_reference(plugin: Protocol, model: Model) -> None:
         )
 
 
+@check("commands")
 def runs_backwards(plugin: Protocol, model: Model) -> None:
     """A start in reverse turns the motor backwards, or is refused before anything is sent."""
     with bench(plugin, model) as on:
@@ -75,6 +76,7 @@ def runs_backwards(plugin: Protocol, model: Model) -> None:
         _agrees(status, on)
 
 
+@check("commands")
 def stops_in_every_way(plugin: Protocol, model: Model) -> None:
     """Each way of stopping does to the motor what its name says; the others are refused before anything is sent."""
     wrong = []
@@ -96,6 +98,7 @@ def stops_in_every_way(plugin: Protocol, model: Model) -> None:
     raise_all(wrong)
 
 
+@check("commands")
 def tells_its_faults(plugin: Protocol, model: Model) -> None:
     """A drive that has tripped says so, with the code that it tripped with and the model's text for it."""
     wrong = []
@@ -114,6 +117,7 @@ def tells_its_faults(plugin: Protocol, model: Model) -> None:
     raise_all(wrong)
 
 
+@check("commands")
 def is_reset_and_stands(plugin: Protocol, model: Model) -> None:
     """A tripped drive refuses to start; a reset clears the fault, and the motor does not move by it."""
     with bench(plugin, model) as on:
@@ -135,6 +139,7 @@ def is_reset_and_stands(plugin: Protocol, model: Model) -> None:
         expect(not on.virtual.motor.running, "after the reset the motor runs")
 
 
+@check("commands")
 def asking_moves_nothing(plugin: Protocol, model: Model) -> None:
     """Reading, status, probe and identify neither start a motor nor stop it nor change its speed."""
     for running in (False, True):
@@ -158,6 +163,7 @@ def asking_moves_nothing(plugin: Protocol, model: Model) -> None:
             expect((motor.command, motor.target_hz, motor.fault) == before, "asked only, and the motor changes later")
 
 
+@check("commands")
 def does_not_repeat_an_old_command(plugin: Protocol, model: Model) -> None:
     """After somebody else has stopped the drive, setting the reference does not start it again."""
     with bench(plugin, model) as on:
