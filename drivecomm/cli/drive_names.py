@@ -81,7 +81,7 @@ def placed(text: str, asked: Asked) -> PlantPlace | None:
         )
     reason = drive.why_read_only(known.file)
     if asked.arm and not reason:
-        raise UsageError(f"{drive.name} is armed in {known.file}, so that --arm has no effect; leave it out")
+        raise UsageError(f"{drive.name} is armed in {known.file}, so --arm has no effect; leave it out")
     if reason and not asked.arm:
         drive = drive.with_options(read_only=f"{reason}, or give --arm for this once")
     return PlantPlace(drive=drive, settings=parse_options(settings), line=line, file=known.file)

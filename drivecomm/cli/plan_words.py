@@ -56,7 +56,7 @@ def given_plan(
         plan = parse_plan(words, period_s=1.0 if period_s is None else period_s, known=known)
     else:
         if period_s is not None:
-            raise UsageError("the plant says how often each is read, so that --period has no effect; leave it out")
+            raise UsageError("the plant says how often each is read, so --period has no effect; leave it out")
         plan = known.poll_plan()
     if all(drive.line for drive in plan.drives):
         line.refuse("the plan names the ports of all its drives", "port")

@@ -34,17 +34,17 @@ def stats(
         list[str] | None,
         typer.Argument(
             metavar="DRIVE",
-            help="PROTOCOL:ADDRESS or a name of the plant. If absent: those of the plant, or that a scan finds.",
+            help="PROTOCOL:ADDRESS or a name from the plant file. Default: all of the plant, or those a scan finds.",
         ),
     ] = None,
-    seconds: Annotated[float, typer.Option("--for", metavar="SECONDS", help="How long to ask.")] = 5.0,
+    seconds: Annotated[float, typer.Option("--for", metavar="SECONDS", help="How long to poll.")] = 5.0,
 ) -> int:
-    """Ask drives for a while, one after the other, with probes that cannot move a motor, and count what happens.
+    """Poll drives in turn with probes that cannot move a motor, and count replies, errors and reply times.
 
-    Drives on several lines are asked line after line. Exit code 1 when a drive never answered, or none was found.
+    Lines are polled one after the other. Exit code 1 when a drive never answered, or none was found.
     """
     if not 0 < seconds < float("inf"):
-        raise UsageError(f"{seconds:g} s is no time to ask for; give --for a number above 0")
+        raise UsageError(f"{seconds:g} s is not possible; give --for a number above 0")
     lines = _by_line(line, drives or _of_the_plant(line))
     if not lines:
         lines = [(line, {str(name): name for name in _scanned(line)})]

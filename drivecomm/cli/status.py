@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 from functools import partial
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +12,7 @@ import typer
 
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.opened_drive import drive_named
+from drivecomm.cli.options import Model
 from drivecomm.cli.output import emit, plain, say, sentence
 from drivecomm.errors import DriveError, UsageError
 
@@ -33,11 +34,11 @@ def status(
     line: LineOptions,
     drive: Annotated[
         str | None,
-        typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS or a name of the plant. If absent: the whole plant."),
+        typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS or a name from the plant file. Default: all drives."),
     ] = None,
-    model: Annotated[str | None, typer.Option("--model", "-m", help="Model by name, or a .toml file.")] = None,
+    model: Model = None,
 ) -> int:
-    """Show how a drive is, or all drives of the plant; commands nothing.
+    """Show the state of a drive, or of all drives of the plant; commands nothing.
 
     Exit code 5 when a drive has a fault, 4 when one does not answer.
     """
@@ -45,7 +46,7 @@ def status(
         if model is not None:
             raise UsageError("--model is for one drive; name it, or leave --model out: the plant says which each has")
         return _of_the_plant(line)
-    with drive_named(line, drive, model) as (one, name):
+    with line.drive(drive, model) as (one, name):
         found = one.status()
         show_status(name, found, as_json=line.json)
     return DriveError.exit_code if found.fault else 0
@@ -175,8 +176,6 @@ def _reference(reading: Reading | None) -> str:
 
 def _explain(report: DriveReport, width: int, tell: Callable[[str, str], None]) -> None:
     """Tell below a drive's row what is wrong with it."""
-    from textwrap import wrap  # noqa: PLC0415 - only where something is wrong
-
     if report.error is not None:
         words, style = sentence(report.error), "dim"
     elif report.status is not None and report.status.fault:
@@ -186,7 +185,7 @@ def _explain(report: DriveReport, width: int, tell: Callable[[str, str], None]) 
         words, style = "a warning is active", "yellow"
     else:
         return
-    for text in wrap(words, max(20, width - 4), break_long_words=False, break_on_hyphens=False):
+    for text in textwrap.wrap(words, max(20, width - 4), break_long_words=False, break_on_hyphens=False):
         tell(f"    {text}", style)
 
 

@@ -8,19 +8,17 @@ from typing import Annotated
 
 import typer
 
+from drivecomm.cli.options import Json, ProtocolOption
 from drivecomm.cli.output import complain, emit, say
-from drivecomm.cli.telegrams import Options
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.protocol import installed, parse_options, protocol_options
-
-AsJson = Annotated[bool, typer.Option("--json", help="One JSON object per line.")]
 
 
 def check(
     files: Annotated[
         list[Path] | None, typer.Argument(metavar="[FILE...]", help="Those of the installed protocols if absent.")
     ] = None,
-    json: AsJson = False,
+    json: Json = False,
 ) -> int:
     """Run every check of every vector. Exit code 1 when one fails."""
     from drivecomm.testing import load_vectors, packaged_vectors, run_checks  # noqa: PLC0415
@@ -56,7 +54,7 @@ def from_capture(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A capture, .jsonl or .pcapng.")],
     protocol: Annotated[str, typer.Option("--protocol", help="The protocol whose telegrams are wanted.")],
     output: Annotated[Path | None, typer.Option("--output", help="The vector file; printed if absent.")] = None,
-    option: Options = None,
+    option: ProtocolOption = None,
 ) -> int:
     """Turn a capture into vectors: each sound telegram of a protocol once, replies with their requests.
 

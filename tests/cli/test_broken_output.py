@@ -8,11 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
-import typer.main
 from forked_commands import Commands
 
-from drivecomm.cli.app import app
-from drivecomm.cli.run import READING
+from drivecomm.cli.app import READING, app
 
 LONG = os.environ.get("DRIVECOMM_LONG") == "1"
 
@@ -132,10 +130,10 @@ def run(place):
 
 
 def names(command=None, before=""):
-    group = typer.main.get_command(app) if command is None else command
-    for name, each in group.commands.items():
-        if hasattr(each, "commands"):
-            yield from names(each, f"{before}{name} ")
+    for name, each in (app if command is None else command).commands.items():
+        loaded = getattr(each, "loaded", each)
+        if hasattr(loaded, "commands"):
+            yield from names(loaded, f"{before}{name} ")
         else:
             yield f"{before}{name}"
 

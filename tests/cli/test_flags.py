@@ -8,7 +8,7 @@ import typer
 import drivecomm.bus.bus
 import drivecomm.cli.replay
 from drivecomm.cli.app import app
-from drivecomm.cli.help_text import flowing
+from drivecomm.cli.lazy_commands import flowing
 from drivecomm.cli.line_options import WITHOUT_EFFECT, LineOptions
 from drivecomm.plant import read_plant
 from drivecomm.traffic.replay import Asking
@@ -213,11 +213,11 @@ def test_two_words_for_one_thing(heard, shell):
         (("poll", "--plan", "plant.toml", "--plant", "other.toml"), "--plant has no effect"),
         (("demo", "--baudrate", "9600"), "--baudrate has no effect"),
         (("demo", "--allow-motion"), "--allow-motion has no effect"),
-        (("replay", "capture.jsonl", "--arm"), "without --commands nothing is commanded, so that --arm has no effect"),
-        (("forecast", "--trace"), "forecast opens no port, so that --trace has no effect"),
-        (("read", "fan", "3-41", "--arm"), "read commands nothing, so that --arm has no effect"),
+        (("replay", "capture.jsonl", "--arm"), "without --commands nothing is commanded, so --arm has no effect"),
+        (("forecast", "--trace"), "forecast opens no port, so --trace has no effect"),
+        (("read", "fan", "3-41", "--arm"), "read commands nothing, so --arm has no effect"),
         (("write", "danfoss-fc:9", "3-41", "5", "--port", "OTHER", "--arm"), "--arm has no effect"),
-        (("compare", "plant.toml", "other.toml", "--port", "OTHER"), "no drive is asked, so that --port has no effect"),
+        (("compare", "plant.toml", "other.toml", "--port", "OTHER"), "no drive is asked, so --port has no effect"),
         (("demo", "--port", "HALL", "--allow-motion"), "fan is read-only in plant.toml"),
     ],
 )

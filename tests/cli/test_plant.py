@@ -187,10 +187,10 @@ def test_control_of_drives_that_are_named_as_options(simulated, run):
     ("arguments", "sentence"),
     [
         ([], "name a plant file"),
-        (["-d", "vabus:1"], "a place to --listen at"),
+        (["-d", "vabus:1"], "at least one --drive and --listen"),
         (["none.toml"], "none.toml: there is no such file"),
-        (["PLANT", "-d", "vabus:1"], "leave these options away"),
-        (["PLANT", "--echo"], "leave these options away"),
+        (["PLANT", "-d", "vabus:1"], "leave these options out"),
+        (["PLANT", "--echo"], "leave these options out"),
         (["PLANT", "--speed", "0"], "a speed of 0 cannot be"),
         (["PLANT", "--control", "here"], "HOST:PORT or unix:PATH"),
         (["-d", "vabus:1", "-d", "vabus:1", "-l", "tcp::0"], "two drives are named 'vabus:1'"),

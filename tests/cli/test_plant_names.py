@@ -533,10 +533,10 @@ class TestScan:
     @pytest.mark.parametrize(
         ("option", "value", "sentence"),
         [
-            ("--baudrate", "fast", "'fast' is no baud rate"),
+            ("--baudrate", "fast", "'fast' is not a baud rate"),
             ("--baudrate", "9600,3", "a baud rate of 3"),
             ("--parity", "E,X", "parity 'X'"),
-            ("--stopbits", "1,two", "'two' is no number of stop bits"),
+            ("--stopbits", "1,two", "'two' is not a number of stop bits"),
             ("--bytesize", "7,9", "9 data bits"),
         ],
     )

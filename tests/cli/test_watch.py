@@ -83,7 +83,7 @@ def test_calls_that_cannot_be(shell, plant_file, tmp_path, monkeypatch):
         ([plant_file], "line", 2, "leave --port and DRIVECOMM_PORT out"),
         ([str(tmp_path / "none.toml")], None, 2, "there is no such file"),
         ([plant_file, "--json"], None, 2, "use drivecomm poll for --json"),
-        ([plant_file, "--for", "0"], None, 2, "--for 0 s watches nothing"),
+        ([plant_file, "--for", "0"], None, 2, "--for 0 s is not possible"),
         ([plant_file], None, 2, "watch needs a terminal; use drivecomm poll where there is none"),
     ):
         assert shell("watch", *arguments, port=port) == code
@@ -108,7 +108,7 @@ def test_a_name_that_no_drive_has_is_refused(shell, plant_file, monkeypatch):
     in_a_terminal(monkeypatch)
     names = ("--name", "output_frequency", "--name", "torque", "--name", "inside_temperature")
     assert shell("watch", plant_file, *names, port=None) == 2
-    assert "no drive here can be asked for " in shell.err
+    assert "no drive here has " in shell.err
     assert "output_frequency" not in shell.err
 
 

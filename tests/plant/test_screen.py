@@ -103,7 +103,7 @@ def test_the_table():
             happened = [line for line in watch.text if re.match(r" 00:00:0\d  ", line)]
             assert any("fan  fault: 14 earth fault" in line for line in happened)
             assert any("well  did not answer" in line for line in happened)
-            assert watch.message == "asked for 8 s; q leaves"
+            assert watch.message == "asked for 8 s; q quits"
 
     run(scene())
 
@@ -173,7 +173,7 @@ def test_a_message_goes_away(monkeypatch):
                 await asyncio.sleep(0.02)
                 if watch.message != "nothing was sent":
                     break
-            assert watch.message == "asked for 3 s; q leaves", "what holds on is said again"
+            assert watch.message == "asked for 3 s; q quits", "what holds on is said again"
 
     run(scene())
 

@@ -1,14 +1,19 @@
-"""Starting from the command line: no motor turns without somebody having said what stops it."""
+"""The start command: no motor turns without somebody having said what stops it."""
 
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Annotated, get_args
+
+import typer
 
 from drivecomm.bus import keep, policies
+from drivecomm.cli.control.server import control_server
+from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.one_drive import number
+from drivecomm.cli.options import Drive, Model
 from drivecomm.cli.output import complain, emit, say
 from drivecomm.cli.signals import until_stopped
-from drivecomm.cli.start_door import door_of_start
 from drivecomm.errors import DriveCommError, DriveError, UsageError, near
 from drivecomm.protocol import LinkLoss
 
@@ -16,11 +21,65 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from threading import Event
 
-    from drivecomm.bus import Drive
+    from drivecomm import bus
     from drivecomm.protocol import DriveConfig, DriveStatus, Stop
 
 
-def chosen_policy(drive: Drive, text: str | None) -> LinkLoss:
+def start(
+    drive: Drive,
+    line: LineOptions,
+    link_loss: Annotated[
+        str | None,
+        typer.Option(
+            "--link-loss",
+            metavar="POLICY",
+            help="If communication is lost: hold, ramp, coast or trip. Default: as in the plant file.",
+        ),
+    ] = None,
+    watchdog: Annotated[
+        str | None,
+        typer.Option("--watchdog", metavar="SECONDS", help="Timeout of the drive's watchdog. Default: 5."),
+    ] = None,
+    reverse: Annotated[bool, typer.Option("--reverse", help="Run in reverse.")] = False,
+    percent: Annotated[str | None, typer.Option(help="Set the reference first, in percent.")] = None,
+    hz: Annotated[str | None, typer.Option(help="Set the reference first, in hertz.")] = None,
+    model: Model = None,
+) -> int:
+    """Start the motor; --link-loss says what it does when communication is lost.
+
+    With hold it keeps running, and the command ends. Otherwise the command sets the drive's own watchdog first, then
+    stays and feeds it until Ctrl-C, which stops the motor. Exit code 5 when the drive has a fault meanwhile.
+    """
+    said = line.link_loss_of(drive)
+    with line.drive(drive, model) as (one, name):
+        if reason := name.options.get("read_only"):
+            # Said before its watchdog is looked at.
+            raise UsageError(reason)
+        policy = _chosen_policy(one, link_loss or (said.policy if said else None))
+        # What the plant says of a watchdog belongs to the policy that it says.
+        usual_s = f"{said.watchdog_s:g}" if said and policy == said.policy else "5"
+
+        def run() -> None:
+            given = percent is not None or hz is not None
+            # Some drives take a reference only from whoever commands them, so a motor that runs is commanded first.
+            runs = given and one.status().running
+            if given and not runs:
+                one.set_reference(percent=number(percent), hz=number(hz))
+            one.start(reverse=reverse)
+            if runs:
+                one.set_reference(percent=number(percent), hz=number(hz))
+
+        if policy != "hold":
+            return _start_and_stay(
+                one, name, run, policy, watchdog or usual_s, port=line.reaching(drive)[0].named_port, as_json=line.json
+            )
+        if watchdog is not None:
+            raise UsageError("hold uses no watchdog; leave --watchdog out, or choose another policy")
+        _start_and_leave(one, name, run, as_json=line.json)
+    return 0
+
+
+def _chosen_policy(drive: bus.Drive, text: str | None) -> LinkLoss:
     """Return the policy that was asked for. Raises UsageError with what to write where none was, or none that is."""
     if text is None:
         raise UsageError(
@@ -32,10 +91,10 @@ def chosen_policy(drive: Drive, text: str | None) -> LinkLoss:
             return found
     question = near(text, get_args(LinkLoss))
     known = f"{question} Write" if question else "write"
-    raise UsageError(f"{text!r} is nothing that a motor does when a line falls silent; {known} {_choice(drive)}")
+    raise UsageError(f"{text!r} is not a policy; {known} {_choice(drive)}")
 
 
-def start_and_leave(drive: Drive, name: DriveConfig, start: Callable[[], None], *, as_json: bool) -> None:
+def _start_and_leave(drive: bus.Drive, name: DriveConfig, start: Callable[[], None], *, as_json: bool) -> None:
     """Start a motor that nobody watches from here; its own watchdog, where its model knows one, must be off.
 
     Whoever interrupts this before it says that the motor was started does not want it to turn: it is stopped again.
@@ -56,10 +115,10 @@ def start_and_leave(drive: Drive, name: DriveConfig, start: Callable[[], None], 
         say(f"{name.name}  started, and goes on without this program")
         if kept.watchdog is None:
             why = f"the model {drive.model.name} knows no watchdog; " if drive.model else ""
-            say(f"  its own watchdog was not looked at, because {why}{drive.capabilities.link_loss}")
+            say(f"  its own watchdog was not checked, because {why}{drive.capabilities.link_loss}")
 
 
-def _stop_again(drive: Drive, name: DriveConfig, *, as_json: bool) -> None:
+def _stop_again(drive: bus.Drive, name: DriveConfig, *, as_json: bool) -> None:
     try:
         drive.stop()
     except DriveCommError as error:
@@ -68,8 +127,8 @@ def _stop_again(drive: Drive, name: DriveConfig, *, as_json: bool) -> None:
         complain(f"{name.name} was told to stop, because its start was interrupted", as_json=as_json)
 
 
-def start_and_stay(
-    drive: Drive,
+def _start_and_stay(
+    drive: bus.Drive,
     name: DriveConfig,
     start: Callable[[], None],
     policy: LinkLoss,
@@ -86,11 +145,11 @@ def start_and_stay(
         watch = _Watch(name, stop, as_json=as_json)
         kept = keep(drive, policy, watchdog_s=watchdog_s, on_failure=watch.failed, on_status=watch.answered)
 
-        def leave(how: Stop) -> None:
+        def end(how: Stop) -> None:
             kept.stop_by(how)
             stop.set()
 
-        with door_of_start(drive, port, leave, as_json=as_json) as asked, kept:
+        with control_server(drive, port, end, as_json=as_json) as asked, kept:
             watch.tell(done="watchdog set", text=f"watchdog: {kept.watchdog} without this program")
             if not (stop.is_set() or asked.is_set()):
                 start()
@@ -140,7 +199,7 @@ class _Watch:
             self._stop.set()
 
 
-def _choice(drive: Drive) -> str:
+def _choice(drive: bus.Drive) -> str:
     """Return what can be written, in words."""
     known = policies(drive.model)
     watched = [f"--link-loss {policy}" for policy in known if policy != "hold"]

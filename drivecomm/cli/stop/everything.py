@@ -15,10 +15,10 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm.bus import bus as buses
-from drivecomm.cli.asking_start import WhatToStop, broadcasts, stopped_by_its_keeper
+from drivecomm.cli.control.client import StopRequest, StopResult, broadcasts, stop_by_holder
 from drivecomm.cli.output import complain, emit, say, sentence
 from drivecomm.cli.signals import until_stopped
-from drivecomm.cli.stoppable import as_far_as_possible
+from drivecomm.cli.stop.one_drive import as_far_as_possible
 from drivecomm.errors import (
     DriveCommError,
     DriveError,
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from threading import Event
 
     from drivecomm.bus import Broadcast, Bus
-    from drivecomm.cli.asking_start import Answer
     from drivecomm.plant import Plant
     from drivecomm.protocol import DriveConfig
 
@@ -55,29 +54,8 @@ class Everything:
     opening: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Told:
-    """A broadcast that was sent, or could not be. how: other than asked for where the protocol cannot stop so."""
-
-    line: str
-    protocol: str
-    how: Stop
-    error: DriveCommError | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
-    """What became of one drive: confirmed, or why not. without: what was left out, because it could not be."""
-
-    line: str
-    drive: str
-    how: Stop
-    error: Exception | None = None
-    without: str = ""
-
-
-_Item: TypeAlias = Told | Outcome | BaseException | None
-_Tell: TypeAlias = "Callable[[Told | Outcome], None]"
+_Item: TypeAlias = StopResult | BaseException | None
+_Tell: TypeAlias = "Callable[[StopResult], None]"
 
 
 def stop_all(everything: Everything, *, as_json: bool) -> int:
@@ -99,7 +77,7 @@ def stop_all(everything: Everything, *, as_json: bool) -> int:
         raise UsageError("--record is for one line, and this plant has several; leave it out")
     confirmed = whole
     for news in _at_once(lines, everything.how):
-        if isinstance(news, Outcome):
+        if news.drive:
             confirmed = confirmed and news.error is None
         _show(news, everything.how, as_json=as_json)
     return 0 if confirmed else DriveError.exit_code
@@ -126,11 +104,11 @@ def _plant(path: Path, *, as_json: bool) -> tuple[Plant, bool]:
 
 
 def _without_a_plant(everything: Everything, *, as_json: bool) -> int:
-    def tell(answer: Answer) -> None:
-        _show(_news("", answer), everything.how, as_json=as_json)
+    def tell(result: StopResult) -> None:
+        _show(result, everything.how, as_json=as_json)
 
-    all_of_them = WhatToStop(how=everything.how, protocols=tuple((name, {}) for name in installed), everything=True)
-    if stopped_by_its_keeper(everything.port, all_of_them, tell, everything.opening) is not None:
+    all_of_them = StopRequest(how=everything.how, protocols=tuple((name, {}) for name in installed), everything=True)
+    if stop_by_holder(everything.port, all_of_them, tell, everything.opening) is not None:
         return DriveError.exit_code
     with _bus(everything.port, everything.opening) as bus:
         for name in installed:
@@ -138,8 +116,8 @@ def _without_a_plant(everything: Everything, *, as_json: bool) -> int:
                 # One after the other: the first has been stopped before the second is loaded.
                 told = _tell_all("", bus.broadcast(name), name, everything.how)
             except DriveCommError as error:
-                told = Told(line="", protocol=name, how=everything.how, error=error)
-            _show(told, everything.how, as_json=as_json)
+                told = StopResult(protocol=name, how=everything.how, error=error)
+            tell(told)
     if not as_json:
         say(
             "sent with each protocol's usual line settings, which is the best that can be done without --plant: nobody "
@@ -186,7 +164,7 @@ def _bus(port: str | None, opening: Mapping[str, Any]) -> Iterator[Bus]:
         raise
 
 
-def _at_once(lines: Iterable[_Line], how: Stop) -> Iterator[Told | Outcome]:
+def _at_once(lines: Iterable[_Line], how: Stop) -> Iterator[StopResult]:
     """Stop all lines at the same time, and yield what comes of it as it comes.
 
     A signal does not break it off: then those that are silent are not asked again.
@@ -213,17 +191,16 @@ def _at_once(lines: Iterable[_Line], how: Stop) -> Iterator[Told | Outcome]:
 def _stop_line(line: _Line, how: Stop, news: SimpleQueue[_Item], hurry: Event) -> None:
     left = {drive.name: drive for drive in line.drives}
 
-    def tell(item: Told | Outcome) -> None:
-        if isinstance(item, Outcome):
-            left.pop(item.drive, None)
+    def tell(item: StopResult) -> None:
+        left.pop(item.drive, None)
         news.put(item)
 
     drives = tuple((drive.name, drive.protocol, drive.address, drive.options) for drive in line.drives)
-    what = WhatToStop(
+    what = StopRequest(
         how=how, drives=drives, protocols=(*broadcasts(drives), *((name, {}) for name in line.also)), everything=True
     )
     try:
-        if stopped_by_its_keeper(line.port, what, lambda each: tell(_news(line.name, each)), line.opening) is not None:
+        if stop_by_holder(line.port, what, lambda each: tell(replace(each, line=line.name)), line.opening) is not None:
             return
         with _bus(line.port, line.opening) as bus:
             _broadcast(bus, line, how, tell)
@@ -231,17 +208,11 @@ def _stop_line(line: _Line, how: Stop, news: SimpleQueue[_Item], hurry: Event) -
             _broadcast_to_others(bus, line, how, tell)
     except DriveCommError as error:
         for name in list(left):
-            tell(Outcome(line=line.name, drive=name, how=how, error=error))
+            tell(StopResult(line=line.name, drive=name, how=how, error=error))
     except BaseException as error:  # noqa: BLE001 - handed to the thread that waits, which raises it after all others
         news.put(error)
     finally:
         news.put(None)
-
-
-def _news(line: str, answer: Answer) -> Told | Outcome:
-    if answer.drive:
-        return Outcome(line=line, drive=answer.drive, how=answer.how, error=answer.error)
-    return Told(line=line, protocol=answer.protocol, how=answer.how, error=answer.error)
 
 
 def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
@@ -266,7 +237,7 @@ def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
             # It has no broadcast; its drives are stopped one by one.
             continue
         except DriveCommError as error:
-            tell(Told(line=line.name, protocol=drive.protocol, how=how, error=error))
+            tell(StopResult(line=line.name, protocol=drive.protocol, how=how, error=error))
 
 
 def _broadcast_to_others(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
@@ -276,10 +247,10 @@ def _broadcast_to_others(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
                 tell(_tell_all(line.name, bus.broadcast(protocol), protocol, how))
 
 
-def _tell_all(line: str, everybody: Broadcast, protocol: str, how: Stop) -> Told:
+def _tell_all(line: str, everybody: Broadcast, protocol: str, how: Stop) -> StopResult:
     used = _way(everybody, how)
     everybody.stop(used)
-    return Told(line=line, protocol=protocol, how=used)
+    return StopResult(line=line, protocol=protocol, how=used)
 
 
 def _way(everybody: Broadcast, how: Stop) -> Stop:
@@ -297,30 +268,29 @@ def _each(bus: Bus, line: _Line, how: Stop, tell: _Tell, hurry: Event) -> None:
         except (ReplyError, LinkError) as error:
             silent[drive.name] = drive, error
         except Exception as error:  # noqa: BLE001 - nothing that is wrong with one drive keeps the others running
-            tell(Outcome(line=line.name, drive=drive.name, how=how, error=error))
+            tell(StopResult(line=line.name, drive=drive.name, how=how, error=error))
     for drive, first in silent.values():
         try:
             if hurry.is_set():
                 raise first
             tell(_stop_one(bus, drive, how))
         except (ReplyError, DriveError, UsageError) as error:
-            tell(Outcome(line=line.name, drive=drive.name, how=how, error=error))
+            tell(StopResult(line=line.name, drive=drive.name, how=how, error=error))
 
 
-def _stop_one(bus: Bus, drive: DriveConfig, how: Stop, **attempts: int) -> Outcome:
+def _stop_one(bus: Bus, drive: DriveConfig, how: Stop, **attempts: int) -> StopResult:
     one, without = as_far_as_possible(partial(bus.drive, drive.protocol, drive.address), {**drive.options, **attempts})
     used = how if how in one.capabilities.stops else Stop.RAMP
     one.stop(used)
-    return Outcome(line=drive.line, drive=drive.name, how=used, without=without)
+    return StopResult(line=drive.line, drive=drive.name, how=used, without=without)
 
 
-def _show(news: Told | Outcome, wanted: Stop, *, as_json: bool) -> None:
-    who = f"{news.protocol}:*" if isinstance(news, Told) else news.drive
-    confirmed = isinstance(news, Outcome) and news.error is None
-    without = news.without if isinstance(news, Outcome) else ""
+def _show(news: StopResult, wanted: Stop, *, as_json: bool) -> None:
+    who = news.drive or f"{news.protocol}:*"
+    confirmed = bool(news.drive) and news.error is None
     if as_json:
         error = "" if news.error is None else str(news.error)
-        emit(line=news.line, drive=who, stop=news.how, confirmed=confirmed, error=error, without=without)
+        emit(line=news.line, drive=who, stop=news.how, confirmed=confirmed, error=error, without=news.without)
         return
     where = f"{news.line}: " if news.line else ""
     if news.error is not None:
@@ -328,4 +298,4 @@ def _show(news: Told | Outcome, wanted: Stop, *, as_json: bool) -> None:
         return
     instead = "" if news.how is wanted else f", because it cannot by {wanted.value}"
     what = "confirmed" if confirmed else "sent to all"
-    say(f"{where}{who}  stop ({news.how.value}{instead}) {what}{f', {without}' if without else ''}")
+    say(f"{where}{who}  stop ({news.how.value}{instead}) {what}{f', {news.without}' if news.without else ''}")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivecomm.cli.options import Json
 from drivecomm.cli.output import complain, emit, say
 from drivecomm.errors import FileFormatError, ParameterAddressError, UsageError
 from drivecomm.models import (
@@ -27,18 +28,12 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Model, ParameterInfo, Protocol
 
-models = typer.Typer(
-    name="models", help="Drive series as data: list them, show them, check a file of your own.", no_args_is_help=True
-)
-
-_Json = Annotated[bool, typer.Option("--json", help="One JSON object per line.")]
-_Protocol = Annotated[str | None, typer.Option("--protocol", help="Where several protocols have a model so named.")]
+_Protocol = Annotated[str | None, typer.Option("--protocol", help="If several protocols have a model of that name.")]
 
 
-@models.command("list")
 def list_models(
-    protocol: Annotated[str | None, typer.Argument(metavar="[PROTOCOL]", help="All installed ones if absent.")] = None,
-    json: _Json = False,
+    protocol: Annotated[str | None, typer.Argument(metavar="[PROTOCOL]", help="Default: all installed ones.")] = None,
+    json: Json = False,
 ) -> int:
     """List the models by protocol: name, title, number of parameters, and where each comes from."""
     code = 0
@@ -62,15 +57,14 @@ def list_models(
     return code
 
 
-@models.command()
 def show(
-    model: Annotated[str, typer.Argument(metavar="MODEL", help="Its name, PROTOCOL/NAME, or a .toml file.")],
+    model: Annotated[str, typer.Argument(metavar="MODEL", help="NAME, PROTOCOL/NAME, or a .toml file.")],
     parameters: Annotated[
-        list[str] | None, typer.Argument(metavar="[PARAM...]", help="Only these, with all that is known of them.")
+        list[str] | None, typer.Argument(metavar="[PARAM...]", help="Only these, in full detail.")
     ] = None,
     protocol: _Protocol = None,
-    common: Annotated[bool, typer.Option("--quantities", help="Only the common names that it has.")] = False,
-    json: _Json = False,
+    common: Annotated[bool, typer.Option("--quantities", help="Only its common names.")] = False,
+    json: Json = False,
 ) -> int:
     """Show what is known of a drive series: its parameters, common names, watchdog, and how sure each fact is."""
     known = _found(model, protocol)
@@ -89,14 +83,13 @@ def show(
     return 0
 
 
-@models.command()
 def check(
     files: Annotated[
-        list[Path] | None, typer.Argument(metavar="[FILE...]", help="All that drivecomm finds by name if absent.")
+        list[Path] | None, typer.Argument(metavar="[FILE...]", help="Default: all that drivecomm finds by name.")
     ] = None,
-    json: _Json = False,
+    json: Json = False,
 ) -> int:
-    """Say all that is wrong in model files, a line for each. Exit code 2 when anything is."""
+    """Check model files and list everything that is wrong. Exit code 2 when anything is."""
     paths = files or [path for plugin in installed.working() for path in _paths(plugin)]
     wrong = 0
     for path in paths:
@@ -114,8 +107,7 @@ def check(
     return UsageError.exit_code if wrong else 0
 
 
-@models.command()
-def names(json: _Json = False) -> int:
+def names(json: Json = False) -> int:
     """List the common names: what each means on every drive, and its unit."""
     if json:
         for quantity in quantities().values():

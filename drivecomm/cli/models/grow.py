@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,16 +9,16 @@ import typer
 
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
+from drivecomm.cli.progress import progress_bar
 from drivecomm.commissioning import addresses_in, descriptions, grown
 from drivecomm.errors import DriveCommError, DriveError, UsageError
 from drivecomm.models import load_model, model_text
 from drivecomm.protocol import ParameterInfo, installed, parse_options
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from drivecomm.bus import Drive
-    from drivecomm.commissioning import Described
 
 # As many as fit below each other on a screen; the others are counted.
 _MOST_SHOWN = 10
@@ -28,32 +27,32 @@ _MOST_SHOWN = 10
 def grow(
     drive: Annotated[str, typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS, such as danfoss-fc:3.")],
     line: LineOptions,
-    write: Annotated[Path, typer.Option("--write", "-w", metavar="FILE", help="The model file to make.")],
+    write: Annotated[Path, typer.Option("--write", "-w", metavar="FILE", help="The model file to write.")],
     parameters: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="[PARAM or FIRST..LAST]...",
-            help="Such as 3-41 or 16-10..16-18. If absent: all that its model knows, or the protocol's own.",
+            help="Such as 3-41 or 16-10..16-18. Default: all of its model, or of the protocol's usual one.",
         ),
     ] = None,
     model: Annotated[
-        str | None, typer.Option("--model", "-m", help="What the drive is taken for; common names come from there.")
+        str | None, typer.Option("--model", "-m", help="The model to start from; common names come from there.")
     ] = None,
     option: Annotated[
         list[str] | None,
         typer.Option("--option", "-o", metavar="NAME=VALUE", help="Option of this protocol's describe."),
     ] = None,
 ) -> int:
-    """Write a model file of what a drive tells of its own parameters: names, types, units, scales, limits, texts.
+    """Write a model file from what a drive reports of its parameters: names, types, units, scales, limits, texts.
 
-    Only for protocols whose drives tell it. Nothing in the drive is changed. Exit code 5 when it told nothing.
+    Only for protocols whose drives report it. Changes nothing in the drive. Exit code 5 when it reports nothing.
     """
     if write.suffix != ".toml":
         raise UsageError(f"a model file ends in .toml; write --write {write.with_suffix('.toml')}")
     if write.exists():
-        raise UsageError(f"{write} is there already; name another file, or remove it")
+        raise UsageError(f"{write} already exists; name another file, or remove it")
     if not write.parent.is_dir():
-        raise UsageError(f"there is no folder {write.parent} for the model; make it first")
+        raise UsageError(f"there is no folder {write.parent} for the model; create it first")
     reached, name = line.reaching(drive)
     with reached.bus() as bus:
         chosen = {**name.options, **({"model": model} if model else {})}
@@ -61,11 +60,13 @@ def grow(
         addresses = addresses_in(parameters or _all_known(one, name.protocol))
         told: list[ParameterInfo] = []
         left_out: list[tuple[str, DriveCommError]] = []
-        for address, found in _shown(one, addresses, parse_options(option or []), quiet=line.json):
-            if isinstance(found, ParameterInfo):
-                told.append(found)
-            else:
-                left_out.append((address, found))
+        with progress_bar("asking", shown=not line.json) as progress:
+            for done, (address, found) in enumerate(descriptions(one, addresses, parse_options(option or [])), 1):
+                progress(address, done, len(addresses))
+                if isinstance(found, ParameterInfo):
+                    told.append(found)
+                else:
+                    left_out.append((address, found))
         source = f"what {one.name} told of itself"
         made = grown(
             told,
@@ -98,19 +99,3 @@ def _all_known(drive: Drive, protocol: str) -> Sequence[str]:
     """Return the addresses of the drive's model, or of the model that the protocol takes for granted."""
     plugin = installed[protocol]
     return list((drive.model or load_model(plugin.package, protocol, plugin.default_model)).parameters)
-
-
-def _shown(
-    drive: Drive, addresses: Sequence[str], options: dict[str, object], *, quiet: bool
-) -> Iterator[tuple[str, Described]]:
-    """Yield what the drive tells, with a bar for people who wait."""
-    from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=quiet or not sys.stderr.isatty()) as progress:
-        task = progress.add_task("asking", total=len(addresses))
-        for done, (address, found) in enumerate(descriptions(drive, addresses, options), start=1):
-            progress.update(task, description=f"asking {address}", completed=done)
-            yield address, found

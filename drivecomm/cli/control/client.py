@@ -1,28 +1,29 @@
-"""Asking the `start` that holds a port to stop drives on it, through its door (`drivecomm.cli.start_door`)."""
+"""The client of a control server: has the `start` that holds a port stop drives on it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.cli.door_places import door_file, reached
+from drivecomm.cli.control.sockets import connect, socket_file
 from drivecomm.errors import DriveCommError, DriveError, LinkError, PortError, ReplyError, UsageError
 from drivecomm.protocol import LINE_FACT_NAMES, Stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from drivecomm.cli.door_places import Connection
+    from drivecomm.cli.control.sockets import Connection
 
 _GREETING_S = 1.0
-# Longer than it takes to end for the one who holds the port.
+# Longer than the holder of the port takes to end.
 _ANSWER_S = 20.0
 _ERRORS: tuple[type[DriveCommError], ...] = (UsageError, LinkError, ReplyError, DriveError)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WhatToStop:
-    """Drives by name, protocol, address and options; protocols for a broadcast; everything: also what it keeps."""
+class StopRequest:
+    """Drives by name, protocol, address and options; protocols for a broadcast; everything: also the holder's drive."""
 
     how: Stop
     drives: tuple[tuple[str, str, int, Mapping[str, Any]], ...] = ()
@@ -31,18 +32,24 @@ class WhatToStop:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
-    """What became of one of them. drive: its name, empty for a broadcast."""
+class StopResult:
+    """What became of a stop: of a drive by its name, or where that is empty of a broadcast.
 
+    how: other than asked for where that is not possible. error: why a drive has not confirmed, or a broadcast was not
+    sent. line: its name in the plant. without: what was left out, because it was invalid.
+    """
+
+    line: str = ""
     drive: str = ""
     protocol: str = ""
     how: Stop
-    error: DriveCommError | None
+    error: Exception | None = None
+    without: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Keeper:
-    """The program that did it. ended: it has left its own drive, and its port with it."""
+class Holder:
+    """The program that holds the port. ended: it has stopped its own drive and ended."""
 
     name: str
     ended: bool
@@ -51,9 +58,12 @@ class Keeper:
         return f"{self.name}, which has ended, its watchdog as it was" if self.ended else self.name
 
 
-def stopped_by_its_keeper(
-    port: str | None, what: WhatToStop, tell: Callable[[Answer], None], opening: Mapping[str, Any] | None = None
-) -> Keeper | None:
+def stop_by_holder(
+    port: str | None,
+    request: StopRequest,
+    tell: Callable[[StopResult], None],
+    opening: Mapping[str, Any] | None = None,
+) -> Holder | None:
     """Have drives stopped by the `start` that holds this port; None, and nothing done, when there is none.
 
     opening: the keywords of `open_bus` that they would be stopped with otherwise. Raises PortError when it does not
@@ -63,16 +73,16 @@ def stopped_by_its_keeper(
         return None
     connection = None
     try:
-        connection = reached(door_file(port), _GREETING_S)
+        connection = connect(socket_file(port), _GREETING_S)
     except (TimeoutError, BlockingIOError) as error:
         raise _hangs(port, None, error) from error
     except (OSError, ValueError):
-        # Whatever is wrong with the door keeps nobody from opening the port.
+        # Whatever is wrong with the control socket does not prevent opening the port.
         pass
     if connection is None:
         return None
     try:
-        return _asked(connection, what, tell, opening or {})
+        return _asked(connection, request, tell, opening or {})
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise _hangs(port, connection.pid, error) from error
     finally:
@@ -88,37 +98,36 @@ def _hangs(port: str, pid: int | None, error: Exception) -> PortError:
 
 
 def _asked(
-    connection: Connection, what: WhatToStop, tell: Callable[[Answer], None], opening: Mapping[str, Any]
-) -> Keeper:
+    connection: Connection, request: StopRequest, tell: Callable[[StopResult], None], opening: Mapping[str, Any]
+) -> Holder:
     greeting = connection.read(_GREETING_S)
     name = f"drivecomm start {greeting['drive']} (pid {greeting['pid']})"
     facts = {key: value for key, value in opening.items() if key in LINE_FACT_NAMES and value is not None}
     connection.write(
         order="stop",
-        how=what.how.value,
-        drives=[[who, protocol, at, {**facts, **_plain(options)}] for who, protocol, at, options in what.drives],
-        protocols=[[protocol, {**facts, **_plain(options)}] for protocol, options in what.protocols],
-        everything=what.everything,
+        how=request.how.value,
+        drives=[[who, protocol, at, {**facts, **_plain(options)}] for who, protocol, at, options in request.drives],
+        protocols=[[protocol, {**facts, **_plain(options)}] for protocol, options in request.protocols],
+        everything=request.everything,
     )
     while True:
         answer = connection.read(_ANSWER_S)
         if answer.get("over"):
             if answer.get("error"):
                 raise ValueError(answer["error"])
-            return Keeper(name=name, ended=bool(answer["ended"]))
-        told = Answer(
-            drive=str(answer.get("drive", "")),
-            protocol=str(answer.get("protocol", "")),
-            how=Stop(answer["how"]),
-            error=_error(str(answer["error"]), answer["exit_code"]),
+            return Holder(name=name, ended=bool(answer["ended"]))
+        tell(
+            StopResult(
+                drive=str(answer.get("drive", "")),
+                protocol=str(answer.get("protocol", "")),
+                how=Stop(answer["how"]),
+                error=_error(str(answer["error"]), answer["exit_code"]),
+            )
         )
-        tell(told)
 
 
 def _plain(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return options as they can be written down; a model's file is found from anywhere."""
-    from pathlib import Path  # noqa: PLC0415 - only who has found a door
-
     model = options.get("model")
     if model is None:
         return dict(options)

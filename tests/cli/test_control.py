@@ -16,10 +16,11 @@ import pytest
 
 import drivecomm
 from drivecomm.bus import keep, read_watchdog
-from drivecomm.cli import door_places, main
-from drivecomm.cli.asking_start import WhatToStop, broadcasts, stopped_by_its_keeper
-from drivecomm.cli.door_places import Doorway, door_file, reached
-from drivecomm.cli.start_door import door_of_start
+from drivecomm.cli import main
+from drivecomm.cli.control import sockets
+from drivecomm.cli.control.client import StopRequest, broadcasts, stop_by_holder
+from drivecomm.cli.control.server import control_server
+from drivecomm.cli.control.sockets import ControlSocket, connect, socket_file
 from drivecomm.errors import DriveError, PortError, ReplyError, UsageError
 from drivecomm.protocol import Stop
 from drivecomm.virtual import Server, parse_listen, virtual_drive
@@ -63,7 +64,7 @@ class Line:
                 end.set()
 
             self.end = end
-            with door_of_start(pump, self.port, leave, as_json=False), kept:
+            with control_server(pump, self.port, leave, as_json=False), kept:
                 pump.set_reference(percent=30)
                 pump.start()
                 started.set()
@@ -106,7 +107,7 @@ def held(line):
 
 def asked(port, **what):
     answers = []
-    keeper = stopped_by_its_keeper(port, WhatToStop(**{"how": Stop.RAMP, **what}), answers.append)
+    keeper = stop_by_holder(port, StopRequest(**{"how": Stop.RAMP, **what}), answers.append)
     return keeper, answers
 
 
@@ -178,8 +179,8 @@ def test_by_any_name_of_the_port(line):
     with held(line):
         keeper, _ = asked(os.path.realpath(line.port), drives=(FAN,))
         assert keeper is not None
-    assert door_file("socket://LocalHost:4001") == door_file("rfc2217://127.0.0.1:4001?timeout=1")
-    assert door_file("socket://127.0.0.1:4001") != door_file("socket://127.0.0.1:4002")
+    assert socket_file("socket://LocalHost:4001") == socket_file("rfc2217://127.0.0.1:4001?timeout=1")
+    assert socket_file("socket://127.0.0.1:4001") != socket_file("socket://127.0.0.1:4002")
 
 
 @pytest.mark.parametrize(
@@ -190,7 +191,7 @@ def test_by_any_name_of_the_port(line):
         b'{"order": "start", "how": "ramp", "drives": [], "protocols": [], "everything": true}\n',
         b'{"order": "stop", "how": "never"}\n',
         b'{"order": "stop", "how": "ramp", "drives": [["a", "vabus", 1]], "protocols": [], "everything": false}\n',
-        b"x" * (door_places.LONGEST_LINE + 5000),
+        b"x" * (sockets.LONGEST_LINE + 5000),
         b"",
     ],
 )
@@ -198,7 +199,7 @@ def test_what_is_no_order_does_nothing(line, order):
     with held(line):
         with socket.socket(socket.AF_UNIX) as guest:
             guest.settimeout(5)
-            guest.connect(str(door_file(line.port)))
+            guest.connect(str(socket_file(line.port)))
             # Nobody waits for who says too much.
             guest.sendall(order)
             guest.shutdown(socket.SHUT_WR)
@@ -217,7 +218,7 @@ def test_without_a_door_or_with_one_that_was_left_behind_nobody_is_asked(folder)
     assert asked("/dev/ttyUSB9", drives=(FAN,)) == (None, [])
     folder.mkdir(mode=0o700)
     left = socket.socket(socket.AF_UNIX)
-    left.bind(str(door_file("/dev/ttyUSB9")))
+    left.bind(str(socket_file("/dev/ttyUSB9")))
     left.close()
     assert asked("/dev/ttyUSB9", drives=(FAN,)) == (None, [])
     assert list(folder.iterdir()) == []
@@ -228,13 +229,13 @@ def test_whatever_is_wrong_with_a_door_keeps_no_stop_from_going_out(monkeypatch,
     def broken(*_):
         raise error
 
-    monkeypatch.setattr("drivecomm.cli.asking_start.reached", broken)
+    monkeypatch.setattr("drivecomm.cli.control.client.connect", broken)
     assert asked("/dev/ttyUSB9", drives=(FAN,)) == (None, [])
 
 
 def test_one_that_hangs_is_named(folder, monkeypatch):
-    monkeypatch.setattr("drivecomm.cli.asking_start._GREETING_S", 0.05)
-    door = Doorway(door_file("/dev/ttyUSB9"))
+    monkeypatch.setattr("drivecomm.cli.control.client._GREETING_S", 0.05)
+    door = ControlSocket(socket_file("/dev/ttyUSB9"))
     pid = rf" \(pid {os.getpid()}\)" if sys.platform == "linux" else ""
     with pytest.raises(PortError, match=rf"held by drivecomm start{pid}, which does not answer"):
         asked("/dev/ttyUSB9", drives=(FAN,))
@@ -246,26 +247,26 @@ def test_a_folder_of_somebody_else_has_no_door(folder):
     folder.mkdir()
     folder.chmod(0o777)
     with pytest.raises(PermissionError):
-        Doorway(door_file("/dev/ttyUSB9"))
-    (folder / door_file("/dev/ttyUSB9").name).write_text("")
+        ControlSocket(socket_file("/dev/ttyUSB9"))
+    (folder / socket_file("/dev/ttyUSB9").name).write_text("")
     assert asked("/dev/ttyUSB9", drives=(FAN,)) == (None, [])
 
 
 def test_a_door_is_not_taken_over_and_a_start_goes_on_without_one(line, capsys):
-    door = Doorway(door_file(line.port))
+    door = ControlSocket(socket_file(line.port))
     with held(line):
         said = capsys.readouterr().err
-        assert "will not reach this one (another program has a door for this port); use Ctrl-C" in said
-        reached(door_file(line.port)).close()
+        assert "will not reach this one (another program has the control socket of this port); use Ctrl-C" in said
+        connect(socket_file(line.port)).close()
     door.close()
 
 
 def test_where_there_are_no_unix_sockets_it_is_a_port_with_two_secrets(line, folder, monkeypatch):
-    monkeypatch.setattr(door_places, "_HAS_UNIX_SOCKETS", False)
+    monkeypatch.setattr(sockets, "_HAS_UNIX_SOCKETS", False)
     with held(line):
         keeper, answers = asked(line.port, drives=(FAN,))
         assert (keeper.ended, answers[0].error) == (False, None)
-        file = door_file(line.port)
+        file = socket_file(line.port)
         assert file.stat().st_mode & 0o777 == 0o600
         number, asks, answered = json.loads(file.read_text())
         with socket.create_connection(("127.0.0.1", number), timeout=5) as stranger:
