@@ -10,7 +10,10 @@ import signal
 import sys
 import time
 import traceback
+from functools import cache
 from pathlib import Path
+
+import typer.main
 
 # All that commands load by themselves.
 import drivecomm.cli.app
@@ -31,6 +34,7 @@ _AS_INSTALLED = "import sys; from drivecomm_command import main; sys.exit(main()
 def load():
     """Load what commands load, so that what is forked from here need not."""
     list(installed.working())
+    typer.main.get_command = cache(typer.main.get_command)
     with contextlib.redirect_stdout(io.StringIO()):
         run(["encode", "vabus", "kind=enquiry", "address=1", "parameter=481", "--json"])
         run(["models", "list"])

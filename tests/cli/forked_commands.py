@@ -14,6 +14,9 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import cache
+
+import typer.main
 
 # All that commands load by themselves.
 import drivecomm.cli.starting
@@ -64,6 +67,8 @@ def _serve():
     # A fork begins as any process does, with the usual end by Ctrl-C.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     list(installed.working())
+    # So that the tree of commands, which every process builds, is not built by each fork.
+    typer.main.get_command = cache(typer.main.get_command)
     jobs, answers = os.fdopen(os.dup(0), "r"), os.fdopen(os.dup(1), "w")
     with contextlib.redirect_stdout(io.StringIO()):
         run(["encode", "vabus", "kind=enquiry", "address=1", "parameter=481", "--json"])
