@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from conversation import Conversation
 
-    from drivecomm.line import LineSettings
+    from drivecomm.protocol import LineSettings
 
 
 class CannedPort:

@@ -10,10 +10,9 @@ from lines import EmulatedLine
 from report import Figure, Section
 
 import drivecomm
-from drivecomm.forecast import forecast
-from drivecomm.models.files import load_model
-from drivecomm.plan import Plan, PlannedDrive, PlannedRead
-from drivecomm.virtual import VirtualLine, virtual_drive
+from drivecomm.models import load_model
+from drivecomm.polling import Plan, PlannedDrive, PlannedRead
+from drivecomm.virtual import VirtualLine, forecast, virtual_drive
 
 if TYPE_CHECKING:
     from equipment import Equipment

@@ -20,13 +20,13 @@ from report import Figure, Section
 from yardstick import slowness
 
 import drivecomm
-from drivecomm.plant.files import read_plant
-from drivecomm.virtual.virtual_plant import VirtualPlant
+from drivecomm.plant import read_plant
+from drivecomm.virtual import VirtualPlant
 
 if TYPE_CHECKING:
     from equipment import Equipment
 
-    from drivecomm.virtual.line import VirtualLine
+    from drivecomm.virtual import VirtualLine
 
 LINES, DRIVES_ON_A_LINE, BAUDRATE = 50, 10, 19200
 _TITLE = "A plant of 50 lines"

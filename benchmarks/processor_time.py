@@ -16,7 +16,7 @@ from lines import mostly, undisturbed
 from report import Figure, Section
 
 import drivecomm
-from drivecomm.runners.script import play
+from drivecomm.testing import play
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -18,8 +18,7 @@ from lines import MeasurementError
 from report import Figure, Section
 from yardstick import slowness
 
-from drivecomm.virtual import virtual_drive
-from drivecomm.virtual.station import Station
+from drivecomm.virtual import Station, virtual_drive
 
 if TYPE_CHECKING:
     from clients import Ran

@@ -10,9 +10,7 @@ import sys
 import threading
 from pathlib import Path
 
-from drivecomm.virtual import virtual_drive
-from drivecomm.virtual.listeners import parse_listen
-from drivecomm.virtual.serving import Server
+from drivecomm.virtual import Server, parse_listen, virtual_drive
 
 
 def main(protocol: str, count: int, folder: Path) -> None:

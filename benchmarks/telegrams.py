@@ -10,7 +10,7 @@ from conversation import READS
 from report import Section
 
 import drivecomm
-from drivecomm.conformance.vectors import packaged_vectors
+from drivecomm.testing import packaged_vectors
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 if TYPE_CHECKING:

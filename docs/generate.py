@@ -18,12 +18,10 @@ from typing import TYPE_CHECKING, Any
 
 from mkdocs.structure.files import File
 
-from drivecomm.conformance.vectors import packaged_vectors
 from drivecomm.errors import FileFormatError
-from drivecomm.models.files import load_model, model_names
-from drivecomm.models.quantities import quantities
-from drivecomm.registry import installed
-from drivecomm.status import Stop
+from drivecomm.models import load_model, model_names, quantities
+from drivecomm.protocol import Stop, installed
+from drivecomm.testing import packaged_vectors
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -31,8 +29,7 @@ if TYPE_CHECKING:
     from mkdocs.config.defaults import MkDocsConfig
     from mkdocs.structure.files import Files
 
-    from drivecomm.models import Model, ParameterInfo
-    from drivecomm.protocol import Protocol
+    from drivecomm.protocol import Model, ParameterInfo, Protocol
 
 _LOG = logging.getLogger("mkdocs.hooks.generate")
 _DRAWING_WIDTH = 96

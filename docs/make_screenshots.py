@@ -14,9 +14,9 @@ from pathlib import Path
 import drivecomm
 from drivecomm.cli.watch.log_switch import LogSwitch
 from drivecomm.cli.watch.screen import WatchScreen
-from drivecomm.plant.files import read_plant
-from drivecomm.virtual.virtual_plant import VirtualPlant
-from drivecomm.watching import Watcher, lines_of
+from drivecomm.plant import read_plant
+from drivecomm.plant.watching import Watcher, lines_of
+from drivecomm.virtual import VirtualPlant
 
 PICTURES = Path(__file__).parent / "pictures"
 PLANT = PICTURES / "watch-plant.toml"

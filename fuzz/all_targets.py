@@ -10,7 +10,7 @@ from order_target import order_target
 from sniffer_target import sniffer_target
 from telegram_targets import telegram_targets
 
-from drivecomm.registry import installed
+from drivecomm.protocol import installed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -13,18 +13,13 @@ from typing import TYPE_CHECKING
 from mutation import mutate_bytes, mutate_json, mutate_toml
 from target import Target, expect
 
-from drivecomm import plan_files
-from drivecomm.capture.json_lines import JsonLines, read_json_lines
-from drivecomm.capture.pcapng_fields import MAGIC
-from drivecomm.capture.pcapng_reading import read_pcapng
-from drivecomm.capture.pcapng_writing import Pcapng
-from drivecomm.capture.pieces import Capture, Piece, Provenance
-from drivecomm.conformance.vectors import load_vectors, packaged_vectors
+from drivecomm.capture import MAGIC, Capture, JsonLines, Pcapng, Piece, Provenance, read_json_lines, read_pcapng
 from drivecomm.errors import DriveCommError, FileFormatError
-from drivecomm.line import LineSettings
-from drivecomm.models.files import model_names, read_model
+from drivecomm.models import model_names, read_model
 from drivecomm.plant import files as plant_files
-from drivecomm.registry import installed
+from drivecomm.polling import plan_files
+from drivecomm.protocol import LineSettings, installed
+from drivecomm.testing import load_vectors, packaged_vectors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 from mutation import mutate_json
 from target import Target, expect
 
-from drivecomm.models.files import load_model
+from drivecomm.models import load_model
 from drivecomm.plant import Plant, PlantDrive, PlantLine
-from drivecomm.virtual.control_orders import answer_order
-from drivecomm.virtual.virtual_plant import VirtualPlant
+from drivecomm.virtual import VirtualPlant, answer_order
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Protocol

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING
 from mutation import mutate_bytes
 from target import Target, expect
 
-from drivecomm.capture.pieces import Piece
-from drivecomm.conformance.vectors import packaged_vectors
-from drivecomm.registry import installed
-from drivecomm.sniffer import Sniffer
+from drivecomm.capture import Piece
+from drivecomm.protocol import installed
+from drivecomm.testing import packaged_vectors
+from drivecomm.traffic.sniffer import Sniffer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from drivecomm.capture.pieces import Source
+    from drivecomm.capture import Source
 
 _LONGEST = 32
 _PAUSE = 0x20

@@ -12,17 +12,14 @@ from choices import Choices
 from mutation import mutate_bytes
 from target import PropertyBrokenError, Target, expect
 
-from drivecomm.conformance.vectors import packaged_vectors
 from drivecomm.errors import DriveCommError, TelegramError
-from drivecomm.framing import Framed, Framer, Noise
-from drivecomm.telegram import fields_of
+from drivecomm.protocol import Framed, Framer, Noise, fields_of
+from drivecomm.testing import packaged_vectors
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from drivecomm.framing import Codec, Find
-    from drivecomm.protocol import Protocol
-    from drivecomm.telegram import Direction
+    from drivecomm.protocol import Codec, Direction, Find, Protocol
 
 _MOST_HELD = 512
 """Bytes that a framer may keep: it copies so much for each byte that it looks at, since no telegram is longer."""

@@ -19,9 +19,12 @@ def main(folder: str, protocol: str) -> None:
     if Path(str(package.__file__)).parent.parent != Path(folder):
         raise SystemExit(f"{package.__file__} was judged and not what stands in {folder}")
 
-    from drivecomm.conformance.extent import FULL, QUICK  # noqa: PLC0415 - not before the folder is on the path
-    from drivecomm.conformance.judging import first_failure  # noqa: PLC0415 - as above
-    from drivecomm.registry import installed  # noqa: PLC0415 - as above
+    from drivecomm.protocol import installed  # noqa: PLC0415 - as above
+    from drivecomm.testing import (  # noqa: PLC0415 - not before the folder is on the path
+        FULL,
+        QUICK,
+        first_failure,
+    )
 
     verdict = first_failure(installed[protocol], QUICK) or first_failure(installed[protocol], FULL)
     found = {"check": "", "reason": ""} if verdict is None else {"check": verdict.check.name, "reason": verdict.reason}

@@ -7,7 +7,7 @@ it imports nothing of drivecomm, not even the package: that happens when a test 
     virtual_drive   makes a line with one virtual drive on it: WatchedDrive
     virtual_plant   makes the lines and drives of a plant file: WatchedPlant
 
-Everything that they made is closed at the end of the test. What they take is said in `drivecomm.conformance.fixtures`.
+Everything that they made is closed at the end of the test. What they take is said in `drivecomm.testing.fixtures`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    from drivecomm.conformance.fixtures import LineMaker, MakesDrive, MakesLine, MakesPlant
+    from drivecomm.testing import LineMaker, MakesDrive, MakesLine, MakesPlant
 
 _LINES = pytest.StashKey["LineMaker"]()
 
@@ -39,7 +39,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def _virtual_lines(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Generator[LineMaker, None, None]:
-    from drivecomm.conformance.fixtures import LineMaker  # noqa: PLC0415 - loaded by the tests that use it
+    from drivecomm.testing import LineMaker  # noqa: PLC0415 - loaded by the tests that use it
 
     seed: int = request.config.getoption("--drivecomm-seed")
     with LineMaker(seed, folder=lambda: tmp_path_factory.mktemp("line")) as lines:

@@ -11,13 +11,13 @@ from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Protocol, Self
 
+from drivecomm.capture.growing_file import GrowingFile
 from drivecomm.capture.json_lines import JsonLines, read_json_lines
 from drivecomm.capture.pcapng_fields import MAGIC
 from drivecomm.capture.pcapng_reading import read_pcapng
 from drivecomm.capture.pcapng_writing import Pcapng
 from drivecomm.capture.pieces import LONGEST_S
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.growing_file import GrowingFile
 from drivecomm.tomlfile import no_such_file
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.capture.pieces import Provenance
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.line import LineSettings
+from drivecomm.protocol import LineSettings
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

@@ -12,15 +12,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any, get_args
 
-from drivecomm.capture.headers import (
-    header_of,
-    is_header,
-    only,
-    provenance_of,
-    settings_in,
-    settings_object,
-    text,
-)
+from drivecomm.capture.headers import header_of, is_header, only, provenance_of, settings_in, settings_object, text
 from drivecomm.capture.pieces import LONGEST_S, Capture, Piece, Source
 from drivecomm.errors import FileFormatError
 

@@ -36,7 +36,7 @@ from drivecomm.capture.pcapng_fields import (
 )
 from drivecomm.capture.pieces import LONGEST_S, Capture, Piece, Provenance, Source
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.line import LineSettings, Parity
+from drivecomm.protocol import LineSettings, Parity
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -32,7 +32,7 @@ from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
     from drivecomm.capture.pieces import Piece, Provenance, Source
-    from drivecomm.line import LineSettings
+    from drivecomm.protocol import LineSettings
 
 _TRANSMIT, _RECEIVE = 1, 2
 # Whoever listens receives everything.

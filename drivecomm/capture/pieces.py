@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from datetime import datetime
 
-    from drivecomm.line import LineSettings
+    from drivecomm.protocol import LineSettings
 
 Source: TypeAlias = Literal["master", "drive", "unknown"]
 """Who sent a piece, where whoever captured it could know."""

@@ -16,20 +16,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from drivecomm.capture.files import CaptureWriter, check_place
+from drivecomm.capture.growing_file import Gaps
 from drivecomm.capture.pieces import Piece, Provenance
-from drivecomm.echo import EchoFilter
-from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.growing_file import Gaps
-from drivecomm.suggestions import shortened
+from drivecomm.errors import FileFormatError, UsageError, shortened
+from drivecomm.link import EchoFilter
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from drivecomm.capture.pieces import Source
-    from drivecomm.echo import Echo
-    from drivecomm.line import LineSettings
-    from drivecomm.runners.port import Port
+    from drivecomm.link import Echo, Port
+    from drivecomm.protocol import LineSettings
 
 _LOGGER = logging.getLogger("drivecomm.capture")
 

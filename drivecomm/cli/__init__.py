@@ -1,3 +1,5 @@
 """The command line: `drivecomm`, and `python -m drivecomm`."""
 
-from drivecomm.cli.entry import main as main
+from drivecomm.cli.entry import main
+
+__all__ = ["main"]

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.cli.door_places import door_file, reached
 from drivecomm.errors import DriveCommError, DriveError, LinkError, PortError, ReplyError, UsageError
-from drivecomm.line import LINE_FACT_NAMES
-from drivecomm.status import Stop
+from drivecomm.protocol import LINE_FACT_NAMES, Stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping

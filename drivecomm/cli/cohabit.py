@@ -9,13 +9,13 @@ import typer
 
 from drivecomm.cli.drive_names import parse_drive
 from drivecomm.cli.output import emit, plain, say
-from drivecomm.cohabitation import LineDrive, check_line
 from drivecomm.errors import UsageError
+from drivecomm.traffic.cohabitation import LineDrive, check_line
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.cohabitation import Cohabitation, Proof, Verdict
+    from drivecomm.traffic.cohabitation import Cohabitation, Proof, Verdict
 
 
 def cohabit(
@@ -62,7 +62,7 @@ def _passes(verdict: Verdict, bits: int | None) -> bool:
 def plant_lines(path: Path) -> dict[str, list[LineDrive]]:
     """Return the drives of a plant file by the names of their lines. Raises FileFormatError."""
     # Loaded by those who have a file only.
-    from drivecomm.plant.files import read_plant  # noqa: PLC0415
+    from drivecomm.plant import read_plant  # noqa: PLC0415
 
     plant = read_plant(path)
     return {

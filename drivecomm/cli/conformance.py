@@ -9,10 +9,10 @@ import typer
 
 from drivecomm.cli.output import emit, say
 from drivecomm.errors import UsageError
-from drivecomm.registry import installed
+from drivecomm.protocol import installed
 
 if TYPE_CHECKING:
-    from drivecomm.conformance.report import Report, Verdict
+    from drivecomm.testing import Report, Verdict
 
 
 def conformance(
@@ -24,9 +24,13 @@ def conformance(
     json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
 ) -> int:
     """Judge a protocol package by all that every protocol must stand. Exit code 1 when something does not hold."""
-    from drivecomm.conformance.extent import FULL, QUICK  # noqa: PLC0415 - only this command needs the kit
-    from drivecomm.conformance.judging import left_out, verdicts  # noqa: PLC0415
-    from drivecomm.conformance.report import Report  # noqa: PLC0415
+    from drivecomm.testing import (  # noqa: PLC0415 - only this command needs the kit  # noqa: PLC0415
+        FULL,
+        QUICK,
+        Report,
+        left_out,
+        verdicts,
+    )
 
     plugin = installed[protocol]
     if html is not None:
@@ -43,7 +47,7 @@ def conformance(
     else:
         _summarise(protocol, report)
     if html is not None:
-        from drivecomm.conformance.report_page import page  # noqa: PLC0415
+        from drivecomm.testing import page  # noqa: PLC0415
 
         _write(html, page(plugin, report))
     return 0 if report.ok else 1
@@ -65,7 +69,7 @@ def _tell(verdict: Verdict, *, as_json: bool) -> None:
 
 
 def _summarise(protocol: str, report: Report) -> None:
-    from drivecomm.conformance.report_sections import sections_of  # noqa: PLC0415 - as above
+    from drivecomm.testing import sections_of  # noqa: PLC0415 - as above
 
     for number, section in enumerate(sections_of(report)):
         if number or report.failed:

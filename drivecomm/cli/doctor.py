@@ -17,10 +17,9 @@ from drivecomm.errors import LinkError
 
 if TYPE_CHECKING:
     from drivecomm.cli.examined_lines import ExaminedLine
-    from drivecomm.examination import Examination
-    from drivecomm.findings import Finding
-    from drivecomm.runners.port import Port
-    from drivecomm.transport.port_report import PortReport
+    from drivecomm.commissioning.doctor import Examination, Finding
+    from drivecomm.link import Port
+    from drivecomm.transport import PortReport
 
 _QUICK_ADDRESSES = range(1, 5)
 _QUICK_PROBES = 10
@@ -49,7 +48,7 @@ def doctor(
     cannot move a motor. Exit code 1 when there is a problem.
     """
     from drivecomm.cli.examined_lines import lines_to_examine  # noqa: PLC0415 - only this command needs them
-    from drivecomm.findings import Finding, judge  # noqa: PLC0415
+    from drivecomm.commissioning.doctor import Finding, judge  # noqa: PLC0415
 
     if name is not None and line.port != name:
         line.refuse(f"{name} is the port", "port")
@@ -79,7 +78,7 @@ def doctor(
 def _examined(
     line: ExaminedLine, *, only: list[str] | None, addresses: list[int] | None, quick: bool
 ) -> tuple[PortReport | None, Examination]:
-    from drivecomm.diagnosis import examine  # noqa: PLC0415 - only this command needs it
+    from drivecomm.commissioning.doctor import examine  # noqa: PLC0415 - only this command needs it
 
     options = line.options
     with options.opened() as opened, _progress(shown=not options.json) as progress:
@@ -99,7 +98,7 @@ def _examined(
 
 
 def _report(port: Port) -> PortReport | None:
-    from drivecomm.transport.serial_port import SerialPort  # noqa: PLC0415 - loads pyserial
+    from drivecomm.transport import SerialPort  # noqa: PLC0415 - loads pyserial
 
     return port.report() if isinstance(port, SerialPort) else None
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import AddressError, UsageError
-from drivecomm.port_names import same_port
+from drivecomm.transport import same_port
 
 if TYPE_CHECKING:
     from drivecomm.plant import Plant, PlantDrive, PlantLine
@@ -99,7 +99,7 @@ def known_plant(given: Path | None, *, port_given: bool) -> KnownPlant | None:
     if path is None:
         return None
     # Loaded by those who have a plant only.
-    from drivecomm.plant.files import read_plant  # noqa: PLC0415
+    from drivecomm.plant import read_plant  # noqa: PLC0415
 
     return KnownPlant(plant=read_plant(path), file=str(path))
 

@@ -13,13 +13,12 @@ from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.opened_drive import drive_named, opened_drive
 from drivecomm.cli.output import complain, emit, plain, say
 from drivecomm.cli.stoppable import as_far_as_possible, stoppable_drive
-from drivecomm.errors import DriveCommError, LinkError, UsageError
-from drivecomm.status import Stop
-from drivecomm.suggestions import meant
+from drivecomm.errors import DriveCommError, LinkError, UsageError, meant
+from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:
     from drivecomm.cli.drive_names import DriveName
-    from drivecomm.reading import Reading
+    from drivecomm.protocol import Reading
 
 Name = Annotated[
     str,

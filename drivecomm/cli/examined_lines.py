@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from drivecomm.cli.drive_names import known_plant
-from drivecomm.examination import Expected
+from drivecomm.commissioning.doctor import Expected
 
 if TYPE_CHECKING:
     from drivecomm.cli.drive_names import KnownPlant
     from drivecomm.cli.line_options import LineOptions
-    from drivecomm.echo import Echo
+    from drivecomm.link import Echo
     from drivecomm.plant import PlantLine
 
 

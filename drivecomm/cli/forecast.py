@@ -11,10 +11,10 @@ from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, plain, say
 from drivecomm.cli.plan_words import Period, PlanFile, Words, given_plan
 from drivecomm.errors import UsageError
-from drivecomm.forecast import forecast as foresee
+from drivecomm.virtual import forecast as foresee
 
 if TYPE_CHECKING:
-    from drivecomm.forecast import Forecast
+    from drivecomm.virtual import Forecast
 
 _COLUMNS = ("period\ns", "every\ns", "late\nms", "takes\nms", "wire\nms", "delay\nms", "pause\nms", "rest\nms")
 _WIDTH = 200

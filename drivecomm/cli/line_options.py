@@ -14,20 +14,18 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 import typer
 from typer.core import TyperCommand
 
-from drivecomm import bus as buses
+from drivecomm.bus import bus as buses
 from drivecomm.cli.drive_names import Asked, known_plant, parse_drive, placed
 from drivecomm.cli.output import sentence, trace_as_json, trace_to_standard_error
-from drivecomm.echo import Echo
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
-from drivecomm.port_names import same_port
-from drivecomm.tracing import tell_all
+from drivecomm.link import Echo, tell_all
+from drivecomm.transport import same_port
 
 if TYPE_CHECKING:
     from drivecomm.bus import Bus
     from drivecomm.cli.drive_names import DriveName
-    from drivecomm.link import TraceEvent
+    from drivecomm.link import Port, TraceEvent
     from drivecomm.plant import PlantLine, PlantLinkLoss
-    from drivecomm.runners.port import Port
 
 _LINE = "Line"
 _PLANT = "Plant"

@@ -31,7 +31,7 @@ def opened_log(path: Path | None, *, as_json: bool) -> Iterator[Callable[[PollRe
         yield lambda _: None
         return
     # Files and their forms are for those who keep a log.
-    from drivecomm.value_log import open_log  # noqa: PLC0415
+    from drivecomm.plant.value_log import open_log  # noqa: PLC0415
 
     tell = partial(complain, as_json=as_json)
     log = open_log(path, tell=tell)

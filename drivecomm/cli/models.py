@@ -10,17 +10,22 @@ import typer
 
 from drivecomm.cli.output import complain, emit, say
 from drivecomm.errors import FileFormatError, ParameterAddressError, UsageError
-from drivecomm.models.check import check_model
-from drivecomm.models.files import load_model, model_paths, open_model_file, packaged_models
-from drivecomm.models.link_loss import link_loss_of
-from drivecomm.models.quantities import parameter_at, quantities
-from drivecomm.registry import installed
+from drivecomm.models import (
+    check_model,
+    link_loss_of,
+    load_model,
+    model_paths,
+    open_model_file,
+    packaged_models,
+    parameter_at,
+    quantities,
+)
+from drivecomm.protocol import installed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from drivecomm.models import Model, ParameterInfo
-    from drivecomm.protocol import Protocol
+    from drivecomm.protocol import Model, ParameterInfo, Protocol
 
 models = typer.Typer(
     name="models", help="Drive series as data: list them, show them, check a file of your own.", no_args_is_help=True

@@ -11,18 +11,16 @@ import typer
 from drivecomm.cli.drive_names import parse_settings
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
+from drivecomm.commissioning import addresses_in, descriptions, grown
 from drivecomm.errors import DriveCommError, DriveError, UsageError
-from drivecomm.models import ParameterInfo
-from drivecomm.models.files import load_model
-from drivecomm.models.growing import addresses_in, descriptions, grown
-from drivecomm.models.writing import model_text
-from drivecomm.registry import installed
+from drivecomm.models import load_model, model_text
+from drivecomm.protocol import ParameterInfo, installed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from drivecomm.drive import Drive
-    from drivecomm.models.growing import Described
+    from drivecomm.bus import Drive
+    from drivecomm.commissioning import Described
 
 # As many as fit below each other on a screen; the others are counted.
 _MOST_SHOWN = 10

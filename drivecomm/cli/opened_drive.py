@@ -10,9 +10,9 @@ from drivecomm.errors import DriveCommError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from drivecomm.bus import Drive
     from drivecomm.cli.drive_names import DriveName
     from drivecomm.cli.line_options import LineOptions
-    from drivecomm.drive import Drive
 
 
 @contextmanager

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.cli import signals, streams
 from drivecomm.cli.flags import in_flags
 from drivecomm.errors import DriveCommError
-from drivecomm.telegram import fields_of
+from drivecomm.protocol import fields_of
 
 if TYPE_CHECKING:
     from drivecomm.link import TraceEvent
-    from drivecomm.telegram import Message
+    from drivecomm.protocol import Message
 
 
 def plain(value: Any) -> Any:

@@ -14,26 +14,26 @@ import typer
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.opened_drive import opened_drive
 from drivecomm.cli.output import complain, emit, plain, say
-from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
-from drivecomm.parameter_sets import (
+from drivecomm.commissioning.parameter_sets import (
     Wishes,
     back_up,
     carry_out_plan,
+    compare as compared,
     factory_set,
     found_journal,
     journal_path,
+    must_be_free,
     new_journal,
     plan_restore,
     read_set,
     write_set,
 )
-from drivecomm.parameter_sets import compare as compared
-from drivecomm.parameter_sets.files import must_be_free
+from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
 
 if TYPE_CHECKING:
+    from drivecomm.bus import Drive
     from drivecomm.cli.drive_names import DriveName
-    from drivecomm.drive import Drive
-    from drivecomm.parameter_sets import (
+    from drivecomm.commissioning.parameter_sets import (
         Comparison,
         Difference,
         Entry,

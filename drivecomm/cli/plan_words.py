@@ -11,8 +11,8 @@ import typer
 
 from drivecomm.cli.drive_names import KnownPlant, known_plant, parse_drive, parse_settings
 from drivecomm.errors import UsageError
-from drivecomm.plan import Plan, PlannedDrive, PlannedRead
-from drivecomm.registry import installed, unknown_protocol
+from drivecomm.polling import Plan, PlannedDrive, PlannedRead
+from drivecomm.protocol import installed, unknown_protocol
 
 if TYPE_CHECKING:
     from drivecomm.cli.line_options import LineOptions
@@ -68,8 +68,8 @@ def given_plan(words: list[str], plan_file: Path | None, line: LineOptions, *, p
 def _plan_in(file: Path) -> Plan:
     """Return the plan in a file: a poll plan, or what a plant file polls."""
     # Loaded by those who have a file only.
-    from drivecomm.plan_files import plan_in  # noqa: PLC0415
-    from drivecomm.plant.files import plant_in  # noqa: PLC0415
+    from drivecomm.plant import plant_in  # noqa: PLC0415
+    from drivecomm.polling import plan_in  # noqa: PLC0415
     from drivecomm.tomlfile import read_toml  # noqa: PLC0415
 
     _, content = read_toml(file, "a poll plan")

@@ -22,9 +22,8 @@ def plot(
 ) -> int:
     """Plot a log: a panel for each unit, gaps where a drive did not answer, and what state the drives were in."""
     # Files, and what draws, are for this command alone.
-    from drivecomm.value_log import read_rows  # noqa: PLC0415
-    from drivecomm.value_plots import picture_of  # noqa: PLC0415
-    from drivecomm.value_plots.drawing import save  # noqa: PLC0415
+    from drivecomm.plant.value_log import read_rows  # noqa: PLC0415
+    from drivecomm.plant.value_plots import picture_of, save  # noqa: PLC0415
 
     picture = picture_of(read_rows(log), drives=drive or (), names=name or ())
     save(picture, title or log.name, output)

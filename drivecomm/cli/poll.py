@@ -14,7 +14,7 @@ from drivecomm.cli.logging_option import Log, opened_log
 from drivecomm.cli.output import emit, say
 from drivecomm.cli.plan_words import Period, PlanFile, Words, given_plan
 from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.poll_loops import poll as carry_out
+from drivecomm.polling import poll as carry_out
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -9,23 +9,28 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drivecomm.capture.asking_again import PATIENCE_S, Asking, Outcome, Sending, difference
-from drivecomm.capture.conversation import exchanged
-from drivecomm.capture.files import read_capture
-from drivecomm.capture.recorded_drive import recorded_drives
-from drivecomm.capture.requests import described
-from drivecomm.capture.telling_apart import telling_apart
+from drivecomm.capture import read_capture
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
 from drivecomm.cli.signals import until_stopped
 from drivecomm.errors import UsageError
-from drivecomm.line import LineSettings
-from drivecomm.registry import installed
+from drivecomm.protocol import LineSettings, installed
+from drivecomm.traffic.replay import (
+    PATIENCE_S,
+    Asking,
+    Outcome,
+    Sending,
+    described,
+    difference,
+    exchanged,
+    recorded_drives,
+    telling_apart,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.capture.pieces import Capture
+    from drivecomm.capture import Capture
     from drivecomm.protocol import Protocol
 
 
@@ -77,8 +82,7 @@ def _read(file: Path, plugins: Sequence[Protocol]) -> Capture:
 
 def _answer(capture: Capture, listen: str, *, as_json: bool) -> int:
     # pyserial is loaded only where a port is served.
-    from drivecomm.virtual.listeners import parse_listen  # noqa: PLC0415
-    from drivecomm.virtual.serving import Server  # noqa: PLC0415
+    from drivecomm.virtual import Server, parse_listen  # noqa: PLC0415
 
     with until_stopped() as stop, Server(recorded_drives(capture), parse_listen(listen)) as server:
         if as_json:

@@ -8,20 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drivecomm.bus import LineChoices, scan_plan
 from drivecomm.cli.address_lists import addresses_of
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
 from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.likely_settings import LineChoices
-from drivecomm.scanning import scan_plan
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rich.progress import Progress
 
-    from drivecomm.scan_forecast import ScanForecast
-    from drivecomm.scanning import Found
+    from drivecomm.bus import Found
+    from drivecomm.commissioning import ScanForecast
 
 _LINE = "Line"
 
@@ -65,7 +64,7 @@ def scan(
     if not scan_plan(protocol or None, wanted):
         raise UsageError(f"no drive of these protocols can have the address {addresses}; see drivecomm protocols")
     if write is not None and not force and write.exists():
-        from drivecomm.plant.writing import there_already  # noqa: PLC0415 - loaded by those who write a plant
+        from drivecomm.plant import there_already  # noqa: PLC0415 - loaded by those who write a plant
 
         # Said before the line is asked for minutes.
         raise UsageError(there_already(write))
@@ -76,7 +75,7 @@ def scan(
             "and lists of settings out"
         )
     if several:
-        from drivecomm.scan_forecast import forecast_scan  # noqa: PLC0415 - a plain scan says nothing before
+        from drivecomm.commissioning import forecast_scan  # noqa: PLC0415 - a plain scan says nothing before
 
         _foretell(forecast_scan(**{**line.facts, **asked}), as_json=line.json)
     found: list[Found] = []
@@ -93,7 +92,7 @@ def scan(
 
 def _tell(found: list[Found], line: LineOptions, write: Path | None, *, force: bool) -> None:
     if write is not None and found:
-        from drivecomm.plant.writing import found_text, write_new, write_over  # noqa: PLC0415 - as above
+        from drivecomm.plant import found_text, write_new, write_over  # noqa: PLC0415 - as above
 
         text = found_text(found, port=line.named_port, echo=line.echo == "expect")
         (write_over if force else write_new)(write, text)

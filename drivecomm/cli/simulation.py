@@ -8,10 +8,8 @@ from drivecomm.cli.drive_names import parse_drive
 from drivecomm.cli.output import emit, say
 from drivecomm.cli.signals import until_stopped
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
-from drivecomm.plant import Plant, PlantDrive, PlantLine
-from drivecomm.plant.files import read_plant
-from drivecomm.virtual.plant_server import PlantServer
-from drivecomm.virtual.virtual_plant import VirtualPlant
+from drivecomm.plant import Plant, PlantDrive, PlantLine, read_plant
+from drivecomm.virtual import PlantServer, VirtualPlant
 
 if TYPE_CHECKING:
     from collections.abc import Callable

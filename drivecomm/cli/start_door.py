@@ -20,14 +20,13 @@ from drivecomm.cli.door_places import Doorway, door_file
 from drivecomm.cli.output import complain, sentence
 from drivecomm.cli.stoppable import as_far_as_possible
 from drivecomm.errors import DriveCommError, NotSupported
-from drivecomm.status import Stop
+from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from drivecomm.bus import Bus
+    from drivecomm.bus import Broadcast, Bus, Drive
     from drivecomm.cli.door_places import Connection
-    from drivecomm.drive import Broadcast, Drive
 
 # An order comes at once from a program that has one.
 _ORDER_S = 2.0

@@ -5,22 +5,20 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, get_args
 
+from drivecomm.bus import keep, policies
 from drivecomm.cli.output import complain, emit, say
 from drivecomm.cli.signals import until_stopped
 from drivecomm.cli.start_door import door_of_start
-from drivecomm.errors import DriveCommError, DriveError, UsageError
-from drivecomm.keeping import keep
-from drivecomm.models import LinkLoss
-from drivecomm.suggestions import near
-from drivecomm.watchdog import policies
+from drivecomm.errors import DriveCommError, DriveError, UsageError, near
+from drivecomm.protocol import LinkLoss
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from threading import Event
 
+    from drivecomm.bus import Drive
     from drivecomm.cli.drive_names import DriveName
-    from drivecomm.drive import Drive
-    from drivecomm.status import DriveStatus, Stop
+    from drivecomm.protocol import DriveStatus, Stop
 
 
 def chosen_policy(drive: Drive, text: str | None) -> LinkLoss:

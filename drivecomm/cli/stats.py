@@ -12,14 +12,13 @@ from drivecomm.cli.drive_names import DriveName, known_plant
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
 from drivecomm.errors import DriveError, NotAnsweringError, ReplyError, UsageError
-from drivecomm.statistics import COUNTERS, REPLY_TIME_BOUNDS_MS, Statistics, total
+from drivecomm.link import COUNTERS, REPLY_TIME_BOUNDS_MS, Statistics, total
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from drivecomm.bus import Bus
-    from drivecomm.drive import Drive
-    from drivecomm.statistics import ReplyTimes
+    from drivecomm.bus import Bus, Drive
+    from drivecomm.link import ReplyTimes
 
 _ALWAYS_SHOWN = ("requests", "replies", "retries", "timeouts", "damaged")
 _PERCENTILES = (50, 95, 99)

@@ -21,9 +21,8 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from drivecomm.cli.drive_names import DriveName
-    from drivecomm.plant.status import DriveReport
-    from drivecomm.reading import Reading
-    from drivecomm.status import DriveStatus
+    from drivecomm.plant import DriveReport
+    from drivecomm.protocol import DriveStatus, Reading
 
 _WIDTH = 80
 """Of the table, where it is not drawn on a terminal."""
@@ -67,8 +66,7 @@ def _of_the_plant(line: LineOptions) -> int:
     if "port" in line.given and all(each.reached_at for each in known.plant.lines):
         line.refuse(f"{known.file} names the ports of all its lines", "port")
     # Loaded by those who have a plant only.
-    from drivecomm.plant.opened import OpenPlant  # noqa: PLC0415
-    from drivecomm.plant.status import plant_status  # noqa: PLC0415
+    from drivecomm.plant import OpenPlant, plant_status  # noqa: PLC0415
 
     opening = {key: value for key, value in line.opening.items() if key != "echo" or "echo" in line.given}
     port_of = partial(line.port_of, file=known.file)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from drivecomm.status import Stop
+from drivecomm.protocol import Stop
 
 _WITH_A_VALUE = {"--port": "port", "-p": "port", "--plant": "plant", "--how": "how"}
 

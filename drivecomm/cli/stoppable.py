@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from drivecomm.cli.drive_names import DriveName, parse_drive, plant_file
 from drivecomm.cli.opened_drive import named_in_errors
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.line import LINE_FACT_NAMES
+from drivecomm.protocol import LINE_FACT_NAMES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
+    from drivecomm.bus import Drive
     from drivecomm.cli.line_options import LineOptions
-    from drivecomm.drive import Drive
 
 T = TypeVar("T")
 
@@ -61,7 +61,7 @@ def reached_for_stopping(line: LineOptions, text: str) -> tuple[LineOptions, Dri
         if file is None:
             raise
         # Only a broken plant file takes the reader of such.
-        from drivecomm.plant.salvage import salvaged  # noqa: PLC0415
+        from drivecomm.plant import salvaged  # noqa: PLC0415
 
         try:
             plant, _ = salvaged(file)

@@ -11,7 +11,7 @@ from drivecomm.cli.stoppable import reached_for_stopping
 if TYPE_CHECKING:
     from drivecomm.cli.asking_start import Answer
     from drivecomm.cli.line_options import LineOptions
-    from drivecomm.status import Stop
+    from drivecomm.protocol import Stop
 
 
 def stopped_elsewhere(line: LineOptions, drive: str, model: str | None, how: Stop) -> bool:

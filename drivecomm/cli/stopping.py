@@ -14,7 +14,7 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from drivecomm import bus as buses
+from drivecomm.bus import bus as buses
 from drivecomm.cli.asking_start import WhatToStop, broadcasts, stopped_by_its_keeper
 from drivecomm.cli.output import complain, emit, say, sentence
 from drivecomm.cli.signals import until_stopped
@@ -28,18 +28,15 @@ from drivecomm.errors import (
     ReplyError,
     UsageError,
 )
-from drivecomm.line import LINE_FACT_NAMES
-from drivecomm.registry import installed
-from drivecomm.status import Stop
+from drivecomm.protocol import LINE_FACT_NAMES, Stop, installed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
     from threading import Event
 
-    from drivecomm.bus import Bus
+    from drivecomm.bus import Broadcast, Bus
     from drivecomm.cli.asking_start import Answer
-    from drivecomm.drive import Broadcast
     from drivecomm.plant import Plant, PlantDrive
 
 
@@ -110,12 +107,12 @@ def stop_all(everything: Everything, *, as_json: bool) -> int:
 def _plant(path: Path, *, as_json: bool) -> tuple[Plant, bool]:
     """Return the plant of a file, and whether it is all of it. Raises FileFormatError when nothing can be read."""
     # Only who has a plant file needs the reader of it.
-    from drivecomm.plant.files import read_plant  # noqa: PLC0415
+    from drivecomm.plant import read_plant  # noqa: PLC0415
 
     try:
         return read_plant(path), True
     except FileFormatError as error:
-        from drivecomm.plant.salvage import salvaged  # noqa: PLC0415 - only who has a broken one needs this
+        from drivecomm.plant import salvaged  # noqa: PLC0415 - only who has a broken one needs this
 
         try:
             plant, lost = salvaged(path)

@@ -9,15 +9,12 @@ import typer
 
 from drivecomm.cli.drive_names import parse_settings
 from drivecomm.cli.output import complain, emit, fields_text, say
-from drivecomm.decoding import decode as decode_telegram
-from drivecomm.decoding import encode as encode_telegram
 from drivecomm.errors import TelegramError, UsageError
-from drivecomm.models.files import model_names
-from drivecomm.registry import installed
-from drivecomm.telegram import Direction
+from drivecomm.models import model_names
+from drivecomm.protocol import Direction, decode as decode_telegram, encode as encode_telegram, installed
 
 if TYPE_CHECKING:
-    from drivecomm.telegram import Telegram
+    from drivecomm.protocol import Telegram
 
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object per line.")]
 Options = Annotated[

@@ -11,9 +11,8 @@ import typer
 from drivecomm.cli.drive_names import parse_settings
 from drivecomm.cli.output import complain, emit, say
 from drivecomm.cli.telegrams import Options
-from drivecomm.drive_options import option_names
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.registry import installed
+from drivecomm.protocol import installed, option_names
 
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object per line.")]
 
@@ -23,8 +22,7 @@ def check(
     json: AsJson = False,
 ) -> int:
     """Run every check of every vector. Exit code 1 when one fails."""
-    from drivecomm.conformance.checks import run_checks  # noqa: PLC0415 - only this command needs the kit
-    from drivecomm.conformance.vectors import load_vectors, packaged_vectors  # noqa: PLC0415
+    from drivecomm.testing import load_vectors, packaged_vectors, run_checks  # noqa: PLC0415
 
     code = 0
     sets = []
@@ -63,8 +61,8 @@ def from_capture(
 
     They say what was on the line and what drivecomm makes of it today: look at the fields before you rely on them.
     """
-    from drivecomm.capture.files import read_capture  # noqa: PLC0415 - only this command needs captures
-    from drivecomm.capture.vector_text import vectors_text  # noqa: PLC0415
+    from drivecomm.capture import read_capture  # noqa: PLC0415 - only this command needs captures
+    from drivecomm.traffic.replay import vectors_text  # noqa: PLC0415
 
     plugin = installed[protocol]
     options = parse_settings(option or [])

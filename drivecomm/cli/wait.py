@@ -10,12 +10,11 @@ from drivecomm.cli.drives import Model, Name
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.opened_drive import drive_named
 from drivecomm.cli.status import show_status
-from drivecomm.errors import UsageError
-from drivecomm.status import DriveState
-from drivecomm.suggestions import meant
+from drivecomm.errors import UsageError, meant
+from drivecomm.protocol import DriveState
 
 if TYPE_CHECKING:
-    from drivecomm.waiting import Goal
+    from drivecomm.bus import Goal
 
 
 def wait(

@@ -18,7 +18,7 @@ from drivecomm.models.files import ModelFile, assembled, base_of, open_model_fil
 from drivecomm.models.rules import Given, broken_rules
 from drivecomm.models.schema import Mistake, mistakes_in
 from drivecomm.models.trials import failed_trials, wrong_keys, wrong_options
-from drivecomm.registry import installed
+from drivecomm.protocol import installed
 from drivecomm.tomlfile import no_such_file
 
 if TYPE_CHECKING:

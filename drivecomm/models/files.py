@@ -56,11 +56,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.models.model import Model, ParameterInfo, Watchdog
+from drivecomm.errors import FileFormatError, UsageError, meant, shortened
 from drivecomm.models.schema import EXACT, PARAMETER_KEYS, PLAIN, TEXT_TYPES, Mistake, mistakes_in, number_in
-from drivecomm.suggestions import meant, shortened
-from drivecomm.toml_places import Places
+from drivecomm.models.toml_places import Places
+from drivecomm.protocol import Model, ParameterInfo, Watchdog
 from drivecomm.tomlfile import read_toml
 
 if TYPE_CHECKING:

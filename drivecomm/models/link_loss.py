@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from drivecomm.models.model import LinkLoss, Model
+    from drivecomm.protocol import LinkLoss, Model
 
 _DOES: dict[LinkLoss, str] = {
     "hold": "it goes on",

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError
 from drivecomm.models.units import converted
-from drivecomm.numbers import exact
+from drivecomm.protocol import exact
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.models.model import Model, ParameterInfo
-    from drivecomm.reading import Reading, Value
+    from drivecomm.protocol import Model, ParameterInfo, Reading, Value
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,15 +9,15 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from drivecomm.errors import near
 from drivecomm.models.quantities import parameter_at, quantities
 from drivecomm.models.schema import Mistake
 from drivecomm.models.units import factor_between
-from drivecomm.suggestions import near
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from drivecomm.models.model import Model, ParameterInfo, Watchdog
+    from drivecomm.protocol import Model, ParameterInfo, Watchdog
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
 _NO_SOURCE = "nothing says where it is from; name the manual and the page under source"

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any, get_args
 
-from drivecomm.models.model import Access, Kind, LinkLoss, ParameterInfo, Storage, Sureness, Watchdog
-from drivecomm.suggestions import near
+from drivecomm.errors import near
+from drivecomm.protocol import Access, Kind, LinkLoss, ParameterInfo, Storage, Sureness, Watchdog
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

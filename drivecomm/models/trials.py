@@ -7,19 +7,16 @@ from dataclasses import dataclass, fields, replace
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.drive_options import option_names, sort_out
-from drivecomm.errors import DriveCommError, NotSupported, ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.line import LINE_FACT_NAMES
+from drivecomm.errors import DriveCommError, NotSupported, ParameterAddressError, UsageError, ValueRefusedError, near
 from drivecomm.models.files import load_model
 from drivecomm.models.rules import starts_within_limits
 from drivecomm.models.schema import PARAMETER_KEYS, Mistake
-from drivecomm.suggestions import near
+from drivecomm.protocol import LINE_FACT_NAMES, option_names, sort_out
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from drivecomm.models.model import Model, ParameterInfo
-    from drivecomm.protocol import Operations, Protocol
+    from drivecomm.protocol import Model, Operations, ParameterInfo, Protocol
 
 _PLAIN_TEXTS = ("A",)
 _PLAIN_VALUES = (Decimal(0), Decimal(1), Decimal(100))

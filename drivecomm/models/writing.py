@@ -11,12 +11,12 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
-from drivecomm.models.model import ParameterInfo, Watchdog
+from drivecomm.protocol import ParameterInfo, Watchdog
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from drivecomm.models.model import Model
+    from drivecomm.protocol import Model
 
 _FORMAT = 1
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")

@@ -58,8 +58,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from drivecomm.errors import DriveCommError, FileFormatError, UsageError
-from drivecomm.line import LineSettings
+from drivecomm.errors import DriveCommError, FileFormatError, UsageError, closest
 from drivecomm.plant.plant import (
     Condition,
     InjectStep,
@@ -77,7 +76,7 @@ from drivecomm.plant.plant import (
     Window,
     kind_named,
 )
-from drivecomm.suggestions import closest
+from drivecomm.protocol import LineSettings
 from drivecomm.tomlfile import parse_toml, read_toml
 
 if TYPE_CHECKING:

@@ -16,20 +16,18 @@ from pathlib import Path
 from threading import RLock
 from typing import TYPE_CHECKING, Any, Self
 
-from drivecomm import bus as buses
+from drivecomm.bus import bus as buses
 from drivecomm.errors import UsageError
-from drivecomm.line import LINE_FACT_NAMES
 from drivecomm.plant.files import read_plant
+from drivecomm.protocol import LINE_FACT_NAMES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import TracebackType
 
-    from drivecomm.bus import Bus
-    from drivecomm.drive import Drive
-    from drivecomm.link import TraceEvent
+    from drivecomm.bus import Bus, Drive
+    from drivecomm.link import Port, TraceEvent
     from drivecomm.plant.plant import Plant, PlantDrive, PlantLine
-    from drivecomm.runners.port import Port
 
 DEFAULT_FILE = Path("plant.toml")
 

@@ -10,15 +10,14 @@ from dataclasses import dataclass, field, fields
 from math import inf
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
-from drivecomm.errors import UsageError
-from drivecomm.models import LinkLoss
-from drivecomm.suggestions import meant
-from drivecomm.virtual.faults import TRANSMISSION_FAULTS, Fault, FaultPlan
+from drivecomm.errors import UsageError, meant
+from drivecomm.plant.line_faults import TRANSMISSION_FAULTS, Fault, FaultPlan
+from drivecomm.protocol import LinkLoss
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from drivecomm.motor import Motor
+    from drivecomm.protocol import Motor
 
 Of: TypeAlias = Literal["request", "reply", "reply to a read", "reply to a write", "reply to a command"]
 """Which telegrams a fault is for."""

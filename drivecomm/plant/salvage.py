@@ -12,8 +12,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.line import LineSettings
 from drivecomm.plant.plant import Plant, PlantDrive, PlantLine
+from drivecomm.protocol import LineSettings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

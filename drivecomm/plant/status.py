@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING
 from drivecomm.errors import DriveCommError, DriveError, LinkError, ReplyError, UsageError
 
 if TYPE_CHECKING:
-    from drivecomm.drive import Drive
+    from drivecomm.bus import Drive
     from drivecomm.plant.opened import OpenPlant
     from drivecomm.plant.plant import PlantDrive
-    from drivecomm.reading import Reading
-    from drivecomm.status import DriveStatus
+    from drivecomm.protocol import DriveStatus, Reading
 
 OUTPUT = "output_frequency"
 CURRENT = "output_current"

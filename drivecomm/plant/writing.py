@@ -9,15 +9,15 @@ from itertools import count
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.bus import options_of
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.plant.plant import Plant, PlantDrive, PlantLine
-from drivecomm.scanning import options_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from drivecomm.bus import Found
     from drivecomm.plant.plant import PlantRead
-    from drivecomm.scanning import Found
 
 _ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
 _ADVICE = """\

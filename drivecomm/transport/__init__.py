@@ -1,1 +1,5 @@
-"""The only places that touch a port."""
+"""The only places that touch a port or wait."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -27,7 +27,7 @@ from drivecomm.transport.server_connection import connected
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.line import LineSettings
+    from drivecomm.protocol import LineSettings
 
 if sys.platform != "win32":
     import fcntl

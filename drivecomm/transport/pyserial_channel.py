@@ -11,7 +11,7 @@ from serial import SerialBase, SerialException
 from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
 
 if TYPE_CHECKING:
-    from drivecomm.line import LineSettings
+    from drivecomm.protocol import LineSettings
 
 POLL_S = 0.005
 """How long one read of pyserial waits. It is never changed: over RFC 2217 that would negotiate the port anew."""

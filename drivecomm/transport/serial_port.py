@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import serial
 
 from drivecomm.errors import DriveCommError, LinkDownError, PortError, UsageError
-from drivecomm.line import LineSettings
+from drivecomm.protocol import LineSettings
 from drivecomm.transport.alarm import open_alarm
 from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
 from drivecomm.transport.opening import cannot_open

@@ -13,7 +13,7 @@ from drivecomm.transport.readiness import Readable, send_all
 from drivecomm.transport.server_connection import connected
 
 if TYPE_CHECKING:
-    from drivecomm.line import LineSettings
+    from drivecomm.protocol import LineSettings
 
 _CHUNK = 4096
 # Far below what any receive buffer holds, and above the length of a reply.

@@ -26,7 +26,7 @@ from drivecomm.transport.readiness import Readable, send_all
 if TYPE_CHECKING:
     from serial import Serial
 
-    from drivecomm.line import LineSettings
+    from drivecomm.protocol import LineSettings
 
 _CHUNK = 4096
 _GONE = frozenset({errno.EIO, errno.ENODEV, errno.ENXIO, errno.EBADF, errno.EPIPE})

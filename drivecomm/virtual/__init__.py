@@ -1,5 +1,5 @@
 """Virtual lines and virtual drives, for tests without hardware and without waiting."""
 
-from drivecomm.virtual.drives import virtual_drive as virtual_drive
-from drivecomm.virtual.faults import FaultPlan as FaultPlan
-from drivecomm.virtual.line import VirtualLine as VirtualLine
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -16,7 +16,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.plant.files import bytes_of, read_fault
+from drivecomm.plant import bytes_of, read_fault
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -5,14 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeVar
 
 from drivecomm.errors import NoReplyError
-from drivecomm.exchange import Ask, Pause
-from drivecomm.framing import Framed
+from drivecomm.protocol import Ask, Framed, Pause
 
 if TYPE_CHECKING:
-    from drivecomm.exchange import Exchange
-    from drivecomm.framing import Codec
-    from drivecomm.protocol import VirtualDrive
-    from drivecomm.telegram import Message
+    from drivecomm.protocol import Codec, Exchange, Message, VirtualDrive
 
 T = TypeVar("T")
 

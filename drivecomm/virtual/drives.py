@@ -5,18 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.drive_options import sort_out
 from drivecomm.errors import AddressError
-from drivecomm.models.files import load_model
-from drivecomm.registry import installed
+from drivecomm.models import load_model
+from drivecomm.protocol import installed, sort_out
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from drivecomm.line import LineFacts
-    from drivecomm.models import Model
-    from drivecomm.protocol import Protocol, VirtualDrive
+    from drivecomm.protocol import LineFacts, Model, Protocol, VirtualDrive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

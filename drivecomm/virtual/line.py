@@ -9,12 +9,11 @@ from __future__ import annotations
 import heapq
 from functools import partial
 from math import inf
-from typing import TYPE_CHECKING, NamedTuple
-from typing import Protocol as Interface
+from typing import TYPE_CHECKING, NamedTuple, Protocol as Interface
 
 from drivecomm.errors import UsageError
-from drivecomm.line import LineSettings
-from drivecomm.virtual.faults import UNDISTURBED
+from drivecomm.plant import UNDISTURBED
+from drivecomm.protocol import LineSettings
 from drivecomm.virtual.medium import Medium, Transmission
 from drivecomm.virtual.port import VirtualPort
 from drivecomm.virtual.station import Station
@@ -23,8 +22,8 @@ from drivecomm.virtual.uart import heard
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
+    from drivecomm.plant import FaultPlan, PowerCut
     from drivecomm.protocol import VirtualDrive
-    from drivecomm.virtual.faults import FaultPlan, PowerCut
     from drivecomm.virtual.medium import Source
 
 # What a master never reads is lost, as in the buffer of a port.

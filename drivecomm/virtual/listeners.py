@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
-    from drivecomm.line import LineSettings
+    from drivecomm.protocol import LineSettings
 
 _FORMS = "pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT"
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 if TYPE_CHECKING:
-    from drivecomm.line import LineSettings
-    from drivecomm.protocol import VirtualDrive
+    from drivecomm.protocol import LineSettings, VirtualDrive
 
 Source: TypeAlias = Literal["master", "echo", "drive", "foreign"]
 

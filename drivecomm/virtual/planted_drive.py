@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, DriveError, NoReplyError, ValueRefusedError
-from drivecomm.framing import Framed
-from drivecomm.line import LineSettings
-from drivecomm.motor import Motor
+from drivecomm.protocol import Framed, LineSettings, Motor
 from drivecomm.virtual.direct import carry_out
 from drivecomm.virtual.drive_setup import OfDrive
 from drivecomm.virtual.drives import drive_type
@@ -18,12 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from typing import Any
 
-    from drivecomm.framing import Codec, Damaged
-    from drivecomm.models import Model
     from drivecomm.plant import PlantDrive
-    from drivecomm.protocol import Purpose, VirtualDrive, VirtualReply
-    from drivecomm.reading import Reading
-    from drivecomm.telegram import Message
+    from drivecomm.protocol import Codec, Damaged, Message, Model, Purpose, Reading, VirtualDrive, VirtualReply
 
 
 class PlantedDrive:

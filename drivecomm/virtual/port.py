@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from drivecomm.errors import LinkDownError
 
 if TYPE_CHECKING:
-    from drivecomm.line import LineSettings
+    from drivecomm.protocol import LineSettings
     from drivecomm.virtual.line import VirtualLine
 
 

@@ -6,11 +6,11 @@ import struct
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.line import LineSettings
+from drivecomm.protocol import LineSettings
 from drivecomm.virtual.tcp_listener import TcpListener
 
 if TYPE_CHECKING:
-    from drivecomm.line import Parity
+    from drivecomm.protocol import Parity
 
 # A subnegotiation of RFC 2217 has six bytes at most, and a signature that nobody needs longer than this.
 _LONGEST_NEGOTIATION = 256

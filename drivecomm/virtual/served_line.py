@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from drivecomm.line import LineSettings
+    from drivecomm.protocol import LineSettings
     from drivecomm.virtual.line import VirtualLine
     from drivecomm.virtual.listeners import Listener
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from drivecomm.framing import Framed, Framer, Noise
-from drivecomm.motor import Command
+from drivecomm.protocol import Command, Framed, Framer, Noise
 
 if TYPE_CHECKING:
-    from drivecomm.framing import Damaged, Find
-    from drivecomm.protocol import VirtualDrive, VirtualReply
+    from drivecomm.protocol import Damaged, Find, VirtualDrive, VirtualReply
 
 # What a drive has heard before is not looked at again: so many pieces, none longer than this.
 _MOST_KNOWN = 512

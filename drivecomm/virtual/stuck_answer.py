@@ -11,14 +11,11 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.exchange import Ask
-from drivecomm.protocol import VirtualReply
+from drivecomm.protocol import Ask, VirtualReply
 from drivecomm.virtual.direct import answer_to
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import VirtualDrive
-    from drivecomm.reading import Reading
-    from drivecomm.telegram import Message
+    from drivecomm.protocol import Message, Reading, VirtualDrive
     from drivecomm.virtual.drives import DriveType
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from drivecomm.errors import PortError
 
 if TYPE_CHECKING:
-    from drivecomm.line import LineSettings
+    from drivecomm.protocol import LineSettings
 
 # A little at a time, so that a master who floods the line cannot keep the server from anything else.
 _CHUNK = 512

@@ -5,8 +5,8 @@ from __future__ import annotations
 from random import Random
 from typing import TYPE_CHECKING
 
-from drivecomm.telegram import fields_of
-from drivecomm.virtual.faults import disturbed
+from drivecomm.plant import disturbed
+from drivecomm.protocol import fields_of
 from drivecomm.virtual.planted_drive import PlantedDrive
 
 if TYPE_CHECKING:

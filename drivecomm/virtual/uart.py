@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from drivecomm.line import LineSettings
+    from drivecomm.protocol import LineSettings
 
 
 def heard(data: bytes, sender: LineSettings, receiver: LineSettings) -> bytes:

@@ -14,12 +14,10 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.models import Model
-from drivecomm.models.files import load_model
-from drivecomm.plant import LARGEST_CODE, InjectStep, PowerCutStep, StuckStep, TelegramFault, TripStep
-from drivecomm.registry import installed
+from drivecomm.models import load_model
+from drivecomm.plant import LARGEST_CODE, UNDISTURBED, InjectStep, PowerCutStep, StuckStep, TelegramFault, TripStep
+from drivecomm.protocol import Model, installed
 from drivecomm.virtual.condition_watch import ConditionWatch
-from drivecomm.virtual.faults import UNDISTURBED
 from drivecomm.virtual.line import VirtualLine
 from drivecomm.virtual.planted_drive import PlantedDrive
 from drivecomm.virtual.telegram_disturbance import TelegramDisturbance

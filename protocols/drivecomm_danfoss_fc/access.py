@@ -17,8 +17,7 @@ from drivecomm_danfoss_fc.parameters import TYPES_BY_NUMBER, raw_for, reading_of
 from drivecomm_danfoss_fc.telegrams import LONGEST_TEXT
 
 if TYPE_CHECKING:
-    from drivecomm.exchange import Exchange
-    from drivecomm.reading import Reading, Value
+    from drivecomm.protocol import Exchange, Reading, Value
     from drivecomm_danfoss_fc.conversation import Conversation
     from drivecomm_danfoss_fc.parameters import Target
 

@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
 from drivecomm.errors import AddressError, RefusedError, UnexpectedReplyError
-from drivecomm.exchange import Ask, Exchange, Tell
+from drivecomm.protocol import Ask, Exchange, Tell
 from drivecomm_danfoss_fc import words
 from drivecomm_danfoss_fc.faultcodes import fault_text
 from drivecomm_danfoss_fc.messages import (

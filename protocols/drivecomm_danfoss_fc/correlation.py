@@ -15,7 +15,7 @@ from drivecomm_danfoss_fc.messages import (
 from drivecomm_danfoss_fc.words import VALID_BIT, has
 
 if TYPE_CHECKING:
-    from drivecomm.telegram import Message
+    from drivecomm.protocol import Message
 
 _ANSWERS: dict[int, frozenset[int]] = {
     0: frozenset([0]),

@@ -11,7 +11,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import RefusedError, UsageError
-from drivecomm.models import ParameterInfo
+from drivecomm.protocol import ParameterInfo
 from drivecomm_danfoss_fc import access
 from drivecomm_danfoss_fc.description import (
     BASIC,
@@ -27,7 +27,7 @@ from drivecomm_danfoss_fc.faultcodes import NO_SUCH_ELEMENT
 from drivecomm_danfoss_fc.parameters import DATA_TYPES, TYPES_BY_NUMBER, signed
 
 if TYPE_CHECKING:
-    from drivecomm.exchange import Exchange
+    from drivecomm.protocol import Exchange
     from drivecomm_danfoss_fc.conversation import Conversation
     from drivecomm_danfoss_fc.parameters import Target
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.reading import Reading
+from drivecomm.protocol import Reading
 from drivecomm_danfoss_fc.parameters import limit_reading, signed
 
 if TYPE_CHECKING:

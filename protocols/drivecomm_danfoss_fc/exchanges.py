@@ -6,9 +6,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, RefusedError, UnexpectedReplyError, UsageError, ValueRefusedError
-from drivecomm.numbers import exact
-from drivecomm.protocol import Capabilities
-from drivecomm.status import DriveState, DriveStatus, Stop
+from drivecomm.protocol import Capabilities, DriveState, DriveStatus, Stop, exact
 from drivecomm_danfoss_fc import access, describing, words
 from drivecomm_danfoss_fc.conversation import Conversation
 from drivecomm_danfoss_fc.memory import DanfossFcMemory
@@ -30,9 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from decimal import Decimal
 
-    from drivecomm.exchange import Exchange
-    from drivecomm.models import Model, ParameterInfo
-    from drivecomm.reading import Reading, Value
+    from drivecomm.protocol import Exchange, Model, ParameterInfo, Reading, Value
     from drivecomm_danfoss_fc.options import DanfossFcOptions
 
 # A poll plan asks for the same parameters again and again; more of them than this are not kept in mind.

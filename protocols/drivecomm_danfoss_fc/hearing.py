@@ -13,7 +13,7 @@ from drivecomm.errors import TelegramError
 from drivecomm_danfoss_fc.telegrams import is_text
 
 if TYPE_CHECKING:
-    from drivecomm.telegram import Direction, Message
+    from drivecomm.protocol import Direction, Message
     from drivecomm_danfoss_fc.telegrams import DanfossFcCodec
 
 _STX, _LGE, _EMPTY_TEXT_LGE = 0x02, 1, 10

@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from drivecomm.motor import Command
+from drivecomm.protocol import Command
 from drivecomm_danfoss_fc import words
 from drivecomm_danfoss_fc.words import has
 
 if TYPE_CHECKING:
-    from drivecomm.motor import Motor
+    from drivecomm.protocol import Motor
     from drivecomm_danfoss_fc.options import DanfossFcOptions
     from drivecomm_danfoss_fc.store import Store
 

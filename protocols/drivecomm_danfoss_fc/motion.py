@@ -11,8 +11,7 @@ from decimal import ROUND_HALF_EVEN, Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import CommandTooOldError, NotSupported, StateError, UsageError, ValueRefusedError
-from drivecomm.exchange import Exchange, Pause
-from drivecomm.status import Stop
+from drivecomm.protocol import Exchange, Pause, Stop
 from drivecomm_danfoss_fc import words
 
 if TYPE_CHECKING:

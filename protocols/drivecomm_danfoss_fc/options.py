@@ -7,7 +7,7 @@ from decimal import Decimal
 from typing import Literal, TypeAlias
 
 from drivecomm.errors import UsageError
-from drivecomm.numbers import exact
+from drivecomm.protocol import exact
 from drivecomm_danfoss_fc.messages import ADDRESS_FORMATS, FORMAT_126
 
 Profile: TypeAlias = Literal["fc", "profidrive"]

@@ -11,11 +11,10 @@ from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.numbers import exact, scaled, unscaled
-from drivecomm.reading import Reading, Value
+from drivecomm.protocol import Reading, Value, exact, scaled, unscaled
 
 if TYPE_CHECKING:
-    from drivecomm.models import Model, ParameterInfo
+    from drivecomm.protocol import Model, ParameterInfo
     from drivecomm_danfoss_fc.messages import ParameterReply
     from drivecomm_danfoss_fc.options import DanfossFcOptions
 

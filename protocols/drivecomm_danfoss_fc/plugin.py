@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.line import LineFacts, LineSettings, Timing
-from drivecomm.protocol import Protocol
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_danfoss_fc.conversation import BROADCAST
 from drivecomm_danfoss_fc.correlation import mismatch, only_asks
 from drivecomm_danfoss_fc.description import DEFAULT
@@ -18,8 +17,7 @@ from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, blind_spots, message_
 from drivecomm_danfoss_fc.virtual import VirtualDanfossFcDrive
 
 if TYPE_CHECKING:
-    from drivecomm.models import Model
-    from drivecomm.protocol import VirtualDrive
+    from drivecomm.protocol import Model, VirtualDrive
 
 
 def _codec(options: DanfossFcOptions) -> DanfossFcCodec:

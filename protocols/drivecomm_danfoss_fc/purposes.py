@@ -8,8 +8,7 @@ from drivecomm_danfoss_fc import access
 from drivecomm_danfoss_fc.messages import ParameterRequest, TextRequest
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Purpose
-    from drivecomm.telegram import Message
+    from drivecomm.protocol import Message, Purpose
 
 _READS = frozenset([access.READ, access.READ_ELEMENT])
 _WRITES = frozenset([access.WRITE_WORD, access.WRITE_DOUBLE, access.STORE_WORD, access.STORE_DOUBLE])

@@ -27,7 +27,7 @@ from drivecomm_danfoss_fc.parameters import DATA_TYPES, RANGES, number_of, signe
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from drivecomm.models import Model, ParameterInfo
+    from drivecomm.protocol import Model, ParameterInfo
 
 _UNIT_INDICES = {"s": 4, "ms": 4, "h": 4, "kWh": 8, "kW": 9, "rpm": 11, "Nm": 16, "degC": 17}
 _UNIT_INDICES |= {"V": 21, "A": 22, "%": 24, "Hz": 28}

@@ -27,7 +27,18 @@ from typing import TYPE_CHECKING, Any
 from construct import this
 
 from drivecomm.errors import TelegramError
-from drivecomm.schema import Check, Form, Leaf, Written, characters, constant, message_of, signed, unsigned, xor_byte
+from drivecomm.protocol.schema import (
+    Check,
+    Form,
+    Leaf,
+    Written,
+    characters,
+    constant,
+    message_of,
+    signed,
+    unsigned,
+    xor_byte,
+)
 from drivecomm_danfoss_fc.messages import (
     ADDRESS_FORMATS,
     FORMAT_31,
@@ -45,7 +56,7 @@ from drivecomm_danfoss_fc.messages import (
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.telegram import Direction, Message
+    from drivecomm.protocol import Direction, Message
     from drivecomm_danfoss_fc.messages import Reply, Request
 
 LONGEST_TEXT = 255 - 10

@@ -9,10 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError
-from drivecomm.framing import Framed
-from drivecomm.line import LineSettings
-from drivecomm.motor import Motor
-from drivecomm.protocol import VirtualReply
+from drivecomm.protocol import Framed, LineSettings, Motor, VirtualReply
 from drivecomm_danfoss_fc import access
 from drivecomm_danfoss_fc.faultcodes import NO_TEXT, NOT_SUPPORTED
 from drivecomm_danfoss_fc.hearing import DriveCodec
@@ -33,8 +30,7 @@ from drivecomm_danfoss_fc.telegrams import DanfossFcCodec
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.framing import Damaged
-    from drivecomm.models import Model
+    from drivecomm.protocol import Damaged, Model
     from drivecomm_danfoss_fc.messages import Request
     from drivecomm_danfoss_fc.options import DanfossFcOptions
 

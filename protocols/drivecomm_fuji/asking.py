@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import RefusedError, ReplyError
-from drivecomm.exchange import Ask, Exchange, Pause, Tell
+from drivecomm.protocol import Ask, Exchange, Pause, Tell
 from drivecomm_fuji.errorcodes import WRITE_BUSY, error_text
 from drivecomm_fuji.telegrams import BROADCAST, Poll, Select, Standard
 from drivecomm_fuji.timing import reply_timeout, slow_write

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
-from drivecomm.schema import Written
+from drivecomm.protocol.schema import Written
 from drivecomm_fuji.telegrams import (
     BROADCAST,
     COMMAND_REFUSED,
@@ -29,8 +29,8 @@ from drivecomm_fuji.telegrams import (
 )
 
 if TYPE_CHECKING:
-    from drivecomm.schema import Form
-    from drivecomm.telegram import Direction, Message
+    from drivecomm.protocol import Direction, Message
+    from drivecomm.protocol.schema import Form
     from drivecomm_fuji.profiles import Profile
 
 

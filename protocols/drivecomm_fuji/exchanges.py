@@ -10,10 +10,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, RefusedError, UsageError, ValueRefusedError
-from drivecomm.exchange import Ask, Exchange
-from drivecomm.numbers import exact, unscaled
-from drivecomm.protocol import Capabilities
-from drivecomm.status import DriveState, DriveStatus, Stop
+from drivecomm.protocol import Ask, Capabilities, DriveState, DriveStatus, Exchange, Stop, exact, unscaled
 from drivecomm_fuji import words
 from drivecomm_fuji.asking import Asking, read_request
 from drivecomm_fuji.memory import FujiMemory
@@ -27,9 +24,7 @@ from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, bit, flags_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.models import Model
-    from drivecomm.reading import Reading
-    from drivecomm.reading import Value as ParameterValue
+    from drivecomm.protocol import Model, Reading, Value as ParameterValue
     from drivecomm_fuji.options import FujiOptions
     from drivecomm_fuji.parameters import Target
 

@@ -12,7 +12,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError, ValueRefusedError
-from drivecomm.numbers import scaled, unscaled
+from drivecomm.protocol import scaled, unscaled
 
 if TYPE_CHECKING:
     from collections.abc import Callable

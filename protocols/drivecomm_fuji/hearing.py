@@ -9,14 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.schema import Check, Form, Leaf, choice, constant, decimal_number, filler, hex_number, hex_sum
+from drivecomm.protocol.schema import Check, Form, Leaf, choice, constant, decimal_number, filler, hex_number, hex_sum
 from drivecomm_fuji.codec import FujiCodec
 from drivecomm_fuji.errorcodes import CHECKSUM_ERROR, COMMAND_ERROR, DATA_ERROR, FORMAT_ERROR, FUNCTION_ERROR
 from drivecomm_fuji.telegrams import ENQ, ETX, NAK, SOH, STATIONS, Poll, Select, Standard
 
 if TYPE_CHECKING:
-    from drivecomm.framing import Damaged
-    from drivecomm.telegram import Direction
+    from drivecomm.protocol import Damaged, Direction
     from drivecomm_fuji.profiles import Profile
 
 

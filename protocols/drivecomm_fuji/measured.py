@@ -9,7 +9,7 @@ from drivecomm_fuji.words import FULL_SCALE, REVERSE, RUN, STATUS_BITS
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.motor import Motor
+    from drivecomm.protocol import Motor
     from drivecomm_fuji.profiles import Profile
     from drivecomm_fuji.store import Store
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from decimal import Decimal
 
 from drivecomm.errors import UsageError
-from drivecomm.numbers import exact
+from drivecomm.protocol import exact
 from drivecomm_fuji.profiles import DEFAULT_PROFILE, PROFILES, Profile, ProfileName
 
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, ValueRefusedError
-from drivecomm.numbers import exact
-from drivecomm.reading import Reading, Value
+from drivecomm.protocol import Reading, Value, exact
 from drivecomm_fuji.formats import Format, current_format, format_named
 from drivecomm_fuji.telegrams import is_function
 from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE, RUN, word_text
@@ -15,7 +14,7 @@ from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE, R
 if TYPE_CHECKING:
     from decimal import Decimal
 
-    from drivecomm.models import Model, ParameterInfo
+    from drivecomm.protocol import Model, ParameterInfo
     from drivecomm_fuji.options import FujiOptions
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.line import LineFacts, LineSettings, Timing
-from drivecomm.protocol import Protocol
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_fuji.codec import FujiCodec
 from drivecomm_fuji.exchanges import FujiOperations
 from drivecomm_fuji.memory import FujiMemory
@@ -17,8 +16,7 @@ from drivecomm_fuji.timing import GAP_S, QUICK_TIMEOUT_S
 from drivecomm_fuji.virtual import VirtualFujiDrive
 
 if TYPE_CHECKING:
-    from drivecomm.models import Model
-    from drivecomm.protocol import VirtualDrive
+    from drivecomm.protocol import Model, VirtualDrive
 
 
 def _codec(options: FujiOptions) -> FujiCodec:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 from drivecomm_fuji.telegrams import Poll, Select, Standard
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Purpose
-    from drivecomm.telegram import Message
+    from drivecomm.protocol import Message, Purpose
 
 _ALARM_RESET = {Standard: "E", Select: "m"}
 

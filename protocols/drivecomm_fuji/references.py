@@ -15,7 +15,7 @@ from drivecomm_fuji.telegrams import BROADCAST
 from drivecomm_fuji.words import FREQUENCY, FREQUENCY_PU
 
 if TYPE_CHECKING:
-    from drivecomm.exchange import Exchange
+    from drivecomm.protocol import Exchange
     from drivecomm_fuji.asking import Asking
     from drivecomm_fuji.options import FujiOptions
 

@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import RefusedError, ReplyError, StateError
-from drivecomm.exchange import Exchange, Pause
+from drivecomm.protocol import Exchange, Pause
 from drivecomm_fuji import words
 from drivecomm_fuji.telegrams import BROADCAST
 from drivecomm_fuji.words import COMMAND, RUN, bit

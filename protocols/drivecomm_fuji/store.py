@@ -13,7 +13,7 @@ from drivecomm_fuji.parameters import format_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.models import Model, ParameterInfo
+    from drivecomm.protocol import Model, ParameterInfo
     from drivecomm_fuji.options import FujiOptions
 
 

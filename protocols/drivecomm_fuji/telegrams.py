@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import TelegramError
-from drivecomm.schema import (
+from drivecomm.protocol.schema import (
     Check,
     Form,
     Leaf,
@@ -44,7 +44,7 @@ from drivecomm_fuji.profiles import FUNCTION_TYPES
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.telegram import Direction, Message
+    from drivecomm.protocol import Direction, Message
 
 SOH, ETX, ENQ, ACK, NAK = b"\x01", b"\x03", b"\x05", b"\x06", b"\x15"
 

@@ -9,10 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.framing import Damaged, Framed
-from drivecomm.line import LineSettings
-from drivecomm.motor import Command, Motor
-from drivecomm.protocol import VirtualReply
+from drivecomm.protocol import Command, Damaged, Framed, LineSettings, Motor, VirtualReply
 from drivecomm_fuji import words
 from drivecomm_fuji.errorcodes import COMMAND_ERROR, DATA_ERROR, FUNCTION_ERROR, LINK_PRIORITY, WRITE_BUSY
 from drivecomm_fuji.hearing import Ear, complaint
@@ -25,7 +22,7 @@ from drivecomm_fuji.timing import slow_write
 from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE
 
 if TYPE_CHECKING:
-    from drivecomm.models import Model
+    from drivecomm.protocol import Model
     from drivecomm_fuji.options import FujiOptions
 
 _BY_ROUTE = frozenset(["S01", "S05", "S06", "S13"])

@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import RefusedError, ReplyError, UnexpectedReplyError
-from drivecomm.exchange import Ask, Exchange, Tell
+from drivecomm.protocol import Ask, Exchange, Tell
 from drivecomm_vabus.errorcodes import DATASETS_DIFFER, ERROR_REGISTER, LINE_FAULTS, UNKNOWN_PARAMETER, error_text
 from drivecomm_vabus.states import CONTROL_WORD
 from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Eot, Select, Value, number_of

@@ -6,8 +6,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, ParameterAddressError, RefusedError, UsageError
-from drivecomm.protocol import Capabilities
-from drivecomm.status import Stop
+from drivecomm.protocol import Capabilities, Stop
 from drivecomm_vabus import states
 from drivecomm_vabus.conversation import Conversation
 from drivecomm_vabus.memory import VabusMemory
@@ -20,11 +19,7 @@ from drivecomm_vabus.telegrams import BROADCAST
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
-    from drivecomm.exchange import Exchange
-    from drivecomm.models import Model
-    from drivecomm.reading import Reading
-    from drivecomm.reading import Value as ParameterValue
-    from drivecomm.status import DriveStatus
+    from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Value as ParameterValue
     from drivecomm_vabus.options import VabusOptions
 
 # A poll plan asks for the same parameters again and again; more of them than this are not kept in mind.

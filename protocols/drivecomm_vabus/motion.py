@@ -13,15 +13,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import RefusedError, ReplyError, StateError, UnexpectedReplyError
-from drivecomm.exchange import Exchange, Pause
-from drivecomm.status import DriveState, DriveStatus, Stop
+from drivecomm.protocol import DriveState, DriveStatus, Exchange, Pause, Stop
 from drivecomm_vabus import states
 from drivecomm_vabus.states import State, state_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from drivecomm.models import Model
+    from drivecomm.protocol import Model
     from drivecomm_vabus.conversation import Conversation
     from drivecomm_vabus.memory import VabusMemory
     from drivecomm_vabus.references import References

@@ -8,12 +8,11 @@ from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
-from drivecomm.numbers import exact, scaled, unscaled
-from drivecomm.reading import Reading, Value
+from drivecomm.protocol import Reading, Value, exact, scaled, unscaled
 from drivecomm_vabus.telegrams import DATASETS, PARAMETERS, ValueType, check_type, data_of, number_of
 
 if TYPE_CHECKING:
-    from drivecomm.models import Model, ParameterInfo
+    from drivecomm.protocol import Model, ParameterInfo
     from drivecomm_vabus.options import VabusOptions
 
 _ADDRESS = re.compile(r"(?P<hundreds>\d{0,2}|[A-F])(?P<rest>\d{1,2})(?:\[(?P<dataset>\d)\])?", re.ASCII)

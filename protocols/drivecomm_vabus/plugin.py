@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.line import LineFacts, LineSettings, Timing
-from drivecomm.protocol import Protocol
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_vabus.exchanges import VabusOperations
 from drivecomm_vabus.memory import VabusMemory
 from drivecomm_vabus.options import VabusOptions
@@ -24,8 +23,7 @@ from drivecomm_vabus.telegrams import (
 from drivecomm_vabus.virtual import VirtualVabusDrive
 
 if TYPE_CHECKING:
-    from drivecomm.models import Model
-    from drivecomm.protocol import VirtualDrive
+    from drivecomm.protocol import Model, VirtualDrive
 
 
 def _codec(options: VabusOptions) -> VabusCodec:

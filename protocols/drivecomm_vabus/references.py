@@ -15,16 +15,14 @@ from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import NotSupported, RefusedError, StateError, ValueRefusedError
-from drivecomm.numbers import exact, unscaled
+from drivecomm.protocol import exact, unscaled
 from drivecomm_vabus.parameters import Target, characters_for, target
 from drivecomm_vabus.telegrams import data_of, number_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.exchange import Exchange
-    from drivecomm.models import Model
-    from drivecomm.reading import Value
+    from drivecomm.protocol import Exchange, Model, Value
     from drivecomm_vabus.conversation import Conversation
     from drivecomm_vabus.options import VabusOptions
 

@@ -22,7 +22,7 @@ from drivecomm_vabus.telegrams import data_of, number_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.models import Model, ParameterInfo
+    from drivecomm.protocol import Model, ParameterInfo
 
 
 _LIMITS = {"uint": (0, 2**16 - 1), "int": (-(2**15), 2**15 - 1), "long": (-(2**31), 2**31 - 1)}

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 from construct import this
 
 from drivecomm.errors import TelegramError, UsageError
-from drivecomm.schema import (
+from drivecomm.protocol.schema import (
     Check,
     Form,
     Leaf,
@@ -42,7 +42,7 @@ from drivecomm.schema import (
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.telegram import Direction, Message
+    from drivecomm.protocol import Direction, Message
 
 ValueType: TypeAlias = Literal["", "uint", "int", "long", "string"]
 VALUE_TYPES = ("uint", "int", "long", "string")

@@ -13,10 +13,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError
-from drivecomm.framing import Damaged, Framed
-from drivecomm.line import LineSettings
-from drivecomm.motor import Command, Motor
-from drivecomm.protocol import VirtualReply
+from drivecomm.protocol import Command, Damaged, Framed, LineSettings, Motor, VirtualReply
 from drivecomm_vabus import states
 from drivecomm_vabus.errorcodes import CHECKSUM_ERROR, ERROR_REGISTER, SYNTAX_ERROR, SYSTEM_BUS_UNREACHABLE
 from drivecomm_vabus.parameters import target
@@ -36,7 +33,7 @@ from drivecomm_vabus.telegrams import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.models import Model
+    from drivecomm.protocol import Model
     from drivecomm_vabus.options import VabusOptions
 
 _BLOCK_LIST, _BLOCK_WRITE, _BLOCK_READ = 17, 18, 19

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
-from drivecomm.schema import Written, message_of
+from drivecomm.protocol.schema import Written, message_of
 from drivecomm_vlt3500 import telegrams, words
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, START, UNCHECKED
@@ -14,8 +14,8 @@ from drivecomm_vlt3500.values import number
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.schema import Form
-    from drivecomm.telegram import Direction, Message
+    from drivecomm.protocol import Direction, Message
+    from drivecomm.protocol.schema import Form
 
 _REQUESTS: Mapping[bytes, Form[Any]] = {
     b"U": telegrams.UPDATE,

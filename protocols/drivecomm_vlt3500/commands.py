@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NoReplyError, ReplyError, StateError
-from drivecomm.exchange import Ask, Exchange, Pause, Tell
+from drivecomm.protocol import Ask, Exchange, Pause, Tell
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.messages import Control, ControlReply
 from drivecomm_vlt3500.telegrams import BROADCAST

@@ -9,17 +9,8 @@ from decimal import Decimal, localcontext
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import (
-    NotSupported,
-    RefusedError,
-    StateError,
-    UsageError,
-    ValueRefusedError,
-)
-from drivecomm.exchange import Exchange, Tell
-from drivecomm.numbers import exact
-from drivecomm.protocol import Capabilities
-from drivecomm.status import DriveStatus, Stop
+from drivecomm.errors import NotSupported, RefusedError, StateError, UsageError, ValueRefusedError
+from drivecomm.protocol import Capabilities, DriveStatus, Exchange, Stop, Tell, exact
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.causes import cause_text
 from drivecomm_vlt3500.commands import Commander, VltMemory
@@ -30,9 +21,7 @@ from drivecomm_vlt3500.telegrams import BROADCAST
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.models import Model
-    from drivecomm.reading import Reading
-    from drivecomm.reading import Value as ParameterValue
+    from drivecomm.protocol import Model, Reading, Value as ParameterValue
     from drivecomm_vlt3500.options import VltOptions
 
 # A poll plan asks for the same parameters again and again; more of them than this are not kept in mind.

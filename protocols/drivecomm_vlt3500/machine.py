@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.motor import Command
+from drivecomm.protocol import Command
 from drivecomm_vlt3500 import words
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.motor import Motor
+    from drivecomm.protocol import Motor
     from drivecomm_vlt3500.store import Store
 
 _INHIBIT = 11

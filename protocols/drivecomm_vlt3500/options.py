@@ -12,7 +12,7 @@ from drivecomm_vlt3500.values import DECIMALS, number
 if TYPE_CHECKING:
     from decimal import Decimal
 
-    from drivecomm.reading import Value
+    from drivecomm.protocol import Value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,12 +9,11 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.numbers import exact
-from drivecomm.reading import Reading, Value
+from drivecomm.protocol import Reading, Value, exact
 from drivecomm_vlt3500.values import packed
 
 if TYPE_CHECKING:
-    from drivecomm.models import Model, ParameterInfo
+    from drivecomm.protocol import Model, ParameterInfo
     from drivecomm_vlt3500.options import VltOptions
 
 _ADDRESS = re.compile(r"(\d{1,4})(?:\[\s*(\d{1,5})\s*(?:,\s*(\d{1,2})\s*)?\])?", re.ASCII)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.line import LineFacts, LineSettings, Timing
-from drivecomm.protocol import Protocol
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_vlt3500.codec import VltCodec, blind_spots, message_from, mismatch, only_asks, titled_forms
 from drivecomm_vlt3500.commands import VltMemory
 from drivecomm_vlt3500.exchanges import VltOperations
@@ -16,8 +15,7 @@ from drivecomm_vlt3500.telegrams import ADDRESSES, BROADCAST
 from drivecomm_vlt3500.virtual import VirtualVltDrive
 
 if TYPE_CHECKING:
-    from drivecomm.models import Model
-    from drivecomm.protocol import VirtualDrive
+    from drivecomm.protocol import Model, VirtualDrive
 
 
 def _codec(options: VltOptions) -> VltCodec:

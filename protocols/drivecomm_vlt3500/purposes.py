@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 from drivecomm_vlt3500.messages import Read, ReadIndex, Update
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Purpose
-    from drivecomm.telegram import Message
+    from drivecomm.protocol import Message, Purpose
 
 
 def purpose(request: Message) -> Purpose:

@@ -21,7 +21,7 @@ from drivecomm_vlt3500.causes import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.models import Model, ParameterInfo
+    from drivecomm.protocol import Model, ParameterInfo
 
 _ELEMENT = re.compile(r"(\d+)\[(\d+)(?:,(\d+))?\]", re.ASCII)
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
-from drivecomm.schema import Check, Form, Leaf, choice, constant, decimal_number, decimal_sum
+from drivecomm.protocol.schema import Check, Form, Leaf, choice, constant, decimal_number, decimal_sum
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.values import DECIMALS, number, packed, unpacked
 

@@ -12,10 +12,7 @@ from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, TelegramError, ValueRefusedError
-from drivecomm.framing import Damaged, Framed
-from drivecomm.line import LineSettings
-from drivecomm.motor import Motor
-from drivecomm.protocol import VirtualReply
+from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, VirtualReply
 from drivecomm_vlt3500.causes import ANYTHING_ELSE, BAD_DECIMALS
 from drivecomm_vlt3500.codec import VltCodec
 from drivecomm_vlt3500.machine import Machine
@@ -26,7 +23,7 @@ from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, STOP, UNCHECKED
 from drivecomm_vlt3500.values import DECIMALS
 
 if TYPE_CHECKING:
-    from drivecomm.models import Model
+    from drivecomm.protocol import Model
     from drivecomm_vlt3500.options import VltOptions
 
 _FAULT_MEMORY = 602

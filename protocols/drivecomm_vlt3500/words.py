@@ -11,7 +11,7 @@ nothing; bit 10 alone (0x0400) is a command to stop in every way at once.
 
 from __future__ import annotations
 
-from drivecomm.status import DriveState, DriveStatus
+from drivecomm.protocol import DriveState, DriveStatus
 
 # Bits of the control word.
 ON1, ON2, ON3, NO_COAST, RAMP, RAMP_ENABLED, START, RESET = (1 << bit for bit in range(8))

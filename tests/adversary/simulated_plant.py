@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from drivecomm.errors import DriveCommError
-from drivecomm.virtual.plant_control import PlantControl
+from drivecomm.virtual import PlantControl
 
 LINES = {
     "hall": {"a": ("vabus:1", "agile"), "b": ("danfoss-fc:3", "fc300")},

@@ -10,14 +10,12 @@ from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from pcapng_reader import packets_of
 
-from drivecomm.capture.files import CaptureWriter, read_capture
-from drivecomm.capture.pieces import Capture, Piece, Provenance
+from drivecomm.capture import Capture, CaptureWriter, Piece, Provenance, read_capture
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.line import LineSettings
+from drivecomm.protocol import LineSettings
 
 BEGAN = datetime(2026, 5, 4, 9, 0, 0, 250, tzinfo=UTC)
 ABOUT = Provenance(

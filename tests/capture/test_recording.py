@@ -7,14 +7,13 @@ from contextlib import suppress
 import pytest
 
 import drivecomm
-from drivecomm import bus as buses
-from drivecomm.capture.files import read_capture
-from drivecomm.capture.pieces import Provenance
-from drivecomm.capture.recording import RecordedPort, Recording
+from drivecomm.bus import bus as buses
+from drivecomm.capture import Provenance, RecordedPort, Recording, read_capture
 from drivecomm.errors import LinkDownError, NoReplyError, PortError, UsageError
-from drivecomm.line import LineSettings
+from drivecomm.plant import FaultPlan
+from drivecomm.protocol import LineSettings
 from drivecomm.version import __version__
-from drivecomm.virtual import FaultPlan, VirtualLine, virtual_drive
+from drivecomm.virtual import VirtualLine, virtual_drive
 
 READS = {"vabus": "481", "danfoss-fc": "16-30", "vlt3500": "215", "fuji": "M21"}
 VABUS = LineSettings(baudrate=19200, bytesize=7, parity="E")

@@ -9,13 +9,10 @@ import pytest
 from sessions import ADDRESSES, READS, Recorded, read_everybody
 
 import drivecomm
-from drivecomm.capture.files import read_capture
-from drivecomm.capture.recorded_drive import recorded_drives
-from drivecomm.capture.replayed import replayed
+from drivecomm.capture import read_capture
 from drivecomm.errors import LinkDownError, NoReplyError
-from drivecomm.virtual import virtual_drive
-from drivecomm.virtual.listeners import parse_listen
-from drivecomm.virtual.serving import Server
+from drivecomm.traffic.replay import recorded_drives, replayed
+from drivecomm.virtual import Server, parse_listen, virtual_drive
 
 KINDS = ["tcp", *(["pty"] if os.name == "posix" else [])]
 

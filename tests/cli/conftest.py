@@ -5,7 +5,7 @@ import json
 import pytest
 import running_plant
 
-import drivecomm.bus
+import drivecomm.bus.bus
 from drivecomm.cli import main
 from drivecomm.errors import PortError
 from drivecomm.virtual import VirtualLine, virtual_drive

@@ -25,7 +25,7 @@ import drivecomm.cli.stop_only
 import drivecomm.cli.stopping
 import drivecomm.plant.files  # noqa: F401
 from drivecomm.cli.run import run
-from drivecomm.registry import installed
+from drivecomm.protocol import installed
 from drivecomm_command import main
 
 PATIENCE_S = 30

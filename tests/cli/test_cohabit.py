@@ -5,7 +5,7 @@ import json
 import pytest
 
 from drivecomm.cli import main
-from drivecomm.registry import installed
+from drivecomm.protocol import installed
 
 SEVEN = "bytesize=7,parity=E,baudrate=9600"
 

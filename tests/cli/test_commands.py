@@ -9,7 +9,7 @@ import pytest
 import drivecomm
 from drivecomm.cli import main
 from drivecomm.cli.demo import sites
-from drivecomm.registry import installed
+from drivecomm.protocol import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 ALL = {"danfoss-fc", "fuji", "vabus", "vlt3500"}

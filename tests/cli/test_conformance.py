@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from drivecomm.cli import main
-from drivecomm.registry import installed
+from drivecomm.protocol import installed
 
 
 @pytest.fixture

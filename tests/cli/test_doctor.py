@@ -10,9 +10,7 @@ from contextlib import contextmanager
 import pytest
 
 from drivecomm.cli import main
-from drivecomm.virtual import VirtualLine, virtual_drive
-from drivecomm.virtual.listeners import parse_listen
-from drivecomm.virtual.serving import Server
+from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
 
 posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
 # Short reply times, and one address: a silent one costs 0.1 s.

@@ -2,8 +2,8 @@
 
 import pytest
 
-from drivecomm.virtual import FaultPlan, virtual_drive
-from drivecomm.virtual.faults import Fault
+from drivecomm.plant import Fault, FaultPlan
+from drivecomm.virtual import virtual_drive
 
 
 def test_read(shell):

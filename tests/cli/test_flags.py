@@ -4,11 +4,11 @@ from dataclasses import fields
 
 import pytest
 
-import drivecomm.bus
+import drivecomm.bus.bus
 from drivecomm.cli.help_text import flowing
 from drivecomm.cli.line_options import WITHOUT_EFFECT, LineOptions
-from drivecomm.plant.files import read_plant
-from drivecomm.virtual.virtual_plant import VirtualPlant
+from drivecomm.plant import read_plant
+from drivecomm.virtual import VirtualPlant
 
 PLANT = """
 format = 1

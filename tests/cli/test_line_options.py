@@ -2,7 +2,7 @@
 
 import pytest
 
-import drivecomm.bus
+import drivecomm.bus.bus
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 

@@ -10,10 +10,8 @@ import time
 import pytest
 
 import drivecomm
-from drivecomm.drive import Drive
-from drivecomm.virtual import virtual_drive
-from drivecomm.virtual.plant_control import PlantControl
-from drivecomm.watchdog import read_watchdog
+from drivecomm.bus import Drive, read_watchdog
+from drivecomm.virtual import PlantControl, virtual_drive
 
 posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")
 
@@ -183,7 +181,7 @@ KILLED = {
 
 PROGRAM = """
 import sys, threading, drivecomm
-from drivecomm.keeping import keep
+from drivecomm.bus.bus import keep
 for words in sys.argv[1:]:
     port, name, model, policy, seconds = words.split(",")
     protocol, _, address = name.partition(":")

@@ -5,8 +5,7 @@ import json
 import pytest
 
 from drivecomm.cli import main
-from drivecomm.models.files import packaged_models
-from drivecomm.models.quantities import quantities
+from drivecomm.models import packaged_models, quantities
 
 OWN = 'format = 1\nprotocol = "fuji"\nname = "dryer"\ntitle = "our dryer"\nsource = "a page"\nextends = "frenic"\n'
 

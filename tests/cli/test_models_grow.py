@@ -5,7 +5,7 @@ import pytest
 from drivecomm.cli.app import app
 from drivecomm.cli.line_options import LineCommand, on_a_line
 from drivecomm.cli.models_grow import grow
-from drivecomm.models.files import read_model
+from drivecomm.models import read_model
 from drivecomm.virtual import virtual_drive
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from drivecomm.virtual import FaultPlan, virtual_drive
-from drivecomm.virtual.faults import Fault
+from drivecomm.plant import Fault, FaultPlan
+from drivecomm.virtual import virtual_drive
 
 MAXIMUM = '"419[1]" = { name = "maximum_frequency", value = 50.00'
 PUMP = ("vabus:1", "--model", "agile")

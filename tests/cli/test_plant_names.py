@@ -4,12 +4,11 @@ from pathlib import Path
 
 import pytest
 
-import drivecomm.bus
-from drivecomm.line import LineSettings
-from drivecomm.plant.files import read_plant
-from drivecomm.port_names import same_port
-from drivecomm.virtual import VirtualLine, virtual_drive
-from drivecomm.virtual.virtual_plant import VirtualPlant
+import drivecomm.bus.bus
+from drivecomm.plant import read_plant
+from drivecomm.protocol import LineSettings
+from drivecomm.transport import same_port
+from drivecomm.virtual import VirtualLine, VirtualPlant, virtual_drive
 
 PLANT = """
 format = 1

@@ -2,8 +2,8 @@
 
 import pytest
 
-from drivecomm.capture.conversation import exchanged
-from drivecomm.capture.files import read_capture
+from drivecomm.capture import read_capture
+from drivecomm.traffic.replay import exchanged
 from drivecomm.virtual import virtual_drive
 
 

@@ -8,10 +8,9 @@ import sys
 
 import pytest
 
-from drivecomm.capture.files import CaptureWriter, read_capture
-from drivecomm.capture.pieces import Piece, Provenance
+from drivecomm.capture import CaptureWriter, Piece, Provenance, read_capture
 from drivecomm.cli import main
-from drivecomm.motor import Command
+from drivecomm.protocol import Command
 from drivecomm.virtual import virtual_drive
 
 posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")

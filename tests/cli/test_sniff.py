@@ -12,16 +12,14 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from drivecomm.capture.files import CaptureWriter, read_capture
-from drivecomm.capture.pieces import Piece, Provenance
+from drivecomm.capture import CaptureWriter, Piece, Provenance, read_capture
 from drivecomm.cli import main
 from drivecomm.cli.sniff import command
 from drivecomm.cli.sniff.table import drawn
-from drivecomm.decoding import encode
 from drivecomm.errors import LinkDownError
-from drivecomm.line import LineSettings
-from drivecomm.statistics import Statistics
-from drivecomm.virtual.uart import received
+from drivecomm.link import Statistics
+from drivecomm.protocol import LineSettings, encode
+from drivecomm.virtual import received
 
 SETTINGS = LineSettings(baudrate=19200, bytesize=7, parity="E")
 ENQUIRY = bytes.fromhex("0441303034383105")

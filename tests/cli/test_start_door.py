@@ -15,17 +15,14 @@ from pathlib import Path
 import pytest
 
 import drivecomm
+from drivecomm.bus import keep, read_watchdog
 from drivecomm.cli import door_places, main
 from drivecomm.cli.asking_start import WhatToStop, broadcasts, stopped_by_its_keeper
 from drivecomm.cli.door_places import Doorway, door_file, reached
 from drivecomm.cli.start_door import door_of_start
 from drivecomm.errors import DriveError, PortError, ReplyError, UsageError
-from drivecomm.keeping import keep
-from drivecomm.status import Stop
-from drivecomm.virtual import virtual_drive
-from drivecomm.virtual.listeners import parse_listen
-from drivecomm.virtual.serving import Server
-from drivecomm.watchdog import read_watchdog
+from drivecomm.protocol import Stop
+from drivecomm.virtual import Server, parse_listen, virtual_drive
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from drivecomm.statistics import COUNTERS, REPLY_TIME_BOUNDS_MS
-from drivecomm.virtual import FaultPlan, VirtualLine, virtual_drive
-from drivecomm.virtual.faults import Fault
+from drivecomm.link import COUNTERS, REPLY_TIME_BOUNDS_MS
+from drivecomm.plant import Fault, FaultPlan
+from drivecomm.virtual import VirtualLine, virtual_drive
 
 
 def rows_of(text):

@@ -9,8 +9,7 @@ from contextlib import nullcontext
 from threading import Event
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from running_plant import motors
 
 from drivecomm.bus import Bus
@@ -18,8 +17,7 @@ from drivecomm.cli import drives, entry, run, stopping
 from drivecomm.cli.stop_at_once import given_in_haste
 from drivecomm.cli.stopping import Everything
 from drivecomm.errors import NotSupported, UsageError
-from drivecomm.framing import Framed
-from drivecomm.status import Stop
+from drivecomm.protocol import Framed, Stop
 from drivecomm.virtual import virtual_drive
 
 posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
@@ -301,8 +299,8 @@ def test_nothing_that_is_not_needed_is_loaded_before_the_motors_are_stopped(tmp_
     )
     program = (
         "import sys; from drivecomm.cli import main; code = main(sys.argv[1:]);"
-        "print(code, *(m for m in ('typer', 'click', 'rich', 'asyncio', 'drivecomm_fuji', 'drivecomm.conformance',"
-        "'drivecomm.sniffer', 'hypothesis') if m in sys.modules))"
+        "print(code, *(m for m in ('typer', 'click', 'rich', 'asyncio', 'drivecomm_fuji', 'drivecomm.testing',"
+        "'drivecomm.traffic.sniffer', 'hypothesis') if m in sys.modules))"
     )
     done = subprocess.run(
         [sys.executable, "-c", program, "stop", "--all", "--plant", str(path)],
@@ -319,7 +317,7 @@ def test_nothing_that_is_not_needed_is_loaded_before_the_motors_are_stopped(tmp_
 def test_the_other_stop_loads_no_other_command():
     program = (
         "import sys; from drivecomm.cli import main; code = main(sys.argv[1:]);"
-        "print(code, *(m for m in ('drivecomm.cli.app', 'drivecomm.cli.sniff', 'drivecomm.conformance')"
+        "print(code, *(m for m in ('drivecomm.cli.app', 'drivecomm.cli.sniff', 'drivecomm.testing')"
         " if m in sys.modules))"
     )
     done = subprocess.run(

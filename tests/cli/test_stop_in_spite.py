@@ -3,7 +3,7 @@
 import pytest
 from running_plant import PLANT, motors
 
-from drivecomm.drive import Drive
+from drivecomm.bus import Drive
 from drivecomm.virtual import virtual_drive
 
 

@@ -15,7 +15,7 @@ import drivecomm.cli.poll
 import drivecomm.cli.watch.command as watching
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.errors import UsageError
-from drivecomm.value_log import read_rows
+from drivecomm.plant.value_log import read_rows
 from drivecomm.virtual import virtual_drive
 
 if sys.platform != "win32":
@@ -205,8 +205,8 @@ def test_in_a_terminal_on_a_served_line(tmp_path):
 def test_nothing_slow_is_loaded_for_other_commands():
     code = (
         "import sys, drivecomm.cli.app\n"
-        "slow = {'textual', 'pyarrow', 'matplotlib', 'numpy', 'asyncio', 'csv', 'drivecomm.watching', "
-        "'drivecomm.value_log', 'drivecomm.value_plots'}\n"
+        "slow = {'textual', 'pyarrow', 'matplotlib', 'numpy', 'asyncio', 'csv', 'drivecomm.plant.watching', "
+        "'drivecomm.plant.value_log', 'drivecomm.plant.value_plots'}\n"
         "print(sorted(slow & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)

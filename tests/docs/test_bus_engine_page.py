@@ -5,9 +5,8 @@ from typing import get_args
 
 from pages import ROOT
 
-from drivecomm.echo import Echo
-from drivecomm.line import LINE_FACT_NAMES
-from drivecomm.statistics import COUNTERS
+from drivecomm.link import COUNTERS, Echo
+from drivecomm.protocol import LINE_FACT_NAMES
 
 PAGE = (ROOT / "docs" / "bus-engine.md").read_text(encoding="utf-8")
 

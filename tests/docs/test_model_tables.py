@@ -6,9 +6,8 @@ import re
 import pytest
 from pages import ROOT
 
-from drivecomm.models.files import load_model, model_names
-from drivecomm.models.quantities import quantities
-from drivecomm.registry import installed
+from drivecomm.models import load_model, model_names, quantities
+from drivecomm.protocol import installed
 
 pytest.importorskip("mkdocs", reason="the pages need the extra named docs")
 

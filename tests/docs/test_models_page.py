@@ -6,9 +6,8 @@ import pytest
 from console import Console, in_process
 from pages import ROOT, blocks_of
 
-from drivecomm.models import Watchdog
-from drivecomm.models.check import check_model
-from drivecomm.models.schema import PARAMETER_KEYS, TABLES, TEXTS
+from drivecomm.models import PARAMETER_KEYS, TABLES, TEXTS, check_model
+from drivecomm.protocol import Watchdog
 
 PAGE = ROOT / "docs" / "models.md"
 

@@ -8,7 +8,7 @@ import pytest
 from console import Console, in_process, must_match
 from pages import ROOT, blocks_of
 
-from drivecomm.plant.files import read_plant
+from drivecomm.plant import read_plant
 
 PAGE = ROOT / "docs" / "plant-file.md"
 

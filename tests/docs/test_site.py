@@ -8,7 +8,7 @@ import sys
 import pytest
 from pages import ROOT
 
-from drivecomm.registry import installed
+from drivecomm.protocol import installed
 
 pytest.importorskip("mkdocs", reason="the pages need the extra named docs")
 

@@ -6,7 +6,7 @@ import pytest
 from console import in_process
 from pages import ROOT, blocks_of
 
-from drivecomm.conformance.vectors import CATEGORIES, Refuse, Stream, Vector
+from drivecomm.testing import CATEGORIES, Refuse, Stream, Vector
 
 PAGE = ROOT / "docs" / "vectors.md"
 TEXT = PAGE.read_text(encoding="utf-8")

@@ -6,8 +6,8 @@ import pytest
 from console import Console, in_process
 from pages import ROOT, blocks_of
 
-from drivecomm.plant.files import read_plant
-from drivecomm.virtual.virtual_plant import VirtualPlant
+from drivecomm.plant import read_plant
+from drivecomm.virtual import VirtualPlant
 
 PAGE = ROOT / "docs" / "virtual-plant.md"
 

@@ -94,7 +94,7 @@ def test_its_page_is_generated(run):
     pytest.importorskip("mkdocs", reason="the pages need the extra named docs")
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]); import generate\n"
-        "from drivecomm.registry import installed\n"
+        "from drivecomm.protocol.registry import installed\n"
         "print(generate.protocol_page(installed['toy']))"
     )
     done = run("-c", code, str(ROOT / "docs"))

@@ -7,7 +7,7 @@ from kill_list import PAGE, listed_ids
 from mutant import Mutant, mutants_of, package_folder, protocols
 from planting import judged
 
-from drivecomm.registry import installed
+from drivecomm.protocol import installed
 
 ALL = [(protocol, mutant) for protocol in protocols() for mutant in mutants_of(protocol)]
 PLANTED_EACH_TIME = 2

@@ -5,10 +5,8 @@ from decimal import Decimal
 import pytest
 
 import drivecomm
-from drivecomm.models.files import load_model, model_names
-from drivecomm.models.quantities import quantities
-from drivecomm.models.units import converted
-from drivecomm.registry import installed
+from drivecomm.models import converted, load_model, model_names, quantities
+from drivecomm.protocol import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 MODELS = {

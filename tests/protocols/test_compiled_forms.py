@@ -6,12 +6,11 @@ The conformance checks go through vectors and sound messages; here the fields ar
 from functools import lru_cache
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
-from drivecomm.conformance.strategies import junk_fields, telegrams
 from drivecomm.errors import DriveCommError, TelegramError
-from drivecomm.registry import installed
+from drivecomm.protocol import installed
+from drivecomm.testing import junk_fields, telegrams
 
 BOTH = [(name, direction) for name in ("vabus", "danfoss-fc", "vlt3500", "fuji") for direction in ("request", "reply")]
 every_direction = pytest.mark.parametrize(("name", "direction"), BOTH)

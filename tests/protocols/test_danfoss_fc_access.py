@@ -15,11 +15,9 @@ from drivecomm.errors import (
     UsageError,
     ValueRefusedError,
 )
-from drivecomm.exchange import Ask, Tell
-from drivecomm.models.files import load_model
-from drivecomm.registry import installed
-from drivecomm.runners.script import play
-from drivecomm.status import Stop
+from drivecomm.models import load_model
+from drivecomm.protocol import Ask, Stop, Tell, installed
+from drivecomm.testing import play
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
 from drivecomm_danfoss_fc.messages import (

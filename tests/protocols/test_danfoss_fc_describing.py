@@ -5,12 +5,10 @@ from decimal import Decimal
 import pytest
 
 import drivecomm
+from drivecomm.commissioning import descriptions, grown
 from drivecomm.errors import NotSupported, ParameterAddressError, RefusedError, UsageError
-from drivecomm.models.files import load_model, model_names, read_model
-from drivecomm.models.growing import descriptions, grown
-from drivecomm.models.units import factor_between
-from drivecomm.models.writing import model_text
-from drivecomm.runners.script import play
+from drivecomm.models import factor_between, load_model, model_names, model_text, read_model
+from drivecomm.testing import play
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_danfoss_fc.description import unit_and_factor
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations

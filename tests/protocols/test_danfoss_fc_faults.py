@@ -6,8 +6,8 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import DriveCommError, NoReplyError
-from drivecomm.virtual import FaultPlan, VirtualLine, virtual_drive
-from drivecomm.virtual.faults import Fault
+from drivecomm.plant import Fault, FaultPlan
+from drivecomm.virtual import VirtualLine, virtual_drive
 
 PARAMETERS = ("3-41", "3-10[1]", "3-10[3]", "15-02", "15-40", "3-02", "8-04", "16-03", "0-37", "15-30[0]")
 

@@ -1,12 +1,10 @@
 """What a Danfoss FC drive makes of the text replies of other drives: telegrams, and nothing to look into."""
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from drivecomm.errors import TelegramError
-from drivecomm.framing import Framed, Framer
-from drivecomm.registry import installed
+from drivecomm.protocol import Framed, Framer, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_danfoss_fc.hearing import DriveCodec
 from drivecomm_danfoss_fc.messages import ProcessRequest, TextReply

@@ -7,9 +7,9 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import CommandTooOldError, NoReplyError, NotSupported, StateError, UsageError, ValueRefusedError
-from drivecomm.models.files import load_model
-from drivecomm.runners.script import play
-from drivecomm.status import DriveState, Stop
+from drivecomm.models import load_model
+from drivecomm.protocol import DriveState, Stop
+from drivecomm.testing import play
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_danfoss_fc import words
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations

@@ -5,8 +5,8 @@ from decimal import Decimal
 import pytest
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.models import Model, ParameterInfo
-from drivecomm.models.files import load_model
+from drivecomm.models import load_model
+from drivecomm.protocol import Model, ParameterInfo
 from drivecomm_danfoss_fc.description import conversion
 from drivecomm_danfoss_fc.options import DanfossFcOptions
 from drivecomm_danfoss_fc.parameters import raw_for, target, text_for

@@ -3,8 +3,7 @@
 import pytest
 
 from drivecomm.errors import TelegramError
-from drivecomm.framing import Damaged, Framed, Framer
-from drivecomm.telegram import fields_of
+from drivecomm.protocol import Damaged, Framed, Framer, fields_of
 from drivecomm_danfoss_fc.correlation import mismatch
 from drivecomm_danfoss_fc.messages import (
     ParameterReply,

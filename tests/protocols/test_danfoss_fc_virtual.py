@@ -6,8 +6,7 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import NoReplyError, ParameterAddressError, RefusedError, StateError
-from drivecomm.framing import Framer, Noise
-from drivecomm.status import DriveState, Stop
+from drivecomm.protocol import DriveState, Framer, Noise, Stop
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_danfoss_fc.messages import ParameterRequest, ProcessRequest, TextRequest
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec

@@ -4,9 +4,9 @@ import pytest
 
 from drivecomm import decode, encode
 from drivecomm.cli import main
-from drivecomm.conformance.vectors import packaged_vectors
 from drivecomm.errors import TelegramError
-from drivecomm.registry import installed
+from drivecomm.protocol import installed
+from drivecomm.testing import packaged_vectors
 
 
 def examples():

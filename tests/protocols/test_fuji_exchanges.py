@@ -7,10 +7,9 @@ from decimal import Decimal
 import pytest
 
 from drivecomm import NoReplyError, NotSupported, RefusedError, StateError, Stop, UsageError, ValueRefusedError
-from drivecomm.exchange import Ask, Pause, Tell
-from drivecomm.models.files import load_model
-from drivecomm.runners.script import play
-from drivecomm.status import DriveState
+from drivecomm.models import load_model
+from drivecomm.protocol import Ask, DriveState, Pause, Tell
+from drivecomm.testing import play
 from drivecomm_fuji.exchanges import FujiOperations
 from drivecomm_fuji.memory import FujiMemory
 from drivecomm_fuji.options import FujiOptions

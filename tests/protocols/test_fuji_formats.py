@@ -7,7 +7,7 @@ from decimal import Decimal
 import pytest
 
 from drivecomm import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
-from drivecomm.models.files import load_model, model_names
+from drivecomm.models import load_model, model_names
 from drivecomm_fuji.formats import FORMATS, current_format, format_named
 from drivecomm_fuji.options import FujiOptions
 from drivecomm_fuji.parameters import reading, target, word_for

@@ -8,7 +8,7 @@ import pytest
 
 import drivecomm
 from drivecomm import TelegramError
-from drivecomm.framing import Damaged, Framed, Framer, Noise
+from drivecomm.protocol import Damaged, Framed, Framer, Noise
 from drivecomm_fuji import protocol
 from drivecomm_fuji.codec import FujiCodec
 from drivecomm_fuji.options import FujiOptions

@@ -8,8 +8,9 @@ import pytest
 
 import drivecomm
 from drivecomm import DriveCommError, DriveState, NoReplyError, ParameterAddressError, RefusedError, StateError, Stop
-from drivecomm.framing import Framed, Framer, Noise
-from drivecomm.virtual import FaultPlan, VirtualLine, virtual_drive
+from drivecomm.plant import FaultPlan
+from drivecomm.protocol import Framed, Framer, Noise
+from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_fuji import protocol
 from drivecomm_fuji.options import FujiOptions
 

@@ -11,8 +11,7 @@ from decimal import Decimal
 import pytest
 
 import drivecomm
-from drivecomm.models.files import load_model
-from drivecomm.models.quantities import parameter_at, quantities
+from drivecomm.models import load_model, parameter_at, quantities
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 FUJI = {

@@ -5,7 +5,7 @@ The lists stand for what was read (the sources are named in the models), so that
 
 import pytest
 
-from drivecomm.models.files import load_model, model_names
+from drivecomm.models import load_model, model_names
 
 PACKAGES = {"vabus": "drivecomm_vabus", "danfoss-fc": "drivecomm_danfoss_fc"}
 

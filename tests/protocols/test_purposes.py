@@ -2,9 +2,9 @@
 
 import pytest
 
-from drivecomm.conformance.vectors import packaged_vectors
-from drivecomm.models.files import load_model
-from drivecomm.registry import installed
+from drivecomm.models import load_model
+from drivecomm.protocol import installed
+from drivecomm.testing import packaged_vectors
 
 PLUGINS = list(installed.working())
 each_protocol = pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)

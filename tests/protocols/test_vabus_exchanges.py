@@ -14,10 +14,9 @@ from drivecomm.errors import (
     UsageError,
     ValueRefusedError,
 )
-from drivecomm.exchange import Tell
-from drivecomm.models.files import load_model
-from drivecomm.runners.script import play
-from drivecomm.status import DriveState, Stop
+from drivecomm.models import load_model
+from drivecomm.protocol import DriveState, Stop, Tell
+from drivecomm.testing import play
 from drivecomm_vabus.exchanges import VabusOperations
 from drivecomm_vabus.memory import VabusMemory
 from drivecomm_vabus.options import VabusOptions

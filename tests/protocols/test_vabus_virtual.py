@@ -6,11 +6,11 @@ from random import Random
 import pytest
 
 import drivecomm
+from drivecomm.bus import keep
 from drivecomm.errors import ParameterAddressError
-from drivecomm.framing import Damaged, Framed
-from drivecomm.keeping import keep
-from drivecomm.status import DriveState, Stop
-from drivecomm.virtual import FaultPlan, VirtualLine, virtual_drive
+from drivecomm.plant import FaultPlan
+from drivecomm.protocol import Damaged, DriveState, Framed, Stop
+from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_vabus.telegrams import BROADCAST, Enquiry, Nak, Select, VabusCodec
 from drivecomm_vabus.virtual import VirtualVabusDrive
 

@@ -17,11 +17,9 @@ from drivecomm.errors import (
     UsageError,
     ValueRefusedError,
 )
-from drivecomm.exchange import Ask, Pause
-from drivecomm.models import Model
-from drivecomm.models.files import load_model
-from drivecomm.runners.script import play
-from drivecomm.status import DriveState, Stop
+from drivecomm.models import load_model
+from drivecomm.protocol import Ask, DriveState, Model, Pause, Stop
+from drivecomm.testing import play
 from drivecomm_vlt3500.exchanges import VltOperations
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.options import VltOptions

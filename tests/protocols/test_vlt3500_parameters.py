@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.models import Model, ParameterInfo
-from drivecomm.models.files import load_model
+from drivecomm.models import load_model
+from drivecomm.protocol import Model, ParameterInfo
 from drivecomm_vlt3500.parameters import data_for, reading, target
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import drivecomm
-from drivecomm.schema import Form
+from drivecomm.protocol.schema import Form
 from drivecomm_vlt3500 import telegrams, words
 from drivecomm_vlt3500.codec import VltCodec, blind_spots, message_from, mismatch, titled_forms
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update

@@ -10,9 +10,9 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import NoReplyError, ParameterAddressError, RefusedError, StateError, ValueRefusedError
-from drivecomm.framing import Damaged, Framed, Framer
-from drivecomm.status import DriveState, Stop
-from drivecomm.virtual import FaultPlan, VirtualLine, virtual_drive
+from drivecomm.plant import FaultPlan
+from drivecomm.protocol import Damaged, DriveState, Framed, Framer, Stop
+from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_vlt3500.codec import VltCodec
 from drivecomm_vlt3500.messages import Control, ControlReply, ReadIndex, Reply
 from drivecomm_vlt3500.virtual import VirtualVltDrive
@@ -548,7 +548,7 @@ def test_on_a_line_that_fails_a_motor_runs_only_after_a_start(seed: int) -> None
 
 def drivecomm_model(lines: str) -> Any:
     """Return a model of one parameter, 777."""
-    from drivecomm.models import Model, ParameterInfo  # noqa: PLC0415
+    from drivecomm.protocol import Model, ParameterInfo  # noqa: PLC0415
 
     facts: dict[str, Any] = {"access": "w"} if 'access = "w"' in lines else {}
     infos = {

@@ -4,8 +4,7 @@ import pytest
 
 import drivecomm
 from drivecomm.plant import Plant, PlantDrive, PlantLine
-from drivecomm.virtual import VirtualLine, virtual_drive
-from drivecomm.virtual.virtual_plant import VirtualPlant
+from drivecomm.virtual import VirtualLine, VirtualPlant, virtual_drive
 
 WATCHDOG_S = 4
 

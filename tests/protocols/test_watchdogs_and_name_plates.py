@@ -3,8 +3,8 @@
 import pytest
 
 import drivecomm
-from drivecomm.models.files import load_model, model_names
-from drivecomm.registry import installed
+from drivecomm.models import load_model, model_names
+from drivecomm.protocol import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 MODELS = {

@@ -6,12 +6,11 @@ from pathlib import Path
 import pytest
 
 import drivecomm
+from drivecomm.bus import policies, read_watchdog
 from drivecomm.cli import main
-from drivecomm.models.files import load_model, model_names
-from drivecomm.models.link_loss import link_loss_of
-from drivecomm.registry import installed
+from drivecomm.models import link_loss_of, load_model, model_names
+from drivecomm.protocol import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
-from drivecomm.watchdog import policies, read_watchdog
 
 MODELS = {
     f"{plugin.name}/{name}": (plugin, load_model(plugin.package, plugin.name, name))

@@ -9,9 +9,7 @@ from pathlib import Path
 import pytest
 
 import drivecomm
-from drivecomm.virtual import VirtualLine, virtual_drive
-from drivecomm.virtual.listeners import parse_listen
-from drivecomm.virtual.serving import Server
+from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
 
 _DESCRIPTORS = Path("/proc/self/fd")
 

@@ -13,9 +13,7 @@ import time
 
 import pytest
 
-from drivecomm.transport import alarm as alarm_module
-from drivecomm.transport.alarm import open_alarm
-from drivecomm.transport.serial_port import SerialPort
+from drivecomm.transport import SerialPort, alarm as alarm_module, open_alarm
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="timerfd is Linux's")
 

@@ -11,10 +11,8 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import LinkDownError, LinkError, PortError
-from drivecomm.runners.asynchronous import ReadinessRunner, ThreadRunner
-from drivecomm.virtual import virtual_drive
-from drivecomm.virtual.listeners import parse_listen
-from drivecomm.virtual.serving import Server
+from drivecomm.transport import ReadinessRunner, ThreadRunner
+from drivecomm.virtual import Server, parse_listen, virtual_drive
 
 KINDS = ("pty", "tcp")
 AT_ONCE_S = 0.2

@@ -16,10 +16,8 @@ import tty
 import pytest
 
 import drivecomm
-from drivecomm.transport.serial_port import SerialPort
-from drivecomm.virtual import virtual_drive
-from drivecomm.virtual.listeners import parse_listen
-from drivecomm.virtual.serving import Server
+from drivecomm.transport import SerialPort
+from drivecomm.virtual import Server, parse_listen, virtual_drive
 
 
 def refusal(url):
@@ -201,7 +199,7 @@ class TestVanishing:
 
     def test_a_server_that_takes_no_more_bytes(self, monkeypatch):
         monkeypatch.setattr("drivecomm.transport.serial_port._STUCK_S", 0.05)
-        monkeypatch.setattr("drivecomm.line.LineSettings.character_s", 0.0)
+        monkeypatch.setattr("drivecomm.protocol.line.LineSettings.character_s", 0.0)
         with socket.create_server(("127.0.0.1", 0)) as server:
             port = SerialPort(f"socket://127.0.0.1:{server.getsockname()[1]}")
             with pytest.raises(drivecomm.LinkDownError, match="took no bytes"):

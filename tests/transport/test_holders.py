@@ -15,11 +15,16 @@ from pathlib import Path
 import pytest
 
 import drivecomm
-from drivecomm.line import LineSettings
-from drivecomm.transport import exclusive
-from drivecomm.transport.holders import Holder, holder_of_port, server_of_terminal
-from drivecomm.transport.listening import listening_port, shared_listening_port
-from drivecomm.transport.serial_port import SerialPort
+from drivecomm.protocol import LineSettings
+from drivecomm.transport import (
+    Holder,
+    SerialPort,
+    exclusive,
+    holder_of_port,
+    listening_port,
+    server_of_terminal,
+    shared_listening_port,
+)
 from drivecomm.virtual import virtual_drive
 
 SETTINGS = LineSettings()

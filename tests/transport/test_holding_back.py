@@ -16,10 +16,8 @@ import tty
 
 import pytest
 
-from drivecomm.line import LineSettings
-from drivecomm.transport import tty_channel
-from drivecomm.transport.serial_port import SerialPort
-from drivecomm.transport.socket_channel import SocketChannel
+from drivecomm.protocol import LineSettings
+from drivecomm.transport import SerialPort, SocketChannel, tty_channel
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux holds bytes back")
 

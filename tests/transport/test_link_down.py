@@ -12,8 +12,8 @@ import tty
 import pytest
 
 from drivecomm.errors import LinkDownError
-from drivecomm.line import LineSettings
-from drivecomm.transport.serial_port import SerialPort
+from drivecomm.protocol import LineSettings
+from drivecomm.transport import SerialPort
 
 LONG_S = 20.0
 AT_ONCE_S = 2.0

@@ -17,14 +17,20 @@ import serial
 from serial.rfc2217 import SET_CONTROL, PortManager
 
 from drivecomm.errors import LinkDownError, PortError
-from drivecomm.line import LineSettings
-from drivecomm.transport import opening, pseudo_terminal, tty_channel
-from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
-from drivecomm.transport.opening import cannot_open, error_number
-from drivecomm.transport.pyserial_channel import PyserialChannel
-from drivecomm.transport.rfc2217_client import Rfc2217Client
-from drivecomm.transport.serial_port import SerialPort
-from drivecomm.virtual.rfc2217_listener import PretendedPort
+from drivecomm.protocol import LineSettings
+from drivecomm.transport import (
+    ChannelGoneError,
+    PyserialChannel,
+    Rfc2217Client,
+    SerialPort,
+    SettingsRefusedError,
+    cannot_open,
+    error_number,
+    opening,
+    pseudo_terminal,
+    tty_channel,
+)
+from drivecomm.virtual import PretendedPort
 
 
 @pytest.mark.parametrize(
@@ -332,7 +338,7 @@ sys.modules["fcntl"] = sys.modules["termios"] = sys.modules["grp"] = None
 sys.platform = "win32"
 for name in ("poll", "epoll"):
     delattr(select, name)
-from drivecomm.transport.serial_port import SerialPort
+from drivecomm.transport import SerialPort
 with socket.create_server(("127.0.0.1", 0)) as server:
     ports = [SerialPort("loop://"), SerialPort(f"socket://127.0.0.1:{server.getsockname()[1]}")]
     peer, _ = server.accept()

@@ -12,9 +12,7 @@ import pytest
 import serial
 
 import drivecomm
-from drivecomm.transport import direction, latency, port_report
-from drivecomm.transport.port_report import PortReport, UsbIdentity, local_report
-from drivecomm.transport.serial_port import SerialPort
+from drivecomm.transport import PortReport, SerialPort, UsbIdentity, direction, latency, local_report, port_report
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="the requests are Linux's")
 

@@ -8,8 +8,7 @@ import threading
 
 import pytest
 
-from drivecomm.transport import readiness
-from drivecomm.transport.readiness import Readable, send_all
+from drivecomm.transport import Readable, readiness, send_all
 
 
 @pytest.fixture(params=["poll", "many descriptors", "no poll"])

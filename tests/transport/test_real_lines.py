@@ -10,9 +10,8 @@ import time
 import pytest
 
 import drivecomm
-from drivecomm.line import LineSettings
-from drivecomm.transport.rfc2217_client import Rfc2217Client
-from drivecomm.transport.serial_port import SerialPort
+from drivecomm.protocol import LineSettings
+from drivecomm.transport import Rfc2217Client, SerialPort
 from drivecomm.virtual import virtual_drive
 
 SER2NET = shutil.which("ser2net") or shutil.which("ser2net", path="/usr/sbin")

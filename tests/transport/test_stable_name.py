@@ -6,8 +6,7 @@ import os
 
 import pytest
 
-from drivecomm.transport.serial_port import SerialPort
-from drivecomm.transport.stable_name import stable_name
+from drivecomm.transport import SerialPort, stable_name
 
 
 @pytest.fixture

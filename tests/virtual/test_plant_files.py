@@ -9,6 +9,7 @@ import drivecomm.plant.files
 from drivecomm.errors import FileFormatError
 from drivecomm.plant import (
     Condition,
+    Fault,
     InjectStep,
     PlantDrive,
     PlantLinkLoss,
@@ -18,10 +19,10 @@ from drivecomm.plant import (
     TelegramFault,
     TripStep,
     Window,
+    read_fault,
+    read_plant,
 )
-from drivecomm.plant.files import read_fault, read_plant
-from drivecomm.virtual.faults import Fault
-from drivecomm.virtual.virtual_plant import VirtualPlant
+from drivecomm.virtual import VirtualPlant
 
 HALL = '[[line]]\nname = "hall"\n'
 PUMP = '[[drive]]\nname = "pump"\ndrive = "vabus:1"\n'

@@ -6,18 +6,13 @@ from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import drivecomm.plant.files
 from drivecomm.errors import DriveCommError, FileFormatError
-from drivecomm.models.files import load_model
-from drivecomm.plant import Plant, PlantDrive, PlantLine
-from drivecomm.plant.files import read_plant
-from drivecomm.virtual import VirtualLine, virtual_drive
-from drivecomm.virtual.control_orders import answer_order
-from drivecomm.virtual.served_line import ServedLine
-from drivecomm.virtual.virtual_plant import VirtualPlant
+from drivecomm.models import load_model
+from drivecomm.plant import Plant, PlantDrive, PlantLine, read_plant
+from drivecomm.virtual import ServedLine, VirtualLine, VirtualPlant, answer_order, virtual_drive
 
 EXAMPLE = drivecomm.plant.files.__doc__
 EXAMPLE = EXAMPLE[EXAMPLE.index("format = 1") :].splitlines()

@@ -12,12 +12,9 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import LinkDownError, NoReplyError, PortError, UsageError
-from drivecomm.plant import Plant, PlantDrive, PlantLine, PowerCutStep, TelegramFault
-from drivecomm.virtual.control_door import _MOST_GUESTS, LONGEST_ORDER, parse_place
-from drivecomm.virtual.faults import Fault
-from drivecomm.virtual.plant_control import PlantControl
-from drivecomm.virtual.plant_server import PlantServer
-from drivecomm.virtual.virtual_plant import VirtualPlant
+from drivecomm.plant import Fault, Plant, PlantDrive, PlantLine, PowerCutStep, TelegramFault
+from drivecomm.virtual import LONGEST_ORDER, PlantControl, PlantServer, VirtualPlant, parse_place
+from drivecomm.virtual.control_door import _MOST_GUESTS
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="Unix sockets and pseudo-terminals are of POSIX systems")
 

@@ -19,11 +19,7 @@ from pathlib import Path
 import pytest
 
 from drivecomm.errors import PortError, UsageError
-from drivecomm.virtual import virtual_drive
-from drivecomm.virtual.listeners import parse_listen
-from drivecomm.virtual.rfc2217_listener import PretendedPort, Rfc2217Listener
-from drivecomm.virtual.serving import Server, serve
-from drivecomm.virtual.tcp_listener import TcpListener
+from drivecomm.virtual import PretendedPort, Rfc2217Listener, Server, TcpListener, parse_listen, serve, virtual_drive
 
 ENQUIRY = bytes.fromhex("04 41 30 30 34 38 31 05")
 VALUE = bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03")

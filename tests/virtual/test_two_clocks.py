@@ -8,18 +8,21 @@ from math import inf
 import pytest
 
 import drivecomm
-from drivecomm.line import LineSettings
-from drivecomm.motor import Motor
-from drivecomm.plant import Condition as When
-from drivecomm.plant import Noise, Plant, PlantDrive, PlantLine, PowerCutStep, TelegramFault, TripStep
-from drivecomm.protocol import VirtualReply
-from drivecomm.registry import installed
-from drivecomm.virtual import VirtualLine, virtual_drive
-from drivecomm.virtual.faults import Fault
+from drivecomm.plant import (
+    Condition as When,
+    Fault,
+    Noise,
+    Plant,
+    PlantDrive,
+    PlantLine,
+    PowerCutStep,
+    TelegramFault,
+    TripStep,
+)
+from drivecomm.protocol import LineSettings, Motor, VirtualReply, installed
+from drivecomm.virtual import ServedLine, VirtualLine, VirtualPlant, virtual_drive
 from drivecomm.virtual.line import _MOST_AUDIBLE, _ROOM
-from drivecomm.virtual.served_line import ServedLine
 from drivecomm.virtual.uart import _sampled
-from drivecomm.virtual.virtual_plant import VirtualPlant
 from drivecomm_vabus.telegrams import VabusCodec
 
 ENQUIRY = bytes.fromhex("04 41 30 30 34 38 31 05")

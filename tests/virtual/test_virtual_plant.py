@@ -8,6 +8,7 @@ import drivecomm
 from drivecomm.errors import NoReplyError, UsageError
 from drivecomm.plant import (
     Condition,
+    Fault,
     InjectStep,
     Noise,
     Plant,
@@ -19,9 +20,8 @@ from drivecomm.plant import (
     TripStep,
     Window,
 )
-from drivecomm.registry import installed
-from drivecomm.virtual.faults import Fault
-from drivecomm.virtual.virtual_plant import VirtualPlant
+from drivecomm.protocol import installed
+from drivecomm.virtual import VirtualPlant
 
 PROTOCOLS = list(installed.working())
 ADDRESS = 5

@@ -13,9 +13,9 @@ from drivecomm.cli.demo.cases import case_for
 from drivecomm.cli.demo.sites import real_site, virtual_sites
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit
-from drivecomm.conformance.vectors import packaged_vectors
 from drivecomm.errors import UsageError
-from drivecomm.registry import installed
+from drivecomm.protocol import installed
+from drivecomm.testing import packaged_vectors
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 
 from drivecomm.errors import TelegramError
-from drivecomm.registry import installed
-from drivecomm.telegram import fields_of
+from drivecomm.protocol import fields_of, installed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from drivecomm.schema import Form
-    from drivecomm.telegram import Message
+    from drivecomm.protocol import Message
+    from drivecomm.protocol.schema import Form
 
 
 def drawn(protocol: str, data: bytes, message: Message) -> Table:

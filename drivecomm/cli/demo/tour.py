@@ -13,18 +13,15 @@ from rich.markup import escape
 from drivecomm.cli.demo.cases import case_for
 from drivecomm.cli.demo.drawing import drawn
 from drivecomm.cli.output import sentence
-from drivecomm.decoding import decode, encode
 from drivecomm.errors import DriveCommError, NotSupported
-from drivecomm.registry import installed
-from drivecomm.status import Stop
+from drivecomm.protocol import Stop, decode, encode, installed
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from drivecomm.bus import Drive, Found
     from drivecomm.cli.demo.sites import Site
-    from drivecomm.conformance.vectors import Vector
-    from drivecomm.drive import Drive
-    from drivecomm.scanning import Found
+    from drivecomm.testing import Vector
 
 _FAULT_LOCK_S = 16.0
 

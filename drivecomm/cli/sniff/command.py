@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivecomm.capture.files import CaptureWriter, read_capture
-from drivecomm.capture.pieces import Provenance
+from drivecomm.capture import CaptureWriter, Provenance, read_capture
 from drivecomm.cli.drive_names import parse_drive
 from drivecomm.cli.output import complain, emit, say
 from drivecomm.cli.sniff.lines import emit_event, say_event
@@ -19,20 +18,19 @@ from drivecomm.cli.sniff.naming import Naming
 from drivecomm.cli.sniff.sources import Ear, is_file, opened, opened_shared, pieces_from, with_settings
 from drivecomm.cli.sniff.table import LiveTable, emit_summary, print_summary
 from drivecomm.errors import LinkError, UsageError
-from drivecomm.line import LineSettings
-from drivecomm.registry import installed
-from drivecomm.sniffer import Watch, detect
+from drivecomm.protocol import LineSettings, installed
+from drivecomm.traffic.sniffer import Watch, detect
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
-    from drivecomm.capture.pieces import Piece
+    from drivecomm.capture import Piece
     from drivecomm.cli.sniff.naming import Meaning
+    from drivecomm.link import Statistics
     from drivecomm.protocol import Protocol
-    from drivecomm.sniffer import Detected, Event
-    from drivecomm.statistics import Statistics
-    from drivecomm.transport.listening import ListeningPort
+    from drivecomm.traffic.sniffer import Detected, Event
+    from drivecomm.transport import ListeningPort
 
 _LINE = "Line"
 _NOTHING_HEARD = 1

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.cli.output import emit, fields_text, say
-from drivecomm.sniffer import AmbiguousTelegram, DamagedTelegram, HeardTelegram
-from drivecomm.telegram import fields_of
+from drivecomm.protocol import fields_of
+from drivecomm.traffic.sniffer import AmbiguousTelegram, DamagedTelegram, HeardTelegram
 
 if TYPE_CHECKING:
     from drivecomm.cli.sniff.naming import Meaning
-    from drivecomm.sniffer import Event
+    from drivecomm.traffic.sniffer import Event
 
 _ARROWS = {"request": "->", "reply": "<-"}
 

@@ -6,19 +6,16 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.cli.drive_names import DriveName
-from drivecomm.drive_options import sort_out
 from drivecomm.errors import AddressError, DriveCommError
-from drivecomm.models.files import load_model
-from drivecomm.registry import installed
-from drivecomm.sniffer import HeardTelegram, ParameterNames
+from drivecomm.models import load_model
+from drivecomm.protocol import installed, sort_out
+from drivecomm.traffic.sniffer import HeardTelegram, ParameterNames
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from drivecomm.line import LineSettings
-    from drivecomm.models import ParameterInfo
-    from drivecomm.reading import Reading
-    from drivecomm.sniffer import Event
+    from drivecomm.protocol import LineSettings, ParameterInfo, Reading
+    from drivecomm.traffic.sniffer import Event
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivecomm.capture.pieces import Piece
-from drivecomm.sniffer.detection import Overheard
+from drivecomm.capture import Piece
+from drivecomm.traffic.sniffer import Overheard
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from drivecomm.line import LineSettings
-    from drivecomm.transport.listening import ListeningPort
+    from drivecomm.protocol import LineSettings
+    from drivecomm.transport import ListeningPort
 
 _SUFFIXES = (".jsonl", ".pcapng")
 # How long a silence is noticed at the latest.
@@ -65,14 +65,14 @@ class Ear:
 
 def opened(name: str, settings: LineSettings) -> ListeningPort:
     """Open a port that can only listen, and keep it to this program, see `listening_port`."""
-    from drivecomm.transport.listening import listening_port  # noqa: PLC0415 - loads pyserial's list of ports
+    from drivecomm.transport import listening_port  # noqa: PLC0415 - loads pyserial's list of ports
 
     return listening_port(name, settings)
 
 
 def opened_shared(name: str, settings: LineSettings) -> ListeningPort:
     """Open a port that can only listen, and that another program uses, see `shared_listening_port`."""
-    from drivecomm.transport.listening import shared_listening_port  # noqa: PLC0415 - as above
+    from drivecomm.transport import shared_listening_port  # noqa: PLC0415 - as above
 
     return shared_listening_port(name, settings)
 

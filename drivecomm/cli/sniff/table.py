@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.cli.output import emit, say
-from drivecomm.sniffer.tally import LINE
+from drivecomm.traffic.sniffer import LINE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from drivecomm.cli.sniff.naming import Meaning
-    from drivecomm.sniffer import Event
-    from drivecomm.statistics import ReplyTimes, Statistics
+    from drivecomm.link import ReplyTimes, Statistics
+    from drivecomm.traffic.sniffer import Event
 
 _COUNTED = ("requests", "replies")
 _TIMES: dict[str, Callable[[ReplyTimes], float]] = {

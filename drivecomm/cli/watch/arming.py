@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from drivecomm.watching import WatchedDrive
+    from drivecomm.plant.watching import WatchedDrive
 
 HOLD: Literal["hold"] = "hold"
 """The policy for which nobody has to stay: the motor goes on."""

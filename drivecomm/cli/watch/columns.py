@@ -13,7 +13,7 @@ from drivecomm.cli.watch.words import ASIDE, head_of, note_of, state_of, value_o
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from drivecomm.watching import Board, DriveView, Watcher
+    from drivecomm.plant.watching import Board, DriveView, Watcher
 
     Cell: TypeAlias = Callable[[DriveView], Text]
 

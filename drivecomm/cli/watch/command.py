@@ -14,7 +14,7 @@ from drivecomm.cli.logging_option import Log
 from drivecomm.errors import DriveCommError, UsageError
 
 if TYPE_CHECKING:
-    from drivecomm.watching import WatchedLine
+    from drivecomm.plant.watching import WatchedLine
 
 
 def watch(
@@ -52,7 +52,7 @@ def watch(
     _must_be_a_terminal()
     # What draws on a terminal is for this command alone.
     from drivecomm.cli.watch.log_switch import LogSwitch  # noqa: PLC0415
-    from drivecomm.watching import Watcher  # noqa: PLC0415
+    from drivecomm.plant.watching import Watcher  # noqa: PLC0415
 
     switch = LogSwitch(log)
     chosen: dict[str, Any] = {"names": name} if name else {}
@@ -88,7 +88,7 @@ def _must_be_a_terminal() -> None:
 
 def watched_lines(what: list[str], line: LineOptions) -> list[WatchedLine]:
     """Return the lines that the words of a call name. Raises UsageError."""
-    from drivecomm.watching import WatchedDrive, WatchedLine, lines_of  # noqa: PLC0415 - as above
+    from drivecomm.plant.watching import WatchedDrive, WatchedLine, lines_of  # noqa: PLC0415 - as above
 
     options = _options(line)
     if what:
@@ -98,7 +98,7 @@ def watched_lines(what: list[str], line: LineOptions) -> list[WatchedLine]:
     if plants and len(what) > 1:
         raise UsageError("give one plant file or drives, not both")
     if plants:
-        from drivecomm.plant.files import read_plant  # noqa: PLC0415 - as above
+        from drivecomm.plant import read_plant  # noqa: PLC0415 - as above
 
         if line.port is not None:
             raise UsageError(f"the ports are those of {plants[0]}; leave --port and DRIVECOMM_PORT out")

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError
-from drivecomm.value_log import open_log
+from drivecomm.plant.value_log import open_log
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from drivecomm.plant.value_log import ValueLog
     from drivecomm.polling import PollResult
-    from drivecomm.value_log import ValueLog
 
 
 class LogSwitch:

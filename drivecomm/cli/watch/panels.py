@@ -22,7 +22,7 @@ from drivecomm.cli.watch.words import (
 )
 
 if TYPE_CHECKING:
-    from drivecomm.watching import Board, DriveView, Watcher
+    from drivecomm.plant.watching import Board, DriveView, Watcher
 
 _NAMES, _VALUES, _RANGE, _GAP = 22, 12, 18, 2
 _LEAST_TREND, _LONGEST_TREND = 8, 60

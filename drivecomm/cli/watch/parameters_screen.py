@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from textual.binding import BindingType
     from textual.events import Resize
 
-    from drivecomm.models import ParameterInfo
-    from drivecomm.watching import Watcher
+    from drivecomm.plant.watching import Watcher
+    from drivecomm.protocol import ParameterInfo
 
 _CHROME = 4
 """Lines that hold no parameter: title, heads, message, keys."""

@@ -11,6 +11,7 @@ from textual.binding import Binding
 from textual.containers import Container, VerticalScroll
 from textual.widgets import DataTable, Footer, Static
 
+from drivecomm.bus import keep_async
 from drivecomm.cli.output import sentence
 from drivecomm.cli.watch.arming import HOLD, why_not
 from drivecomm.cli.watch.columns import PADDING, columns_for
@@ -20,7 +21,6 @@ from drivecomm.cli.watch.question import Question
 from drivecomm.cli.watch.trace_screen import TraceScreen
 from drivecomm.cli.watch.words import ASIDE, clock, summary_of
 from drivecomm.errors import DriveCommError
-from drivecomm.keeping import keep_async
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from textual.screen import Screen
     from textual.timer import Timer
 
-    from drivecomm.async_drive import AsyncDrive
+    from drivecomm.bus import AsyncDrive
     from drivecomm.cli.watch.log_switch import LogSwitch
-    from drivecomm.watching import DriveView, Watcher
+    from drivecomm.plant.watching import DriveView, Watcher
 
 REFRESH_S = 0.5
 SAID_S = 8.0

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from textual.binding import BindingType
 
     from drivecomm.link import TraceEvent
-    from drivecomm.watching import Watcher
+    from drivecomm.plant.watching import Watcher
 
 REFRESH_S = 0.5
 _CHROME = 4

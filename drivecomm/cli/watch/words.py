@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
-from drivecomm.models.quantities import quantities
-from drivecomm.watching.happenings import state_words
+from drivecomm.models import quantities
+from drivecomm.plant.watching import state_words
 
 if TYPE_CHECKING:
-    from drivecomm.watching import Board, DriveView, Happening, WatchedValue
+    from drivecomm.plant.watching import Board, DriveView, Happening, WatchedValue
 
 FAULT, WARNING, DEAD, RUNNING, ASIDE = "bold red", "yellow", "dim", "green", "dim"
 

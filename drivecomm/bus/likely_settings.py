@@ -1,0 +1,166 @@
+"""Which line settings drives of a protocol are likely to have, the likely first.
+
+What a protocol's package says of itself comes first: its default, then the speeds and formats that its models name as
+options of their own communication parameters. What other serial equipment uses comes last.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, fields
+from itertools import product
+from typing import TYPE_CHECKING, TypeVar
+
+from drivecomm.protocol import LineSettings, Parity
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from drivecomm.protocol import Model, ParameterInfo, Protocol
+
+T = TypeVar("T")
+
+USUAL_RATES = (9600, 19200, 38400, 4800, 57600, 115200, 2400, 1200)
+"""Speeds of serial equipment, the usual first."""
+
+USUAL_FORMATS: tuple[tuple[int, Parity, float], ...] = (
+    (8, "N", 1),
+    (8, "E", 1),
+    (7, "E", 1),
+    (8, "O", 1),
+    (8, "N", 2),
+    (7, "O", 1),
+    (7, "N", 2),
+)
+"""Data bits, parity and stop bits of serial equipment, the usual first."""
+
+# People change the speed of a drive more often than the format of its characters.
+_FORMAT_WEIGHT = 2
+# What nothing in a protocol's package names comes after everything that something names.
+_UNNAMED = 6
+
+_PARITY_WORDS: tuple[tuple[str, Parity], ...] = (("even", "E"), ("odd", "O"), ("no", "N"))
+_RATE = re.compile(r"\b(\d{3,6})\b")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineChoices:
+    """The line settings that a wide scan tries. A field that is empty stands for all that are likely.
+
+    baudrates: bits per second. bytesizes: data bits, 7 or 8. parities: N, E, O, M or S. stopbits: 1, 1.5 or 2. Each in
+    the order in which they shall be tried.
+    """
+
+    baudrates: tuple[int, ...] = ()
+    bytesizes: tuple[int, ...] = ()
+    parities: tuple[Parity, ...] = ()
+    stopbits: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        for baudrate, (bytesize, parity, stopbits) in product(
+            self.baudrates or (9600,),
+            product(self.bytesizes or (8,), self.parities or ("N",), self.stopbits or (1,)),
+        ):
+            # Raises UsageError for what cannot be.
+            LineSettings(baudrate=baudrate, bytesize=bytesize, parity=parity, stopbits=stopbits)
+
+    def allow(self, settings: LineSettings) -> bool:
+        """Whether these settings are among the chosen ones."""
+        given = (settings.baudrate, settings.bytesize, settings.parity, settings.stopbits)
+        chosen = (getattr(self, field.name) for field in fields(self))
+        return all(not some or one in some for one, some in zip(given, chosen, strict=True))
+
+
+EVERYTHING_LIKELY = LineChoices()
+
+
+@dataclass(frozen=True, slots=True)
+class Likely:
+    """Line settings and how unlikely they are for a drive of a protocol: 0 for its default."""
+
+    settings: LineSettings
+    unlikeliness: int
+
+
+def likely_settings(
+    plugin: Protocol, models: Iterable[Model], choices: LineChoices = EVERYTHING_LIKELY, *, eight_bits: bool = False
+) -> list[Likely]:
+    """Return the settings to try for a protocol, the likely first.
+
+    models: those of its package, which name the settings that their drives have. eight_bits: its telegrams have bytes
+    that seven data bits cannot carry.
+    """
+    default = plugin.facts.settings
+    known = list(models)
+    named_rates, named_formats = _named_rates(known), _named_formats(known, default)
+    rates = _ranked([default.baudrate], named_rates, choices.baudrates or USUAL_RATES)
+    given = choices.bytesizes or choices.parities or choices.stopbits
+    chosen = product(
+        choices.bytesizes or (default.bytesize,), choices.parities or (default.parity,), choices.stopbits or (1,)
+    )
+    formats = _ranked(
+        [(default.bytesize, default.parity, default.stopbits)],
+        named_formats,
+        [*(chosen if given else ()), *USUAL_FORMATS],
+    )
+    found = [
+        Likely(
+            LineSettings(baudrate=rate, bytesize=bits[0], parity=bits[1], stopbits=bits[2]),
+            rate_place + _FORMAT_WEIGHT * format_place,
+        )
+        for (rate, rate_place), (bits, format_place) in product(rates, formats)
+        if not (eight_bits and bits[0] < 8)
+    ]
+    allowed = [each for each in found if choices.allow(each.settings)]
+    return sorted(allowed, key=lambda each: each.unlikeliness)
+
+
+def _ranked(default: Sequence[T], named: Sequence[T], usual: Sequence[T]) -> list[tuple[T, int]]:
+    """Return each one once, with its place; those that are usual only have a place far behind."""
+    said = list(dict.fromkeys([*default, *named]))
+    further = [each for each in dict.fromkeys(usual) if each not in said]
+    # Where nothing is named, nothing speaks against what is usual.
+    behind = _UNNAMED if len(said) > 1 else 0
+    return [
+        *((each, place) for place, each in enumerate(said)),
+        *((each, len(said) + place + behind) for place, each in enumerate(further)),
+    ]
+
+
+def _named_rates(models: Iterable[Model]) -> list[int]:
+    rates = {int(each) for text in _options(models, "baud_rate") for each in _RATE.findall(text)}
+    allowed = [rate for rate in rates if 300 <= rate <= 1_000_000]
+    order = {rate: place for place, rate in enumerate(USUAL_RATES)}
+    return sorted(allowed, key=lambda rate: (order.get(rate, len(order)), rate))
+
+
+def _named_formats(models: Sequence[Model], default: LineSettings) -> list[tuple[int, Parity, float]]:
+    """Return the formats in which one thing differs from the default; two at a time are among the usual ones."""
+    found: list[tuple[int, Parity, float]] = []
+    for text in _options(models, "parity"):
+        word = next((parity for start, parity in _PARITY_WORDS if text.lower().startswith(start)), None)
+        if word is not None:
+            found.append((default.bytesize, word, default.stopbits))
+    found += [
+        (int(text[0]), default.parity, default.stopbits)
+        for text in _options(models, "data_bits")
+        if text[:1] in ("7", "8")
+    ]
+    found += [
+        (default.bytesize, default.parity, int(text[0]))
+        for text in _options(models, "stop_bits")
+        if text[:1] in ("1", "2")
+    ]
+    return list(dict.fromkeys(found))
+
+
+def _options(models: Iterable[Model], name: str) -> Iterator[str]:
+    """Yield the option texts of the parameters that hold a communication setting, such as link_1_baud_rate."""
+    for model in models:
+        for info in model.parameters.values():
+            if _is_named(info, name):
+                yield from info.values.values()
+
+
+def _is_named(info: ParameterInfo, name: str) -> bool:
+    return info.name == name or info.name.endswith(f"_{name}")

@@ -1,0 +1,149 @@
+"""The drives of one line as its master knows them: who they are, how they are spoken to, who commands them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+from drivecomm.bus.read_only import ReadOnly
+from drivecomm.bus.stored_writes import StoredWrites
+from drivecomm.bus.verbs import setting_up
+from drivecomm.errors import AddressError, NotSupported, UsageError, meant, shortened
+from drivecomm.link import Commands, Link, Party
+from drivecomm.models import load_model
+from drivecomm.protocol import LINE_FACT_NAMES, installed, is_duration, sort_out
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from drivecomm.link import Echo, TraceEvent
+    from drivecomm.protocol import Exchange, Model, Operations
+
+T = TypeVar("T")
+
+
+class Member(NamedTuple):
+    """What a drive object is made of."""
+
+    party: Party
+    operations: Operations
+    model: Model | None
+
+
+class Roster:
+    """The drives of one line and its link.
+
+    overrides: line facts that hold for all drives. stored_writes: counts what goes to EEPROM.
+    """
+
+    def __init__(
+        self,
+        *,
+        overrides: Mapping[str, Any] | None = None,
+        trace: Callable[[TraceEvent], None] | None = None,
+        echo: Echo = "off",
+        guard_s: float = 0.005,
+        stored_writes: StoredWrites | None = None,
+    ) -> None:
+        if not is_duration(guard_s):
+            raise UsageError(f"guard_s cannot be {shortened(guard_s)}; give seconds, 0 or more")
+        if trace is not None and not callable(trace):
+            raise UsageError(f"trace cannot be {shortened(trace)}; give a function that is called with each event")
+        self.stored_writes = stored_writes or StoredWrites()
+        self.commands = Commands()
+        self.link = Link(trace=trace, echo=echo, guard_s=guard_s, away=self.commands.forget)
+        self._overrides = dict(overrides or {})
+        self._names: set[str] = set()
+        self._set_up: dict[str, tuple[Operations, dict[str, Any]]] = {}
+
+    def member(
+        self,
+        protocol: str,
+        address: int,
+        model: str | Path | Model | None,
+        set_up: Mapping[str, Any] | None,
+        options: Mapping[str, Any],
+        *,
+        read_only: str = "",
+    ) -> Member:
+        """Return what the drive at an address is made of. Raises UsageError for anything that cannot be.
+
+        read_only: why it may not be written or commanded, empty where it may.
+        """
+        plugin = installed[protocol]
+        if set_up is not None and not isinstance(set_up, Mapping):
+            raise UsageError(f"set_up cannot be {shortened(set_up)}; give parameters and their values")
+        if not isinstance(read_only, str):
+            raise UsageError(f"read_only cannot be {shortened(read_only)}; give a sentence that says why")
+        if type(address) is not int or address not in plugin.addresses:
+            allowed = f"{plugin.addresses.start} to {plugin.addresses.stop - 1}"
+            raise AddressError(f"{protocol} has no drive at address {shortened(address)}; addresses are {allowed}")
+        known = None if model is None else load_model(plugin.package, protocol, model)
+        facts, chosen = sort_out(plugin, known, options, for_all=self._overrides)
+        name = f"{plugin.name}:{address}"
+        remembered = () if plugin.memory is None else (self.commands.memory(name, plugin.memory),)
+        operations: Operations = plugin.operations(address, chosen, known, *remembered)
+        if read_only:
+            if set_up:
+                raise UsageError(f"{name} cannot be set up: {read_only}")
+            operations = ReadOnly(partial(plugin.operations, address, chosen, known), read_only, plugin.only_asks)
+        if set_up:
+            self._set_up[name] = (operations, dict(set_up))
+
+        def again() -> Exchange[None]:
+            # As whoever said it meant it, whichever object for the drive is used first.
+            return setting_up(*self._set_up.get(name, (operations, {})))
+
+        party = Party(
+            name=name,
+            codec=plugin.codec(chosen),
+            facts=facts,
+            mismatch=plugin.mismatch,
+            probe=operations.probe,
+            set_up=again,
+        )
+        if set_up:
+            self.link.must_set_up(party)
+        return Member(party, operations, known)
+
+    def all_drives(self, protocol: str, model: str | Path | Model | None, options: Mapping[str, Any]) -> Member:
+        """Return what stands for all drives of a protocol at once. Raises NotSupported where it has no broadcast."""
+        plugin = installed[protocol]
+        if plugin.broadcast_address is None:
+            raise NotSupported(f"{protocol} has no broadcast; command its drives one by one")
+        known = None if model is None else load_model(plugin.package, protocol, model)
+        facts, chosen = sort_out(plugin, known, options, for_all=self._overrides)
+        party = Party(name=f"{plugin.name}:*", codec=plugin.codec(chosen), facts=facts, mismatch=plugin.mismatch)
+        return Member(party, plugin.operations(plugin.broadcast_address, chosen, known), known)
+
+    def add(self, name: str) -> None:
+        """Take note that there is an object for a drive."""
+        self._names.add(name)
+
+    def names(self) -> set[str]:
+        """Return the drives that there were objects for, as PROTOCOL:ADDRESS."""
+        return set(self._names)
+
+    def stopping(self, party: Party, exchange: Exchange[T]) -> Exchange[T]:
+        """Carry out an exchange that stops a drive, or all of a protocol, and forget what they were told before."""
+        self.commands.forget(party.name)
+        return (yield from exchange)
+
+
+def line_overrides(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those line facts that are given. Raises UsageError for a name that is none."""
+    unknown = sorted(set(facts) - LINE_FACT_NAMES)
+    if unknown:
+        raise UsageError(f"a line has no fact {unknown[0]!r}; {meant(unknown[0], sorted(LINE_FACT_NAMES), 'it has')}")
+    return {name: value for name, value in facts.items() if value is not None}
+
+
+def echo_mode(echo: bool | Echo) -> Echo:
+    """Return how to treat an echo: True is "expect", False is "off"."""
+    if echo in ("off", "expect", "auto"):
+        return echo
+    if isinstance(echo, bool):
+        return "expect" if echo else "off"
+    raise UsageError(f"echo {shortened(echo)} is none of off, expect and auto")

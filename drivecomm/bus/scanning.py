@@ -1,0 +1,259 @@
+"""Who is on a line: whom a scan asks in which order, and what is made of the answers.
+
+A plain scan asks each protocol's addresses at the settings that its drives have unless somebody changed them. A wide
+one tries other line settings, too: the likely ones of all protocols before the unlikely ones of any.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.bus.likely_settings import likely_settings
+from drivecomm.errors import DriveCommError, NoReplyError, ReplyError, UsageError, shortened
+from drivecomm.models import load_model, model_names, user_folders
+from drivecomm.protocol import Ask, installed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from drivecomm.bus.likely_settings import LineChoices
+    from drivecomm.protocol import Exchange, LineSettings, Model, Operations, Protocol
+
+FIRST_ADDRESSES = 3
+"""So many addresses of each protocol are asked first: drives are counted from 1, and a single one keeps its number."""
+
+# The other addresses come with the first ones' fourth most likely settings.
+_FURTHER_ADDRESS = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """A drive that a scan met: where, and what it tells of itself.
+
+    sound: False if it answered with damage only. settings: the line settings at which it answered. model: the one model
+    of its protocol that knows itself in what the drive tells, empty where none or several do.
+    """
+
+    protocol: str
+    address: int
+    identity: Mapping[str, str] = field(default_factory=dict)
+    sound: bool
+    detail: str = ""
+    settings: LineSettings | None = None
+    model: str = ""
+
+    @property
+    def name(self) -> str:
+        """The drive as the command line names it."""
+        return f"{self.protocol}:{self.address}"
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What to give `Bus.drive` besides protocol and address, so that it speaks to this drive."""
+        line = {} if self.settings is None else options_of(self.settings)
+        return {**({"model": self.model} if self.model else {}), **line}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asking:
+    """One question of a scan: whether somebody is at this address, at these line settings.
+
+    settings: None for those that the bus has for the protocol.
+    """
+
+    protocol: str
+    address: int
+    settings: LineSettings | None = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Line facts for speaking with whoever is there."""
+        return {} if self.settings is None else options_of(self.settings)
+
+    def __str__(self) -> str:
+        return self.protocol if self.settings is None else f"{self.protocol} {self.settings}"
+
+
+class Search:
+    """The questions of a scan, one after the other. It does no I/O; whoever asks them says what was heard.
+
+    only: protocol names, all installed ones if absent. addresses: those to ask, the protocol's usual ones if absent;
+    addresses that a protocol does not have are left out. choices: which line settings a wide scan tries; None for a
+    plain one.
+    """
+
+    def __init__(
+        self,
+        only: Iterable[str] | None = None,
+        addresses: Iterable[int] | None = None,
+        choices: LineChoices | None = None,
+    ) -> None:
+        plain = scan_plan(only, addresses)
+        self._models: dict[str, Sequence[Model]] = {}
+        self._left = deque(
+            [Asking(protocol=plugin.name, address=address) for plugin, address in plain]
+            if choices is None
+            else self._widely(plain, choices)
+        )
+        self._damaged: dict[tuple[str, int], Found] = {}
+        self._wide = choices is not None
+        self._under_way = 0
+        self.done = 0
+
+    def __iter__(self) -> Iterator[Asking]:
+        """Yield what to ask next; what was heard meanwhile changes what is asked, and when."""
+        while self._left:
+            asking, self._under_way = self._left.popleft(), 1
+            yield asking
+            self.done, self._under_way = self.done + 1, 0
+
+    @property
+    def total(self) -> int:
+        """How many questions there are as things stand; fewer once somebody has answered."""
+        return self.done + self._under_way + len(self._left)
+
+    @property
+    def left(self) -> Sequence[Asking]:
+        """The questions that have not been asked, in their order."""
+        return tuple(self._left)
+
+    def heard(self, asking: Asking, found: Found | None) -> Found | None:
+        """Take in what came of a question, and return the drive if it is one that nobody knew.
+
+        Damage says that somebody is there and speaks otherwise: a wide scan asks this address at all its settings then,
+        and tells of the damage at the end only, if nothing better came.
+        """
+        if found is None:
+            return None
+        if self._wide and not found.sound:
+            self._damaged.setdefault((asking.protocol, asking.address), found)
+            self._first(lambda each: each.protocol == asking.protocol and each.address == asking.address)
+            return None
+        self._damaged.pop((asking.protocol, asking.address), None)
+        self._left = deque(
+            each for each in self._left if each.protocol != asking.protocol or each.address != asking.address
+        )
+        if self._wide:
+            # A line has one speed as a rule, whoever is on it; and those of one maker were set up together.
+            self._first(lambda each: each.settings == asking.settings)
+            self._first(lambda each: each.settings == asking.settings and each.protocol == asking.protocol)
+        return found
+
+    def damaged(self) -> list[Found]:
+        """Return those of whom nothing but damage came."""
+        return list(self._damaged.values())
+
+    def model_of(self, found: Found) -> Found:
+        """Return the drive with its model, where what it tells fits one; reads the models of its protocol."""
+        if not found.identity:
+            return found
+        matching = [model.name for model in self._models_of(installed[found.protocol]) if model.matches(found.identity)]
+        return replace(found, model=matching[0]) if len(matching) == 1 else found
+
+    def _first(self, wanted: Callable[[Asking], bool]) -> None:
+        # Stable, so that the likely go first among them, too.
+        self._left = deque(sorted(self._left, key=lambda each: not wanted(each)))
+
+    def _models_of(self, plugin: Protocol) -> Sequence[Model]:
+        if plugin.name not in self._models:
+            self._models[plugin.name] = _readable_models(plugin.package, plugin.name, _files_of_the_user(plugin.name))
+        return self._models[plugin.name]
+
+    def _widely(self, plain: Sequence[tuple[Protocol, int]], choices: LineChoices) -> list[Asking]:
+        addresses: dict[str, list[int]] = {}
+        for plugin, address in plain:
+            addresses.setdefault(plugin.name, []).append(address)
+        ranked = []
+        for number, (name, some) in enumerate(addresses.items()):
+            plugin = installed[name]
+            likely = likely_settings(
+                plugin, self._models_of(plugin), choices, eight_bits=_needs_eight_bits(plugin, some[0])
+            )
+            for place, each in enumerate(likely):
+                for counted, address in enumerate(some):
+                    later = 0 if counted < FIRST_ADDRESSES else _FURTHER_ADDRESS
+                    order = (each.unlikeliness + later, number, place, counted)
+                    ranked.append((order, Asking(protocol=name, address=address, settings=each.settings)))
+        return [asking for _, asking in sorted(ranked, key=lambda one: one[0])]
+
+
+def options_of(settings: LineSettings) -> dict[str, Any]:
+    """Return line settings as `Bus.drive` and `open_bus` take them."""
+    return {
+        "baudrate": settings.baudrate,
+        "bytesize": settings.bytesize,
+        "parity": settings.parity,
+        "stopbits": settings.stopbits,
+    }
+
+
+def scan_plan(only: Iterable[str] | None, addresses: Iterable[int] | None) -> list[tuple[Protocol, int]]:
+    """Return whom a scan asks, in order; addresses that a protocol does not have are left out."""
+    if only is not None and (isinstance(only, str) or not isinstance(only, Iterable)):
+        raise UsageError(f"{shortened(only)} is no list of protocols; give one, such as ['vabus']")
+    plugins = [installed[name] for name in only] if only is not None else list(installed.working())
+    try:
+        wanted = None if addresses is None else list(addresses)
+    except TypeError:
+        raise UsageError(f"{shortened(addresses)} are no addresses; give a list of them") from None
+    return [
+        (plugin, address)
+        for plugin in plugins
+        for address in (wanted if wanted is not None else plugin.scan_addresses)
+        if address in plugin.addresses
+    ]
+
+
+def look(asking: Asking, operations: Operations, settings: LineSettings) -> Exchange[Found | None]:
+    """Ask one address whether a drive is there; None when nobody answers. settings: those of the line."""
+    try:
+        yield from operations.probe()
+    except NoReplyError:
+        return None
+    except ReplyError as error:
+        return Found(
+            protocol=asking.protocol, address=asking.address, sound=False, detail=str(error), settings=settings
+        )
+    return Found(protocol=asking.protocol, address=asking.address, sound=True, settings=settings)
+
+
+def introduce(found: Found, operations: Operations) -> Exchange[Found]:
+    """Let a drive that is there tell what it is."""
+    try:
+        identity = yield from operations.identify()
+    except ReplyError as error:
+        return replace(found, detail=str(error))
+    return replace(found, identity=identity)
+
+
+@lru_cache(maxsize=32)
+def _readable_models(package: str, protocol: str, _files: tuple[tuple[str, int], ...]) -> Sequence[Model]:
+    """Return the models of a protocol; read once for all scans, as long as the user's files are the same."""
+    found = []
+    for name in model_names(package, protocol):
+        try:
+            found.append(load_model(package, protocol, name))
+        except DriveCommError:
+            # A file of the user's that is no model must not keep drives from being found.
+            continue
+    return tuple(found)
+
+
+def _files_of_the_user(protocol: str) -> tuple[tuple[str, int], ...]:
+    files = (path for folder in user_folders(protocol) for path in folder.glob("*.toml"))
+    return tuple(sorted((str(path), path.stat().st_mtime_ns) for path in files))
+
+
+def _needs_eight_bits(plugin: Protocol, address: int) -> bool:
+    """Whether already the question who is there has a byte that seven data bits cannot carry."""
+    options = plugin.options()
+    exchange = plugin.operations(address, options, None).probe()
+    command = next(exchange)
+    while not isinstance(command, Ask):
+        command = exchange.send(None)
+    exchange.close()
+    return max(plugin.codec(options).encode(command.message)) > 0x7F

@@ -1,0 +1,62 @@
+"""EEPROM cells wear: a guard that counts stored writes of each parameter and refuses to go on in a cycle."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import UsageError, shortened
+from drivecomm.protocol import is_whole
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import Capabilities, Model
+
+WITHIN_S = 3600.0
+ALLOWED = 10
+"""So many stored writes of one parameter of one drive within an hour are what a person does; more are a cycle."""
+
+
+class StoredWrites:
+    """The stored writes of all drives of one bus, as long as it is open. allowed: of one parameter within an hour."""
+
+    def __init__(self, allowed: int = ALLOWED) -> None:
+        if not is_whole(allowed) or allowed < 0:
+            raise UsageError(f"stored_writes_per_hour cannot be {shortened(allowed)}; give a whole number, 0 or more")
+        self._allowed = allowed
+        self._times: dict[tuple[str, str], deque[float]] = {}
+
+    def count(self, drive: str, parameter: str, now: float) -> None:
+        """Count a write that is about to be stored. Raises UsageError instead of letting one too many happen.
+
+        drive: PROTOCOL:ADDRESS, or PROTOCOL:* for a write to all drives, which counts for each of them. parameter: its
+        one address, however it was spelled.
+        """
+        protocol = drive.partition(":")[0]
+        everyone = f"{protocol}:*"
+        if drive == everyone:
+            single = {who for who, what in self._times if what == parameter and who.startswith(f"{protocol}:")}
+            stored = max((self._stored(who, parameter, now) for who in single - {everyone}), default=0)
+        else:
+            stored = self._stored(drive, parameter, now)
+        stored += self._stored(everyone, parameter, now)
+        if stored >= self._allowed:
+            raise UsageError(
+                f"{parameter} of {drive} was stored {stored} times within an hour, and EEPROM cells wear out; "
+                "write it without store=True, or raise stored_writes_per_hour of the bus",
+                says="store=True",
+            )
+        self._times.setdefault((drive, parameter), deque()).append(now)
+
+    def _stored(self, drive: str, parameter: str, now: float) -> int:
+        times = self._times.get((drive, parameter), deque())
+        while times and now - times[0] >= WITHIN_S:
+            times.popleft()
+        return len(times)
+
+
+def is_stored(capabilities: Capabilities, model: Model | None, parameter: str, *, store: bool) -> bool:
+    """Whether a write is known to end in EEPROM: asked for, or the only way that this drive has for the parameter."""
+    if store or capabilities.volatile_writes:
+        return store
+    info = model.find(parameter.partition("[")[0]) if model else None
+    return info is not None and info.storage == "stored"

@@ -1,0 +1,265 @@
+"""The drive's own watchdog: what it does, by itself, when its master falls silent.
+
+Which parameters decide it is said by the drive's model (`drivecomm.models.Watchdog`). This is not a safety function.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import TYPE_CHECKING, TypeVar
+
+from drivecomm.bus.steps import Read, Steps, Watched, Write, carry_out, carry_out_async
+from drivecomm.errors import NotSupported, StateError, UnexpectedReplyError, UsageError, ValueRefusedError
+from drivecomm.models import converted, link_loss_of
+from drivecomm.protocol import exact
+
+if TYPE_CHECKING:
+    from drivecomm.bus.async_drive import AsyncDrive
+    from drivecomm.bus.drive import Drive
+    from drivecomm.protocol import LinkLoss, Model, ParameterInfo, Reading, Value, Watchdog
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setting:
+    """How a drive's watchdog is set.
+
+    policy: what the motor does when nobody speaks to the drive for time_s; "hold" where the watchdog is off, None where
+    the drive does something that is none of the policies. time_s: None where the watchdog is off. action: what the
+    drive's parameter says, in the words of its model; empty where there is no such parameter. action_value, time_value:
+    what the two parameters hold, as they are written.
+    """
+
+    policy: LinkLoss | None
+    time_s: Decimal | None
+    action: str
+    action_value: Value | None
+    time_value: Value
+
+    def __str__(self) -> str:
+        if self.time_s is None:
+            return "off"
+        what = self.action if self.policy is None else self.policy
+        return f"{what} after {self.time_s} s"
+
+
+def read_watchdog(drive: Drive) -> Setting:
+    """Return how the drive's watchdog is set.
+
+    Raises UsageError for a drive without a model, NotSupported where its model knows no watchdog, and what `Drive.read`
+    raises.
+    """
+    return carry_out(drive, reading_steps(drive.name, drive.model))
+
+
+def set_watchdog(drive: Drive, policy: LinkLoss, time_s: Value | float = 5) -> Setting:
+    """Let the drive do this when nobody has spoken to it for time_s seconds, and return what it then says.
+
+    Only what differs is written, volatile where the drive can, and read back. "hold" switches the watchdog off, and
+    time_s is then of no account. Some drives, Danfoss ones for example, count from their last command, and act at once
+    if that was longer ago; command such a drive first, a stop will do.
+
+    Raises NotSupported for a policy that this drive's watchdog has not, ValueRefusedError for a time that its parameter
+    cannot hold, StateError where it reads back something else, and as `read_watchdog`.
+    """
+    return carry_out(drive, setting_steps(drive.name, drive.model, policy, time_s))
+
+
+async def read_watchdog_async(drive: AsyncDrive) -> Setting:
+    """Return how the drive's watchdog is set; as `read_watchdog`."""
+    return await carry_out_async(drive, reading_steps(drive.name, drive.model))
+
+
+async def set_watchdog_async(drive: AsyncDrive, policy: LinkLoss, time_s: Value | float = 5) -> Setting:
+    """Set the drive's watchdog; as `set_watchdog`."""
+    return await carry_out_async(drive, setting_steps(drive.name, drive.model, policy, time_s))
+
+
+def policies(model: Model | None) -> tuple[LinkLoss, ...]:
+    """Return what drives of this model can do when their master falls silent; empty where it is not known."""
+    if model is None or model.watchdog is None:
+        return ()
+    known = dict.fromkeys(model.watchdog.actions)
+    return tuple(known if model.watchdog.off is None else {"hold": None, **known})
+
+
+def reading_steps(name: str, model: Model | None) -> Steps[Setting]:
+    """Read how the watchdog of the drive with this name is set."""
+    return _minded(_reading(_Parameters(name, model)))
+
+
+def setting_steps(name: str, model: Model | None, policy: LinkLoss, time_s: Value | float) -> Steps[Setting]:
+    """Set the watchdog to a policy, and read it back. What cannot be raises before anything is sent."""
+    parameters = _Parameters(name, model)
+    action, time = parameters.values_for(policy, exact(time_s, "watchdog time"))
+    return _minded(_setting(parameters, action, time))
+
+
+def putting_back_steps(name: str, model: Model | None, earlier: Setting) -> Steps[Setting]:
+    """Set the watchdog as it was."""
+    return _minded(_setting(_Parameters(name, model), earlier.action_value, earlier.time_value))
+
+
+def _minded(steps: Steps[Setting]) -> Steps[Setting]:
+    """Let the drive know how long its watchdog waits: what is older is not repeated."""
+    setting = yield from steps
+    yield Watched(None if setting.time_s is None else float(setting.time_s))
+    return setting
+
+
+def _reading(parameters: _Parameters) -> Steps[Setting]:
+    time = _number((yield Read(parameters.time.address)))
+    action, words = None, ""
+    if parameters.action is not None:
+        reading = yield Read(parameters.action.address)
+        action = _number(reading)
+        words = _words(parameters.action, action)
+    return parameters.setting(action, time, words)
+
+
+def _setting(parameters: _Parameters, action: Value | None, time: Value | None) -> Steps[Setting]:
+    """Write what differs. A parameter whose value is None keeps what it holds."""
+    now = yield from _reading(parameters)
+    held = {parameters.time.address: now.time_value}
+    wanted = {parameters.time.address: now.time_value if time is None else time}
+    if parameters.action is not None and now.action_value is not None:
+        held[parameters.action.address] = now.action_value
+        wanted[parameters.action.address] = now.action_value if action is None else action
+    goes_off = parameters.is_off(wanted)
+    # What switches the watchdog on comes last, and what switches it off first: a half-made setting never acts.
+    order = sorted(wanted, key=lambda address: (address == parameters.switch) != goes_off)
+    written = [address for address in order if wanted[address] != held[address]]
+    for address in written:
+        try:
+            yield Write(address, wanted[address], store=False)
+        except NotSupported:
+            # This drive keeps what is written to it, in any case.
+            yield Write(address, wanted[address], store=True)
+    if not written:
+        return now
+    after = yield from _reading(parameters)
+    found = {parameters.time.address: after.time_value}
+    if parameters.action is not None and after.action_value is not None:
+        found[parameters.action.address] = after.action_value
+    for address in written:
+        if found[address] != wanted[address]:
+            raise StateError(
+                f"parameter {address} of the watchdog was written with {wanted[address]} and reads {found[address]}; "
+                "do not rely on the watchdog before this is cleared up"
+            )
+    return after
+
+
+class _Parameters:
+    """The parameters of one drive's watchdog. Raises UsageError and NotSupported where there are none."""
+
+    def __init__(self, name: str, model: Model | None) -> None:
+        if model is None:
+            raise UsageError(
+                f"{name} has no model, and so nothing says which parameters its watchdog has; name its model"
+            )
+        if model.watchdog is None:
+            raise NotSupported(
+                f"the model {model.name} of {name} knows no watchdog that can be set; when its master falls "
+                f'silent: {link_loss_of(model)}; the policy "hold" leaves it at that'
+            )
+        self._name = name
+        self._watchdog: Watchdog = model.watchdog
+        self.time = _info(model, self._watchdog.time)
+        self.action = _info(model, self._watchdog.action) if self._watchdog.action else None
+        self._known = policies(model)
+
+    @property
+    def switch(self) -> str:
+        """The address of the parameter that switches the watchdog on and off."""
+        if self._watchdog.off is not None or self.action is None:
+            return self.time.address
+        return self.action.address
+
+    def values_for(self, policy: LinkLoss, time_s: Decimal) -> tuple[Value | None, Value | None]:
+        """Return what action and time are written with for a policy; None for what stays as it is."""
+        watchdog = self._watchdog
+        if policy not in self._known:
+            raise NotSupported(
+                f"the watchdog of {self._name} ({self._shown}) cannot {policy}; it can {' or '.join(self._known)}"
+            )
+        if policy == "hold":
+            if watchdog.off is not None:
+                return None, watchdog.off * self.time.factor
+            return self._action_value(policy), None
+        return self._action_value(policy), self._time_value(time_s)
+
+    def is_off(self, values: dict[str, Value]) -> bool:
+        """Whether these values, by address, switch the watchdog off."""
+        watchdog = self._watchdog
+        if watchdog.off is not None:
+            return values[self.time.address] == watchdog.off * self.time.factor
+        return self.action is not None and values.get(self.action.address) == self._action_value("hold")
+
+    def setting(self, action: Value | None, time: Value, words: str) -> Setting:
+        """Return what the values mean."""
+        values = {self.time.address: time}
+        if self.action is not None and action is not None:
+            values[self.action.address] = action
+        policy = next((each for each in self._watchdog.actions if self._action_value(each) in (None, action)), None)
+        if self.is_off(values):
+            return Setting(policy="hold", time_s=None, action=words, action_value=action, time_value=time)
+        seconds = converted(Decimal(time), self.time.unit or "s", "s")
+        return Setting(
+            policy=policy,
+            time_s=None if policy == "hold" else seconds,
+            action=words,
+            action_value=action,
+            time_value=time,
+        )
+
+    def _action_value(self, policy: LinkLoss) -> Value | None:
+        if self.action is None or policy not in self._watchdog.actions:
+            return None
+        return self._watchdog.actions[policy] * self.action.factor
+
+    def _time_value(self, time_s: Decimal) -> Value:
+        value = converted(time_s, "s", self.time.unit or "s")
+        off = self._watchdog.off
+        steps = value / self.time.factor
+        lowest, highest = self.time.minimum, self.time.maximum
+        if (
+            value <= 0
+            or steps != steps.to_integral_value()
+            or (off is not None and steps == off)
+            or (lowest is not None and value < lowest)
+            or (highest is not None and value > highest)
+        ):
+            raise ValueRefusedError(
+                f"the watchdog of {self._name} cannot wait {time_s} s: parameter {self.time.address} counts in steps "
+                f"of {self.time.factor} {self.time.unit or 's'}" + (f" up to {highest}" if highest is not None else "")
+            )
+        return value
+
+    @property
+    def _shown(self) -> str:
+        both = (self.time, self.action)
+        return "parameter " + " and ".join(each.address for each in both if each is not None)
+
+
+def _info(model: Model, address: str) -> ParameterInfo:
+    found = model.find(address)
+    if found is None:
+        raise UsageError(
+            f"the watchdog of model {model.name} names {address!r}, which is none of its parameters; mend the model"
+        )
+    return found
+
+
+def _words(info: ParameterInfo, value: Decimal) -> str:
+    """Return what an option parameter's value stands for, in the words of the model."""
+    return info.values.get(int(value / info.factor)) or f"what {info.address} = {value} means"
+
+
+def _number(reading: Reading | None) -> Decimal:
+    if reading is None or isinstance(reading.value, str):
+        what = "nothing" if reading is None else repr(reading.value)
+        raise UnexpectedReplyError(f"a parameter of the watchdog reads {what}, which is no number")
+    return Decimal(reading.value)

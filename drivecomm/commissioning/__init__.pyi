@@ -1,0 +1,2 @@
+from .growing import Described as Described, addresses_in as addresses_in, descriptions as descriptions, grown as grown
+from .scan_forecast import ScanForecast as ScanForecast, forecast_scan as forecast_scan

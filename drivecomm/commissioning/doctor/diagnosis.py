@@ -1,0 +1,259 @@
+"""What an adapter and its line do, measured: noise, echo, who answers, how fast. `findings` judges it.
+
+Sent are a few bytes that no installed protocol takes for a telegram, and the probes of the protocols, which cannot move
+a motor.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.bus import Found, open_bus, scan_plan
+from drivecomm.commissioning.doctor.examination import EchoTrial, Examination, Expected, Listening, Replies, Sought
+from drivecomm.errors import DriveError, ReplyError
+from drivecomm.link import tell_all
+from drivecomm.protocol import Framed, Framer, installed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from drivecomm.bus import Bus, Drive
+    from drivecomm.link import Echo, Port, TraceEvent
+    from drivecomm.protocol import Direction, LineSettings, Protocol
+
+OTHER_RATES = (4800, 9600, 19200, 38400, 57600, 115200)
+
+_ECHO_WAIT_S = 0.25
+_ECHO_TRIALS = 3
+# One lost telegram does not make a drive a silent one.
+_TRIES = 3
+_MOST_AT_ONCE = 4096
+# Uneven, so that replies which come on a grid of time show it.
+_PAUSES_S = (0.0, 0.005, 0.011, 0.003, 0.007, 0.013, 0.002, 0.009)
+_WAYS: tuple[Direction, Direction] = ("request", "reply")
+# Seven bits carry them, and neither noise nor a break looks like them.
+_PATTERNS = (b"U*U*", b"*U*U", b"\x55\x55\x55\x55", b"j5j5", b"?Z?Z")
+
+
+def examine(
+    port: Port,
+    *,
+    only: Iterable[str] | None = None,
+    addresses: Iterable[int] | None = None,
+    expected: Iterable[Expected] = (),
+    echo: Echo = "off",
+    listen_s: float = 1.0,
+    probes: int = 24,
+    search: bool = True,
+    trace: Callable[[TraceEvent], None] | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+    **facts: Any,
+) -> Examination:
+    """Measure what an open port and its line do; takes some seconds, and longer the fewer drives answer.
+
+    only, addresses, facts: as for `Bus.scan` and `open_bus`. expected: the drives that are said to be there, which are
+    asked at their own settings, before others are looked for. echo: what the user says of the adapter; what is seen
+    counts. listen_s: how long to listen unasked, for each line setting. probes: how often to ask each drive that was
+    found. search: ask at other baud rates when nobody answers. Raises LinkError when the port fails.
+    """
+    plugins = list(dict.fromkeys(plugin for plugin, _ in scan_plan(only, None)))
+    wanted = None if addresses is None else list(addresses)
+    settings = {plugin.name: plugin.facts.override(facts).settings for plugin in plugins}
+    step = progress or _silently
+    noise = []
+    for each in dict.fromkeys(settings.values()):
+        step(f"listening at {each}", 0, 1)
+        noise.append(_listen(port, each, listen_s))
+    step("looking for an echo", 0, 1)
+    harmless = harmless_bytes()
+    trials = [_echo_trial(port, harmless) for _ in range(_ECHO_TRIALS)] if settings and harmless else []
+    echoes = echo == "expect" or any(trial.kind == "whole" for trial in trials)
+    recorder = _Recorder()
+    facts = {name: value for name, value in facts.items() if value is not None}
+    bus = open_bus(
+        lambda: port, echo="expect" if echoes else "auto", trace=tell_all(recorder, trace), **{"attempts": 1, **facts}
+    )
+    names = [plugin.name for plugin in plugins]
+    sought = [_sought(bus, one, step, search=search) for one in expected]
+    places = {(one.drive.protocol, one.drive.address) for one in sought}
+    found = [
+        one for plugin in plugins for one in bus.scan([plugin.name], _others(plugin, wanted, places), progress=progress)
+    ]
+    # Those that answered are asked again below; what came from an address where nobody is needs an explanation.
+    known = {one.name for one in found} | {f"{protocol}:{address}" for protocol, address in places}
+    unclear = sum(number for name, number in recorder.unclear.items() if name not in known)
+    replies = []
+    for one in sought:
+        if not one.error:
+            step(f"asking {one.drive.name} {probes} times", 0, 1)
+            replies.append(_ask_often(bus, _drive(bus, one.drive), recorder, probes, one.drive.name))
+    for other in found:
+        if other.sound:
+            step(f"asking {other.name} {probes} times", 0, 1)
+            drive = bus.drive(other.protocol, other.address)
+            replies.append(_ask_often(bus, drive, recorder, probes, other.name))
+    looking = search and not found and not sought and "baudrate" not in facts
+    elsewhere = list(_search(bus, plugins, wanted, step)) if looking else []
+    return Examination(
+        paced=port.paced,
+        echo_said=echo,
+        noise=noise,
+        echo=trials,
+        asked=settings,
+        addresses=len(scan_plan(names, wanted)),
+        found=found,
+        replies=replies,
+        unclear_bytes=unclear,
+        elsewhere=elsewhere,
+        sought=sought,
+    )
+
+
+def _others(plugin: Protocol, wanted: Sequence[int] | None, places: set[tuple[str, int]]) -> list[int]:
+    """Return the addresses at which somebody may be who is not expected."""
+    addresses = plugin.scan_addresses if wanted is None else wanted
+    return [one for one in addresses if (plugin.name, one) not in places]
+
+
+def _drive(bus: Bus, one: Expected, **facts: Any) -> Drive:
+    return bus.drive(one.protocol, one.address, **{**one.options, **facts})
+
+
+def _sought(bus: Bus, one: Expected, step: Callable[[str, int, int], None], *, search: bool) -> Sought:
+    """Ask for a drive at its own settings, and where it does not answer, at the other usual baud rates."""
+    step(f"asking {one.name}", 0, 1)
+    drive = _drive(bus, one)
+    settings, error = drive.facts.settings, _no_answer(drive, _TRIES)
+    rates = [rate for rate in OTHER_RATES if rate != settings.baudrate] if error and search else []
+    for number, rate in enumerate(rates):
+        step(f"asking {one.name} at {rate} baud", number, len(rates))
+        drive = _drive(bus, one, baudrate=rate)
+        if not _no_answer(drive, 1):
+            return Sought(drive=one, settings=settings, error=error, elsewhere=drive.facts.settings)
+    return Sought(drive=one, settings=settings, error=error)
+
+
+def _no_answer(drive: Drive, tries: int) -> str:
+    """Return why a drive is taken not to answer, empty when it does."""
+    error = ""
+    for _ in range(tries):
+        try:
+            drive.probe()
+        except ReplyError as failure:
+            error = " ".join(str(failure).split())
+        except DriveError:
+            # Who refuses is there.
+            return ""
+        else:
+            return ""
+    return error
+
+
+def harmless_bytes() -> bytes:
+    """Return a few bytes in which no installed protocol finds a telegram; none where one finds them everywhere."""
+    codecs = [plugin.codec(plugin.options()) for plugin in installed.working()]
+    for pattern in _PATTERNS:
+        finds = (find for codec in codecs for way in _WAYS for find in _finds(Framer(codec, way), pattern))
+        if not any(isinstance(find, Framed) for find in finds):
+            return pattern
+    return b""
+
+
+class _Recorder:
+    """Keeps which reply belongs to which request, and how many bytes came that belong to nothing, by drive."""
+
+    def __init__(self) -> None:
+        self.pairs: list[tuple[TraceEvent, TraceEvent]] = []
+        self.unclear: Counter[str] = Counter()
+        self._sent: TraceEvent | None = None
+        self._answered = False
+
+    def __call__(self, event: TraceEvent) -> None:
+        if event.what == "sent":
+            self._sent, self._answered = event, False
+        elif event.what == "received" and self._sent is not None and not self._answered:
+            self.pairs.append((self._sent, event))
+            self._answered = True
+        elif event.what in ("noise", "damaged") and not (self._sent and event.data in self._sent.data):
+            # The echo of a telegram that nobody answers is met as noise before the next one.
+            self.unclear[event.drive] += len(event.data)
+
+
+def _listen(port: Port, settings: LineSettings, seconds: float) -> Listening:
+    port.configure(settings)
+    port.take()
+    began = port.now()
+    data = _all_until(port, began + seconds)[0]
+    telegrams: dict[str, int] = {}
+    for plugin in installed.working() if data else ():
+        for way in _WAYS:
+            sound = sum(isinstance(find, Framed) for find in _finds(Framer(plugin.codec(plugin.options()), way), data))
+            if sound > telegrams.get(plugin.name, 0):
+                telegrams[plugin.name] = sound
+    return Listening(settings=settings, seconds=seconds, data=data, telegrams=telegrams)
+
+
+def _echo_trial(port: Port, sent: bytes) -> EchoTrial:
+    port.take()
+    began = port.now()
+    port.write(sent)
+    came, last = _all_until(port, began + _ECHO_WAIT_S)
+    return EchoTrial(sent=sent, came=came, took_s=last - began if came else 0.0)
+
+
+def _all_until(port: Port, until: float) -> tuple[bytes, float]:
+    """Return what comes until then, and when the last of it came."""
+    data, last = bytearray(), port.now()
+    while port.now() < until and len(data) < _MOST_AT_ONCE:
+        if came := port.read(until, 1):
+            data += came
+            last = port.now()
+    return bytes(data), last
+
+
+def _finds(framer: Framer, data: bytes) -> list[Any]:
+    return [*framer.feed(data), *framer.flush()]
+
+
+def _ask_often(bus: Bus, drive: Drive, recorder: _Recorder, probes: int, name: str) -> Replies:
+    recorder.pairs.clear()
+    for number in range(probes):
+        try:
+            drive.probe()
+        except (ReplyError, DriveError):
+            # What is missing is seen by what is there.
+            continue
+        bus.sleep_until(bus.now() + _PAUSES_S[number % len(_PAUSES_S)])
+    settings = drive.facts.settings
+    return Replies(
+        drive=name,
+        settings=settings,
+        reply_timeout_s=drive.facts.timing.reply_timeout_s,
+        asked=probes,
+        times_s=[reply.time - sent.time for sent, reply in recorder.pairs],
+        wire_s=[settings.wire_s(len(sent.data) + len(reply.data)) for sent, reply in recorder.pairs],
+        arrivals_s=[reply.time for _, reply in recorder.pairs],
+    )
+
+
+def _search(
+    bus: Bus, plugins: Sequence[Protocol], addresses: Sequence[int] | None, step: Callable[[str, int, int], None]
+) -> Iterator[tuple[Found, LineSettings]]:
+    """Ask one address of each protocol at the other usual baud rates."""
+    for plugin in plugins:
+        usual = plugin.facts.settings.baudrate
+        address = next((one for one in addresses or plugin.scan_addresses if one in plugin.addresses), None)
+        if address is None:
+            continue
+        for number, rate in enumerate(OTHER_RATES):
+            if rate == usual:
+                continue
+            step(f"asking {plugin.name}:{address} at {rate} baud", number, len(OTHER_RATES))
+            for found in bus.scan([plugin.name], [address], baudrate=rate):
+                if found.sound:
+                    yield found, bus.drive(plugin.name, address, baudrate=rate).facts.settings
+
+
+def _silently(what: str, done: int, of: int) -> None:
+    """Show no progress."""

@@ -1,0 +1,112 @@
+"""What was measured of a port and its line: made by `diagnosis`, judged by `findings`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from drivecomm.bus import Found
+    from drivecomm.link import Echo
+    from drivecomm.protocol import LineSettings
+
+EchoKind: TypeAlias = Literal["none", "whole", "changed"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Listening:
+    """What came within some seconds unasked. telegrams: how many sound ones of which protocols were among it."""
+
+    settings: LineSettings
+    seconds: float
+    data: bytes
+    telegrams: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EchoTrial:
+    """What came back of a few bytes that nobody answers. took_s: from sending to the last byte's coming."""
+
+    sent: bytes
+    came: bytes
+    took_s: float = 0.0
+
+    @property
+    def kind(self) -> EchoKind:
+        """Whether nothing came back, all of it, or something else."""
+        if not self.came:
+            return "none"
+        return "whole" if self.sent in self.came else "changed"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Expected:
+    """A drive that is said to be on the line. name: what people call it. options: what `Bus.drive` takes."""
+
+    name: str
+    protocol: str
+    address: int
+    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    def __str__(self) -> str:
+        place = f"{self.protocol}:{self.address}"
+        return self.name if self.name == place else f"{self.name} ({place})"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sought:
+    """What came of asking for an expected drive at its own settings.
+
+    error: why it is taken not to answer, empty when it does. elsewhere: the settings at which it answers instead.
+    """
+
+    drive: Expected
+    settings: LineSettings
+    error: str = ""
+    elsewhere: LineSettings | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Replies:
+    """How one drive answers a number of probes.
+
+    asked: how many. times_s: from the sending of a request to the end of its reply. wire_s: how much of each is the
+    time of the characters. arrivals_s: when the replies came.
+    """
+
+    drive: str
+    settings: LineSettings
+    reply_timeout_s: float
+    asked: int
+    times_s: Sequence[float]
+    wire_s: Sequence[float]
+    arrivals_s: Sequence[float]
+
+    @property
+    def delays_s(self) -> list[float]:
+        """What each reply took beyond its characters: the drive's own time, and the adapter's."""
+        return [time - wire for time, wire in zip(self.times_s, self.wire_s, strict=True)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Examination:
+    """All that was measured.
+
+    asked: the protocols and the settings they were asked at. unclear_bytes: what came while asking and was part of no
+    answer. elsewhere: drives that answer only at another baud rate, with the settings. sought: the drives that are said
+    to be there; found are then others.
+    """
+
+    paced: bool
+    echo_said: Echo
+    noise: Sequence[Listening]
+    echo: Sequence[EchoTrial]
+    asked: Mapping[str, LineSettings]
+    addresses: int
+    found: Sequence[Found]
+    replies: Sequence[Replies]
+    unclear_bytes: int
+    elsewhere: Sequence[tuple[Found, LineSettings]]
+    sought: Sequence[Sought] = ()

@@ -1,0 +1,244 @@
+"""What a diagnosis means for the person who has the adapter in hand: one sentence each, with a remedy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+from drivecomm.commissioning.doctor.arrival_grid import arrival_grid_s
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from drivecomm.commissioning.doctor.examination import Examination, Listening, Replies, Sought
+    from drivecomm.transport import PortReport
+
+Weight: TypeAlias = Literal["fine", "note", "problem"]
+
+# Beyond this share of the reply time a slow day of the drive becomes a timeout.
+_CLOSE_TO_TIMEOUT = 0.7
+_SHOWN_BYTES = 12
+_LOW_LATENCY = (
+    "let drivecomm set low-latency mode (--low-latency says why it cannot); "
+    "on Windows set the latency timer in the port's advanced settings to 1 ms"
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """One thing that was found. weight: whether anything is to be done. remedy: what, empty when nothing is."""
+
+    weight: Weight
+    about: Literal["port", "noise", "echo", "drives", "time"]
+    text: str
+    remedy: str = ""
+
+
+def judge(examination: Examination, report: PortReport | None) -> list[Finding]:
+    """Return what was found, in the order in which a line is best looked after. report: None where nothing is known."""
+    return [
+        *_port(report, examination),
+        *_noise(examination),
+        *_echo(examination),
+        *_drives(examination),
+        *_times(examination, report),
+    ]
+
+
+def _port(report: PortReport | None, examination: Examination) -> Iterator[Finding]:
+    if report is None:
+        yield Finding(weight="note", about="port", text="nothing is known of this port but what was measured")
+        return
+    if report.kind != "serial port":
+        unknown = "what adapter there is, its latency and the direction of its transmitter cannot be known from here"
+        remedy = "run this on the machine that has the adapter" if report.kind in ("raw TCP", "RFC 2217") else ""
+        yield Finding(weight="note", about="port", text=f"{report.url} is {_a(report.kind)}: {unknown}", remedy=remedy)
+        if report.kind == "raw TCP":
+            yield Finding(
+                weight="note",
+                about="port",
+                text="the line settings are those of the server, whatever is asked for here",
+                remedy="set them at the server, or use rfc2217:// if it can",
+            )
+        return
+    parts = [f"{report.url} is a serial port"]
+    parts += [f"driver {report.driver}"] if report.driver else []
+    parts += [f"USB {report.usb}"] if report.usb else []
+    parts += [f"RS-485 direction control {report.rs485}"]
+    yield Finding(weight="fine", about="port", text=", ".join(parts))
+    timer = report.latency_timer_ms
+    if timer is not None and timer > 1:
+        text = f"the adapter holds received bytes back for up to {timer} ms"
+        yield Finding(weight="problem", about="port", text=text, remedy=_LOW_LATENCY)
+    elif report.low_latency == "on":
+        yield Finding(weight="fine", about="port", text="low-latency mode is on")
+    elif report.usb is not None:
+        text = "whether the adapter holds received bytes back does not show; see the reply times"
+        yield Finding(weight="note", about="port", text=text)
+    for note in report.notes:
+        # What the timer does stands above, with its remedy.
+        if "low-latency" not in note:
+            yield Finding(weight="note", about="port", text=note)
+    if examination.replies and report.stable_name != report.url:
+        text = f"after it was unplugged it is opened again as {report.stable_name}"
+        yield Finding(weight="fine", about="port", text=text)
+
+
+def _noise(examination: Examination) -> Iterator[Finding]:
+    heard = [one for one in examination.noise if one.data]
+    if not heard:
+        seconds = sum(one.seconds for one in examination.noise)
+        yield Finding(weight="fine", about="noise", text=f"the line is quiet: nothing came unasked in {seconds:g} s")
+    for one in heard:
+        shown = one.data[:_SHOWN_BYTES].hex(" ").upper() + (" ..." if len(one.data) > _SHOWN_BYTES else "")
+        text = f"{_bytes(len(one.data))} came unasked in {one.seconds:g} s at {one.settings}: {shown}"
+        what, remedy = _source_of(one)
+        yield Finding(weight="problem", about="noise", text=text + what, remedy=remedy)
+
+
+def _source_of(heard: Listening) -> tuple[str, str]:
+    if heard.telegrams:
+        who = " and ".join(heard.telegrams)
+        return f"; there are sound telegrams of {who} among them", "stop the other master: a line has room for one only"
+    if not any(heard.data):
+        remedy = "check whether the two signal wires are swapped, and the bias and termination of the line"
+        return "; zeros only, as from a line that is held at the wrong level", remedy
+    remedy = "check the 0 V connection, termination and bias, and whether another master speaks at other line settings"
+    return "", remedy
+
+
+def _echo(examination: Examination) -> Iterator[Finding]:
+    trials, said = examination.echo, examination.echo_said
+    if not trials:
+        return
+    kinds = [trial.kind for trial in trials]
+    if "whole" in kinds:
+        text = "the adapter hands back what it sends"
+        if kinds.count("whole") < len(kinds):
+            text += f", though not always whole ({kinds.count('whole')} of {len(kinds)} times)"
+        if said == "off":
+            remedy = 'use --echo expect, in a program echo="expect"; or switch the echo off at the adapter'
+            yield Finding(weight="problem", about="echo", text=text, remedy=remedy)
+        else:
+            yield Finding(weight="fine", about="echo", text=f"{text}, as --echo {said} says")
+    elif "changed" in kinds:
+        trial = trials[kinds.index("changed")]
+        text = (
+            f"of {trial.sent.hex(' ').upper()} there came back {trial.came[:_SHOWN_BYTES].hex(' ').upper()}: "
+            "noise, or an echo that is disturbed while it is sent"
+        )
+        remedy = "if the line is quiet otherwise, use --echo expect, and check whether two transmitters are on at once"
+        yield Finding(weight="problem", about="echo", text=text, remedy=remedy)
+    elif said == "expect":
+        text = "the adapter hands nothing back, though --echo expect says so"
+        yield Finding(weight="note", about="echo", text=text, remedy="leave --echo out")
+    else:
+        yield Finding(weight="fine", about="echo", text="the adapter hands nothing back of what it sends")
+
+
+def _drives(examination: Examination) -> Iterator[Finding]:
+    for each in examination.sought:
+        yield _expected(each)
+    for one in examination.found:
+        if one.sound:
+            told = ", ".join(f"{name} {value}" for name, value in one.identity.items())
+            text = f"{one.name} answers at {examination.asked[one.protocol]}" + (f": {told}" if told else "")
+            if examination.sought:
+                text += "; it is not in the plant file"
+            yield Finding(weight="note" if examination.sought else "fine", about="drives", text=text)
+        else:
+            text = f"{one.name} answers, but damaged: {one.detail}"
+            remedy = "check baud rate and parity, termination, and whether two drives have the same address"
+            yield Finding(weight="problem", about="drives", text=text, remedy=remedy)
+    for found, settings in examination.elsewhere:
+        text = f"{found.name} answers at {settings}, not at {examination.asked[found.protocol]}"
+        remedy = f"use --baudrate {settings.baudrate}, or set the drive to {examination.asked[found.protocol].baudrate}"
+        yield Finding(weight="problem", about="drives", text=text, remedy=remedy)
+    if examination.unclear_bytes:
+        text = f"{_bytes(examination.unclear_bytes)} came while drives were asked, and were part of no answer"
+        remedy = "check baud rate and parity of the drives, and look at the bytes with --trace"
+        yield Finding(weight="problem", about="drives", text=text, remedy=remedy)
+    if examination.found or examination.elsewhere or examination.sought:
+        return
+    at = ", ".join(f"{name} at {settings}" for name, settings in examination.asked.items())
+    yield Finding(
+        weight="problem",
+        about="drives",
+        text=f"nobody answers at {examination.addresses} addresses ({at})",
+        remedy="check that the drives have power, their address, protocol and baud rate (--baudrate, --parity), "
+        "and whether the two signal wires are swapped",
+    )
+
+
+def _expected(sought: Sought) -> Finding:
+    if not sought.error:
+        return Finding(weight="fine", about="drives", text=f"{sought.drive} answers at {sought.settings}")
+    if sought.elsewhere is not None:
+        rates = sought.elsewhere.baudrate, sought.settings.baudrate
+        return Finding(
+            weight="problem",
+            about="drives",
+            text=f"{sought.drive} answers at {sought.elsewhere}, not at {sought.settings}",
+            remedy=f"write baudrate = {rates[0]} in its options in the plant file, or set the drive to {rates[1]}",
+        )
+    return Finding(
+        weight="problem",
+        about="drives",
+        text=f"{sought.drive} does not answer at {sought.settings}: {sought.error}",
+        remedy="check that it has power and its wires, and whether its address, protocol and line settings are those "
+        "of the plant file; drivecomm scan --wide finds it at others",
+    )
+
+
+def _times(examination: Examination, report: PortReport | None) -> Iterator[Finding]:
+    for one in examination.replies:
+        lost = one.asked - len(one.times_s)
+        if lost:
+            text = f"{one.drive} answered {len(one.times_s)} of {one.asked} times"
+            remedy = "check termination, screen and the 0 V connection, or give it more time with --timeout"
+            yield Finding(weight="problem", about="time", text=text, remedy=remedy)
+        if one.times_s:
+            yield Finding(weight="fine", about="time", text=_reply_time(one, paced=examination.paced))
+            yield from _too_slow(one)
+            yield from _on_a_grid(one, report)
+
+
+def _reply_time(one: Replies, *, paced: bool) -> str:
+    ordered = sorted(one.times_s)
+    shortest, middle, longest = (f"{time * 1000:.1f}" for time in (ordered[0], ordered[len(ordered) // 2], ordered[-1]))
+    text = f"{one.drive} is done {shortest} to {longest} ms after a request begins (median {middle} ms)"
+    wire, delay = min(one.wire_s) * 1000, min(one.delays_s) * 1000
+    if delay > 0:
+        return f"{text}; {wire:.1f} ms are the characters, so drive and adapter take {delay:.1f} ms at least"
+    where = "at the adapter" if paced else "here"
+    return f"{text}; the characters alone would take {wire:.1f} ms on a line, so they take no time {where}"
+
+
+def _too_slow(one: Replies) -> Iterator[Finding]:
+    slowest = max(one.delays_s)
+    if slowest > _CLOSE_TO_TIMEOUT * one.reply_timeout_s:
+        text = f"{one.drive} takes up to {slowest * 1000:.0f} ms of the {one.reply_timeout_s * 1000:.0f} ms it is given"
+        remedy = f"give it more: --timeout {2 * slowest:.2g}"
+        yield Finding(weight="note", about="time", text=text, remedy=remedy)
+
+
+def _on_a_grid(one: Replies, report: PortReport | None) -> Iterator[Finding]:
+    step = arrival_grid_s(one.arrivals_s)
+    if step is None:
+        return
+    text = f"replies of {one.drive} come in steps of {step * 1000:.0f} ms, as from an adapter with a latency timer"
+    remote = report is not None and report.kind in ("raw TCP", "RFC 2217")
+    remedy = "set the latency timer of the server's adapter to 1 ms" if remote else _LOW_LATENCY
+    yield Finding(weight="problem", about="time", text=text, remedy=remedy)
+
+
+def _bytes(number: int) -> str:
+    return f"{number} byte{'' if number == 1 else 's'}"
+
+
+def _a(kind: str) -> str:
+    return {
+        "raw TCP": "a raw TCP connection",
+        "RFC 2217": "an RFC 2217 connection",
+        "other": "no port of this machine",
+    }.get(kind, f"a {kind}")

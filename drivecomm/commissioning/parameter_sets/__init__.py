@@ -1,0 +1,5 @@
+"""Parameter sets: back up a drive, compare, restore; docs/parameter-sets.md tells how."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,36 @@
+from .comparing import Comparison as Comparison, Difference as Difference, compare as compare
+from .faces import (
+    back_up as back_up,
+    back_up_async as back_up_async,
+    carry_out_plan as carry_out_plan,
+    carry_out_plan_async as carry_out_plan_async,
+    factory_set as factory_set,
+    factory_set_async as factory_set_async,
+    plan_restore as plan_restore,
+    plan_restore_async as plan_restore_async,
+)
+from .files import (
+    entries_text as entries_text,
+    must_be_free as must_be_free,
+    read_set as read_set,
+    text_of as text_of,
+    write_set as write_set,
+)
+from .journal import (
+    Journal as Journal,
+    found_journal as found_journal,
+    journal_path as journal_path,
+    new_journal as new_journal,
+)
+from .parameter_set import (
+    PARTS as PARTS,
+    Entry as Entry,
+    ParameterSet as ParameterSet,
+    Part as Part,
+    in_order as in_order,
+)
+from .planning import Plan as Plan, Planned as Planned
+from .restoring import Restored as Restored
+from .subject import part_of as part_of
+from .values import same as same
+from .wishes import Wishes as Wishes

@@ -1,0 +1,129 @@
+"""Comparing two parameter sets: of one drive at two times, of two drives, of two makers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+from drivecomm.commissioning.parameter_sets.common_values import common_values
+from drivecomm.commissioning.parameter_sets.effect import model_of
+from drivecomm.commissioning.parameter_sets.identity import changes_told
+from drivecomm.commissioning.parameter_sets.parameter_set import SETTINGS, in_order
+from drivecomm.commissioning.parameter_sets.values import in_unit, same
+from drivecomm.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet, Part
+
+DifferenceKind: TypeAlias = Literal["value", "missing", "not comparable"]
+"""value: both have it and it differs. missing: one has it. not comparable: both have it, and why it cannot be told."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Difference:
+    """One parameter that is not the same. address: or the common name, where two makers are compared."""
+
+    kind: DifferenceKind
+    address: str
+    left: Entry | None
+    right: Entry | None
+    reason: str = ""
+
+    @property
+    def name(self) -> str:
+        """The parameter's name in the model."""
+        known = self.left or self.right
+        return known.name if known else ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """What is not the same in two parameter sets.
+
+    by: what was compared with what. equal: how many parameters are the same. missing: what only one of them has; that
+    and remarks, what else is to be known as sentences, do not make the sets different.
+    """
+
+    by: Literal["address", "common name"]
+    differences: tuple[Difference, ...]
+    equal: int
+    missing: tuple[Difference, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def same(self) -> bool:
+        """Whether everything that both have is the same, and could be compared."""
+        return not self.differences
+
+
+def compare(left: ParameterSet, right: ParameterSet, parts: Collection[Part] = SETTINGS) -> Comparison:
+    """Compare two parameter sets, by address within a protocol, otherwise by common names in the units of those.
+
+    Raises UsageError for sets that have nothing to compare.
+    """
+    ours, theirs = left.of(parts), right.of(parts)
+    remarks = changes_told(left, right)
+    if left.protocol == right.protocol:
+        if left.model != right.model:
+            remarks.insert(0, f"models differ: {left.model} here, {right.model} there")
+        here, there = ({entry.address: entry for entry in entries} for entries in (ours, theirs))
+        found, equal = _differences(here, there, left.not_read, right.not_read)
+        if nowhere := set(left.not_read) & set(right.not_read):
+            remarks.append(f"read on neither side: {', '.join(in_order(nowhere))}")
+        return _comparison("address", found, equal, remarks)
+    models = [model_of(known) for known in (left, right)]
+    here, unclear = common_values(left, parts, models[0])
+    there, unclear_there = common_values(right, parts, models[1])
+    if not set(here) & set(there):
+        raise UsageError(
+            f"{left.protocol} and {right.protocol} drives share only parameters with common names, and these two sets "
+            "have none in common; see whether their models map them under [quantities]"
+        )
+    found, equal = _differences(here, there, unclear, unclear_there)
+    nameless = [sum(not entry.common for entry in entries) for entries in (ours, theirs)]
+    remarks += [
+        f"whether every value of {known.drive} counts is not known, because no model {known.model} is found by its name"
+        for known, model in zip((left, right), models, strict=True)
+        if model is None
+    ]
+    remarks.append(f"not compared, for want of a common name: {nameless[0]} here, {nameless[1]} there")
+    return _comparison("common name", found, equal, remarks)
+
+
+def _comparison(
+    by: Literal["address", "common name"], found: list[Difference], equal: int, remarks: list[str]
+) -> Comparison:
+    return Comparison(
+        by=by,
+        differences=tuple(each for each in found if each.kind != "missing"),
+        equal=equal,
+        missing=tuple(each for each in found if each.kind == "missing"),
+        remarks=tuple(remarks),
+    )
+
+
+def _differences(
+    here: Mapping[str, Entry], there: Mapping[str, Entry], why_not: Mapping[str, str], why_not_there: Mapping[str, str]
+) -> tuple[list[Difference], int]:
+    found: list[Difference] = []
+    equal = 0
+    for address in in_order({*here, *there}):
+        one, other = here.get(address), there.get(address)
+        if one is None or other is None:
+            reason = (why_not if one is None else why_not_there).get(address, "")
+            kind: DifferenceKind = "not comparable" if reason else "missing"
+            found.append(Difference(kind=kind, address=address, left=one, right=other, reason=reason))
+            continue
+        try:
+            value = in_unit(one.value, one.unit, other.unit)
+        except UsageError as error:
+            reason = str(error)
+            found.append(Difference(kind="not comparable", address=address, left=one, right=other, reason=reason))
+            continue
+        if same(value, other.value):
+            equal += 1
+        else:
+            found.append(Difference(kind="value", address=address, left=one, right=other))
+    return found, equal

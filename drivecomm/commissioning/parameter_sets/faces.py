@@ -1,0 +1,91 @@
+"""Backup and restore for callers that block and callers that await."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.bus import carry_out, carry_out_async
+from drivecomm.commissioning.parameter_sets.journal import Forgetful
+from drivecomm.commissioning.parameter_sets.parameter_set import SETTINGS, WRITABLE
+from drivecomm.commissioning.parameter_sets.planning import planning
+from drivecomm.commissioning.parameter_sets.reading_out import factory_values, reading_out
+from drivecomm.commissioning.parameter_sets.restoring import restoring
+from drivecomm.commissioning.parameter_sets.subject import subject
+from drivecomm.commissioning.parameter_sets.wishes import Wishes
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from drivecomm.bus import AsyncDrive, Drive
+    from drivecomm.commissioning.parameter_sets.journal import Remembers
+    from drivecomm.commissioning.parameter_sets.parameter_set import ParameterSet, Part
+    from drivecomm.commissioning.parameter_sets.planning import Plan
+    from drivecomm.commissioning.parameter_sets.reading_out import Progress
+    from drivecomm.commissioning.parameter_sets.restoring import Restored
+
+
+def _silent(_address: str, _done: int, _total: int) -> None:
+    """Show nothing."""
+
+
+def back_up(drive: Drive, parts: Collection[Part] = WRITABLE, *, progress: Progress = _silent) -> ParameterSet:
+    """Read the parameters of a drive: all data sets and array elements of those that its model knows.
+
+    parts: settings and communication unless told. progress: told the address, how many are done, and how many there
+    are. Raises UsageError for a drive without a model, ReplyError and LinkError when drive or line are away.
+    """
+    return carry_out(drive, reading_out(subject(drive), parts, progress))
+
+
+def factory_set(drive: Drive, parts: Collection[Part] = SETTINGS, *, progress: Progress = _silent) -> ParameterSet:
+    """Read the factory values of a drive's parameters. Raises UsageError where such drives do not tell them."""
+    return carry_out(drive, factory_values(subject(drive), parts, progress))
+
+
+def plan_restore(
+    drive: Drive, known: ParameterSet, wishes: Wishes | None = None, *, progress: Progress = _silent
+) -> Plan:
+    """Find out what a restore would write, and what not and why; writes nothing.
+
+    Raises UsageError for a set of another drive unless that is wished, ValueRefusedError when a value does not fit.
+    """
+    return carry_out(drive, planning(subject(drive), known, wishes or Wishes(), progress))
+
+
+def carry_out_plan(
+    drive: Drive, plan: Plan, journal: Remembers | None = None, *, progress: Progress = _silent
+) -> Restored:
+    """Do what a plan says. journal: what remembers how far it came; see `new_journal` and `found_journal`.
+
+    Raises StateError when the motor runs, before anything is written; ReplyError and LinkError when drive or line are
+    away in the middle. What the drive refuses is in the result.
+    """
+    return carry_out(drive, restoring(plan, journal or Forgetful(), progress))
+
+
+async def back_up_async(
+    drive: AsyncDrive, parts: Collection[Part] = WRITABLE, *, progress: Progress = _silent
+) -> ParameterSet:
+    """Read the parameters of a drive, as `back_up` does."""
+    return await carry_out_async(drive, reading_out(subject(drive), parts, progress))
+
+
+async def factory_set_async(
+    drive: AsyncDrive, parts: Collection[Part] = SETTINGS, *, progress: Progress = _silent
+) -> ParameterSet:
+    """Read the factory values of a drive's parameters, as `factory_set` does."""
+    return await carry_out_async(drive, factory_values(subject(drive), parts, progress))
+
+
+async def plan_restore_async(
+    drive: AsyncDrive, known: ParameterSet, wishes: Wishes | None = None, *, progress: Progress = _silent
+) -> Plan:
+    """Find out what a restore would write, as `plan_restore` does."""
+    return await carry_out_async(drive, planning(subject(drive), known, wishes or Wishes(), progress))
+
+
+async def carry_out_plan_async(
+    drive: AsyncDrive, plan: Plan, journal: Remembers | None = None, *, progress: Progress = _silent
+) -> Restored:
+    """Do what a plan says, as `carry_out_plan` does."""
+    return await carry_out_async(drive, restoring(plan, journal or Forgetful(), progress))

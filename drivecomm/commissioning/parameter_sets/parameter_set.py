@@ -1,0 +1,85 @@
+"""Parameter sets: what the parameters of one drive were at one time, with what tells that drive from others."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from datetime import datetime
+
+    from drivecomm.protocol import Value
+
+Part: TypeAlias = Literal["settings", "communication", "measured"]
+"""settings: how the drive works. communication: how it is spoken to. measured: what it shows and nobody restores."""
+
+PARTS: tuple[Part, ...] = ("settings", "communication", "measured")
+SETTINGS: tuple[Part, ...] = ("settings",)
+WRITABLE: tuple[Part, ...] = ("settings", "communication")
+
+_DIGITS = re.compile(r"(\d+)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """One value of one parameter.
+
+    address: in the protocol's form, with data set or index where the parameter has several values. name: of the model.
+    value: physical where the model knows the scale. raw: as the telegram carried it, None where that says no more.
+    common: the common name, where the model maps one to it. meaning: what the value stands for; for people only.
+    """
+
+    address: str
+    value: Value
+    name: str = ""
+    unit: str = ""
+    raw: int | str | None = None
+    common: str = ""
+    part: Part = "settings"
+    meaning: str = field(default="", compare=False)
+
+    @property
+    def parameter(self) -> str:
+        """The address without data set and index."""
+        return self.address.partition("[")[0]
+
+    def __str__(self) -> str:
+        return f"{self.value} {self.unit}".rstrip()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ParameterSet:
+    """The parameters of one drive. drive: as the command line names it, "vabus:1". model: by the name that it has.
+
+    identity: what the drive told of itself. entries: by address, in the order of addresses. not_read: why a parameter
+    is not among them, by address. time: when reading began, in UTC; None for a set that somebody made by hand.
+    """
+
+    protocol: str
+    drive: str
+    model: str
+    entries: Mapping[str, Entry]
+    firmware: str = ""
+    identity: Mapping[str, str] = field(default_factory=dict)
+    not_read: Mapping[str, str] = field(default_factory=dict)
+    time: datetime | None = None
+
+    def of(self, parts: Iterable[Part]) -> list[Entry]:
+        """Return the entries of these parts."""
+        wanted = frozenset(parts)
+        return [entry for entry in self.entries.values() if entry.part in wanted]
+
+
+def in_order(addresses: Iterable[str]) -> list[str]:
+    """Return parameter addresses as people count them: 9 before 10, 3-02 before 3-10, [2] before [10]."""
+    return sorted(addresses, key=_place)
+
+
+def _place(address: str) -> list[tuple[int, int, str]]:
+    return [
+        (0, int(part), part) if part.isascii() and part.isdigit() else (1, 0, part)
+        for part in _DIGITS.split(address)
+        if part
+    ]

@@ -1,0 +1,303 @@
+"""What a restore would write, and what not and why; the dry run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+from drivecomm.bus import CheckWrite, Read
+from drivecomm.commissioning.parameter_sets.carrying import (
+    carried_watchdog,
+    common_entries,
+    is_about_watchdog,
+    reason_not_to_count,
+)
+from drivecomm.commissioning.parameter_sets.effect import model_of
+from drivecomm.commissioning.parameter_sets.identity import of_another_drive
+from drivecomm.commissioning.parameter_sets.ordering import Stage, stage_of
+from drivecomm.commissioning.parameter_sets.parameter_set import in_order
+from drivecomm.commissioning.parameter_sets.reading_out import identity_told
+from drivecomm.commissioning.parameter_sets.subject import part_of
+from drivecomm.commissioning.parameter_sets.values import in_unit, same
+from drivecomm.errors import DriveError, NotSupported, ReadOnlyError, UsageError, ValueRefusedError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.bus import Steps
+    from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet
+    from drivecomm.commissioning.parameter_sets.reading_out import Progress
+    from drivecomm.commissioning.parameter_sets.subject import Subject
+    from drivecomm.commissioning.parameter_sets.wishes import Wishes
+    from drivecomm.protocol import Model, ParameterInfo, Reading, Value
+
+Action: TypeAlias = Literal["write", "equal", "skip"]
+"""write: its value is another one. equal: it has the value already. skip: it is left alone, and why."""
+
+_SHOWN = 3
+_NOT_TOLD = "communication settings are only written when that is said (--communication)"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Planned:
+    """What becomes of one entry of a parameter set.
+
+    address: on the drive, or a common name. value, unit: what it is to be, in the drive's unit. current: what it is
+    now, None where the drive does not tell. options: of reading and writing it, where the value is the plain number
+    because nobody knows its scale. missed: left alone although it should have been restored.
+    """
+
+    action: Action
+    address: str
+    name: str
+    value: Value
+    unit: str
+    stage: Stage
+    current: Value | None = None
+    reason: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    missed: bool = False
+
+    def held_by(self, reading: Reading) -> Value:
+        """Return the value of a reading as this one's value is meant."""
+        return reading.raw if self.options else reading.value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """What a restore would do, in its order. store: whether writes are kept over power-off, as far as is known."""
+
+    drive: str
+    store: bool
+    items: tuple[Planned, ...]
+    remarks: tuple[str, ...] = ()
+
+    def to(self, action: Action) -> list[Planned]:
+        """Return the entries of which this becomes."""
+        return [item for item in self.items if item.action == action]
+
+    @property
+    def missed(self) -> list[Planned]:
+        """What is left alone although it should have been restored.
+
+        Of a set of the same model that is every setting, of what was named in the wishes all of it; communication
+        settings that were not asked for and what has no meaning for another model are left alone as they should be.
+        """
+        return [item for item in self.items if item.missed]
+
+
+def planning(to: Subject, known: ParameterSet, wishes: Wishes, progress: Progress) -> Steps[Plan]:
+    """Find out what a restore would write; writes nothing.
+
+    Raises UsageError for a set of another drive unless that is wished and for a drive that is read-only, and
+    ValueRefusedError when a value of a set of the same protocol does not fit.
+    """
+    store = _stored(to, wishes)
+    remarks, own = yield from _looked_at(to, known, wishes)
+    across = known.protocol != to.protocol
+    model = _model_of(known) if across else to.model
+    entries, skipped = _entries(to, known, model, across=across)
+    entries, skipped, without = _chosen(entries, skipped, wishes)
+    items = list(skipped)
+    wanted: list[Planned] = []
+    for entry in entries:
+        for item in (yield from _items(to, entry, known, model, wishes, across=across, own=own)):
+            (items if item.action == "skip" else wanted).append(item)
+    wanted, unfit, wrong = yield from _checked(wanted, store=store)
+    for done, item in enumerate(wanted):
+        progress(item.address, done, len(wanted))
+        items.append((yield from _compared(item)))
+    for item in unfit:
+        found = yield from _compared(replace(item, action="write"))
+        items.append(found if found.action == "equal" else replace(found, action="skip"))
+    progress("", len(wanted), len(wanted))
+    if across:
+        items = [
+            replace(item, action="skip", reason=wrong[item.address])
+            if item.action == "write" and item.address in wrong
+            else item
+            for item in items
+        ]
+    else:
+        _must_fit(items, wrong)
+    of_same_model = not across and known.model == to.model.name
+    items = [replace(item, missed=_is_missed(item, wishes, of_same_model=of_same_model)) for item in items]
+    order = {address: place for place, address in enumerate(in_order(item.address for item in items))}
+    items.sort(key=lambda item: (item.stage, order[item.address]))
+    if without:
+        remarks.append(f"{without} not asked for")
+    return Plan(drive=to.name, store=store, items=tuple(items), remarks=tuple(remarks))
+
+
+def _stored(to: Subject, wishes: Wishes) -> bool:
+    if not wishes.volatile:
+        return to.capabilities.stored_writes
+    if not to.capabilities.volatile_writes:
+        raise NotSupported(f"{to.name} keeps every write over power-off, or nobody knows; restore without volatile")
+    return False
+
+
+def _looked_at(to: Subject, known: ParameterSet, wishes: Wishes) -> Steps[tuple[list[str], bool]]:
+    """Return what is to be remarked, and whether the set is of this drive."""
+    identity = yield from identity_told()
+    if reason := of_another_drive(known, to, identity):
+        if not wishes.another_drive:
+            raise UsageError(
+                f"this parameter set is of another drive: {reason}; nothing was written; say that it is meant for "
+                "another drive (--another-drive) if it is"
+            )
+        return [f"from another drive: {reason}"], False
+    return [], True
+
+
+def _model_of(known: ParameterSet) -> Model:
+    model = model_of(known)
+    if model is None:
+        raise UsageError(
+            f"what the values of {known.drive} mean is said by its model {known.model}, and none is found by that name "
+            f"for {known.protocol}; put its file where models are found; nothing was written"
+        )
+    return model
+
+
+def _entries(to: Subject, known: ParameterSet, model: Model, *, across: bool) -> tuple[list[Entry], list[Planned]]:
+    """Return what could be restored; for a drive of another maker, what has a common name that its model maps."""
+    if not across:
+        return known.of(["settings", "communication"]), []
+    entries, left = common_entries(to, known, model)
+    return entries, [_skipped(entry, reason) for entry, reason in left]
+
+
+def _chosen(entries: list[Entry], skipped: list[Planned], wishes: Wishes) -> tuple[list[Entry], list[Planned], int]:
+    """Return what of the set was asked for, and how much was not."""
+    if not wishes.only:
+        return entries, skipped, 0
+    # Under a common name, the name is that of the other maker, with its address.
+    named = {
+        entry.address: {entry.address, entry.parameter, entry.name, entry.common, *entry.name.split()}
+        for entry in entries
+    }
+    named |= {item.address: {item.address, item.address.partition("[")[0], item.name} for item in skipped}
+    unknown = sorted(wishes.only - set().union(*named.values()))
+    if unknown:
+        raise UsageError(f"the parameter set has no {unknown[0]!r}; name what is in it, by address or name")
+    chosen = [entry for entry in entries if named[entry.address] & wishes.only]
+    left = [item for item in skipped if named[item.address] & wishes.only]
+    return chosen, left, len(named) - len(chosen) - len(left)
+
+
+def _items(
+    to: Subject, entry: Entry, known: ParameterSet, model: Model, wishes: Wishes, *, across: bool, own: bool
+) -> Steps[list[Planned]]:
+    """Return what becomes of an entry; of the time of another maker's watchdog, of all that a watchdog consists of."""
+    if not across:
+        return [_item(to, entry, wishes, across=False, own=own)]
+    if is_about_watchdog(entry, to, model):
+        try:
+            values = yield from carried_watchdog(to, known, model)
+        except UsageError as error:
+            return [_skipped(entry, str(error))]
+        return [
+            Planned(action="write", address=info.address, name=info.name, value=value, unit=info.unit,
+                    stage=Stage.WATCHDOG)
+            for info, value in values
+        ]  # fmt: skip
+    item = _item(to, entry, wishes, across=True, own=False)
+    if item.action == "write" and (reason := (yield from reason_not_to_count(to, entry))):
+        return [_skipped(entry, reason, to.info(to.model.quantities[entry.common]))]
+    return [item]
+
+
+def _item(to: Subject, entry: Entry, wishes: Wishes, *, across: bool, own: bool) -> Planned:
+    info = to.info(to.model.quantities[entry.common] if across else entry.address)
+    if info is None:
+        return _skipped(entry, f"model {to.model.name} has no such parameter")
+    reason = _reason_to_skip(entry, info, wishes, across=across)
+    if reason:
+        return _skipped(entry, reason, info)
+    unit, options = (entry.unit if across else info.unit), {}
+    try:
+        value = in_unit(entry.value, entry.unit, unit)
+    except UsageError as error:
+        # The same number says the same to the drive that told it, whatever it counts.
+        if not own or entry.unit or not to.plugin.plain_writing:
+            return _skipped(entry, f"unit: {error}", info)
+        value, unit, options = entry.value, "", dict(to.plugin.plain_writing)
+    return Planned(
+        action="write",
+        address=entry.address,
+        name=info.name,
+        value=value,
+        unit=unit,
+        stage=stage_of(info, entry.common, to.model.watchdog),
+        options=options,
+    )
+
+
+def _reason_to_skip(entry: Entry, info: ParameterInfo, wishes: Wishes, *, across: bool) -> str:
+    if not across and entry.name and entry.name != info.name:
+        return f"it is {entry.name} in the set and {info.name} on this drive"
+    part = part_of(info)
+    if part is None:
+        return "writing it is a command"
+    if part == "measured":
+        return "it can only be read" if "w" not in info.access else "it is gone without power"
+    if "communication" in (part, entry.part):
+        if across:
+            return "how a drive is spoken to is no matter of another maker's"
+        if not wishes.communication:
+            return _NOT_TOLD
+    return ""
+
+
+def _skipped(entry: Entry, reason: str, info: ParameterInfo | None = None) -> Planned:
+    return Planned(
+        action="skip",
+        address=entry.address,
+        name=info.name if info else entry.name,
+        value=entry.value,
+        unit=entry.unit,
+        stage=stage_of(info, entry.common) if info else Stage.VALUES,
+        reason=reason,
+    )
+
+
+def _is_missed(item: Planned, wishes: Wishes, *, of_same_model: bool) -> bool:
+    return item.action == "skip" and (bool(wishes.only) or (of_same_model and item.reason != _NOT_TOLD))
+
+
+def _checked(wanted: list[Planned], *, store: bool) -> Steps[tuple[list[Planned], list[Planned], dict[str, str]]]:
+    """Return what can be asked for, what cannot be sent by itself, and the values that do not fit, by address."""
+    fit, unfit, wrong = [], [], {}
+    for item in wanted:
+        try:
+            yield CheckWrite(item.address, item.value, store, item.options)
+        except ReadOnlyError as error:
+            raise ReadOnlyError(f"{error}; nothing was written") from error
+        except ValueRefusedError as error:
+            wrong[item.address] = f"{item.address} {item.name}: {error}"
+        except UsageError as error:
+            unfit.append(replace(item, action="skip", reason=str(error)))
+            continue
+        fit.append(item)
+    return fit, unfit, wrong
+
+
+def _must_fit(items: list[Planned], wrong: dict[str, str]) -> None:
+    """Raise ValueRefusedError for values that do not fit, unless the drive holds them all the same."""
+    told = [wrong[item.address] for item in items if item.action == "write" and item.address in wrong]
+    if told:
+        more = f" (and {len(told) - _SHOWN} more)" if len(told) > _SHOWN else ""
+        raise ValueRefusedError(
+            f"{'; '.join(told[:_SHOWN])}{more}; nothing was written, set this right in the parameter set first"
+        )
+
+
+def _compared(item: Planned) -> Steps[Planned]:
+    try:
+        reading = yield Read(item.address)
+    except DriveError:
+        # Data sets that differ, say: what is to be there is known all the same.
+        return item
+    held = item.held_by(reading)
+    return replace(item, action="equal" if same(held, item.value) else "write", current=held)

@@ -1,0 +1,166 @@
+"""Restore: giving a drive the parameters of a set, in order, each read back, until all of them hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from drivecomm.bus import AskStatus, Read, Write
+from drivecomm.commissioning.parameter_sets.ordering import Stage
+from drivecomm.commissioning.parameter_sets.values import same
+from drivecomm.errors import DriveError, ReplyError, StateError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.bus import Steps
+    from drivecomm.commissioning.parameter_sets.journal import Remembers
+    from drivecomm.commissioning.parameter_sets.planning import Plan, Planned
+    from drivecomm.commissioning.parameter_sets.reading_out import Progress
+    from drivecomm.protocol import DriveStatus, Reading
+
+_ROUNDS = 5
+"""How often a parameter is written at most: a limit that waits for another one, three deep, is through in four."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Restored:
+    """What came of a restore.
+
+    written: the parameters that were written, in order, each read back. refused: why others do not hold what they
+    should, by address. unconfirmed: written, and nothing is known of it: the drive was spoken to otherwise from then
+    on. left: not written for that reason.
+    """
+
+    plan: Plan
+    written: tuple[str, ...]
+    refused: Mapping[str, str] = field(default_factory=dict)
+    unconfirmed: tuple[str, ...] = ()
+    left: tuple[str, ...] = ()
+
+    @property
+    def complete(self) -> bool:
+        """Whether the drive now has all that it was to have; see `Plan.missed` for what never was to be written."""
+        return not (self.refused or self.unconfirmed or self.left or self.plan.missed)
+
+
+def restoring(plan: Plan, journal: Remembers, progress: Progress) -> Steps[Restored]:
+    """Carry out a plan.
+
+    After all are written, all are read once more: what a later write has changed, or what was refused while another
+    parameter stood in its way, is written again as long as that helps. Raises StateError when the motor runs, before
+    anything is written; ReplyError and LinkError when the drive or the line is away in the middle.
+    """
+    yield from must_stand(plan.drive)
+    work = _Work(plan, journal)
+    due = [item for item in work.items if item.action == "write"]
+    for _ in range(_ROUNDS):
+        yield from work.write(due, progress)
+        differing = yield from work.differing(progress)
+        due = [item for item in differing if work.may_help(item)]
+        if not due:
+            break
+    unconfirmed, left = yield from work.write_communication()
+    if not (unconfirmed or left):
+        journal.over()
+    return Restored(
+        plan=plan,
+        written=tuple(work.written),
+        refused=work.refused,
+        unconfirmed=tuple(unconfirmed),
+        left=tuple(left),
+    )
+
+
+def must_stand(drive: str) -> Steps[None]:
+    """Raise StateError if the motor runs."""
+    status: DriveStatus = yield AskStatus()
+    if status.running:
+        raise StateError(
+            f"{drive}: the motor runs, and a restore changes limits and ramps; nothing was written, stop it first"
+        )
+
+
+class _Work:
+    """A restore under way. refused: why a parameter does not hold what it should, as far as is known by now."""
+
+    def __init__(self, plan: Plan, journal: Remembers) -> None:
+        chosen = [item for item in plan.items if item.action != "skip"]
+        self.items = [item for item in chosen if item.stage is not Stage.COMMUNICATION]
+        self.written: list[str] = []
+        self.refused: dict[str, str] = {}
+        self._communication = [item for item in chosen if item.stage is Stage.COMMUNICATION]
+        self._store = plan.store
+        self._journal = journal
+        self._writes = 0
+        self._tried_at: dict[str, int] = {}
+
+    def write(self, items: list[Planned], progress: Progress) -> Steps[None]:
+        """Write these and read each back."""
+        for place, item in enumerate(items):
+            progress(item.address, place, len(items))
+            yield from self._write(item)
+
+    def differing(self, progress: Progress) -> Steps[list[Planned]]:
+        """Return what does not hold its value now."""
+        found = []
+        for place, item in enumerate(self.items):
+            progress(item.address, place, len(self.items))
+            reason = yield from self._held(item)
+            if reason:
+                found.append(item)
+                self.refused.setdefault(item.address, reason)
+            else:
+                self.refused.pop(item.address, None)
+        return found
+
+    def may_help(self, item: Planned) -> bool:
+        """Whether something else was written since this was tried, so that trying again may come to another end."""
+        return self._tried_at.get(item.address, -1) < self._writes
+
+    def write_communication(self) -> Steps[tuple[list[str], list[str]]]:
+        """Write how the drive is spoken to; return what is not known to be written, and what then was left."""
+        items = [item for item in self._communication if item.action == "write"]
+        for place, item in enumerate(items):
+            try:
+                yield from self._write(item)
+            except ReplyError:
+                return [item.address], [later.address for later in items[place + 1 :]]
+        return [], []
+
+    def _write(self, item: Planned) -> Steps[None]:
+        self.refused.pop(item.address, None)
+        try:
+            yield from self._send(item)
+        except (DriveError, UsageError) as error:
+            self.refused[item.address] = str(error)
+            self._tried_at[item.address] = self._writes
+            return
+        self._writes += 1
+        self._tried_at[item.address] = self._writes
+        reason = yield from self._held(item)
+        if reason:
+            self.refused[item.address] = reason
+            return
+        if item.address not in self.written:
+            self.written.append(item.address)
+        self._journal.wrote(item.address)
+
+    def _send(self, item: Planned) -> Steps[None]:
+        """Write; whether a write arrived that nobody confirmed is seen by reading, and if not it is sent once more."""
+        try:
+            yield Write(item.address, item.value, self._store, item.options)
+        except ReplyError:
+            reading: Reading = yield Read(item.address)
+            if not same(item.held_by(reading), item.value):
+                yield Write(item.address, item.value, self._store, item.options)
+
+    def _held(self, item: Planned) -> Steps[str]:
+        """Return why the drive does not hold the value that it should, empty when it does."""
+        try:
+            reading: Reading = yield Read(item.address)
+        except DriveError as error:
+            return f"it cannot be read back: {error}"
+        if same(item.held_by(reading), item.value):
+            return ""
+        return f"{item.value} {item.unit}".rstrip() + f" was written, and it is {reading}"

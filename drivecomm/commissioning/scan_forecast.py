@@ -1,0 +1,86 @@
+"""How long a scan takes if nobody answers, before it is begun.
+
+The link's own steps are taken against a line on which nothing comes, with a clock that is a number, once for each
+protocol and setting. So whatever holds between requests is in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.bus import Roster, Search, line_overrides, look
+from drivecomm.errors import ReplyError
+from drivecomm.link import Arrival, Configure, Link, Send
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from drivecomm.bus import Asking, LineChoices, Member
+    from drivecomm.link import Steps
+    from drivecomm.protocol import LineSettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanForecast:
+    """What a scan asks at most, and how many seconds that takes while nobody answers.
+
+    Who answers costs the time in which it tells what it is, and saves all further questions to its address.
+    """
+
+    questions: int
+    settings: int
+    seconds: float
+
+
+def forecast_scan(
+    only: Iterable[str] | None = None,
+    addresses: Iterable[int] | None = None,
+    choices: LineChoices | None = None,
+    *,
+    guard_s: float = 0.005,
+    **facts: Any,
+) -> ScanForecast:
+    """Return how long a scan takes without an answer; opens no port. The arguments are those of `Bus.scan`.
+
+    guard_s: quiet time after a change of line settings, as `open_bus` has it. facts: line facts for all drives asked.
+    """
+    roster, given = Roster(guard_s=guard_s), line_overrides(facts)
+    seconds, questions = 0.0, 0
+    known: dict[tuple[str, LineSettings | None], tuple[LineSettings, float]] = {}
+    before: LineSettings | None = None
+    for asking in Search(only, addresses, choices):
+        key = (asking.protocol, asking.settings)
+        if key not in known:
+            member = roster.member(asking.protocol, asking.address, None, None, {**asking.options, **given})
+            known[key] = (member.party.facts.settings, _silence_s(member, asking, guard_s))
+        settings, silence_s = known[key]
+        seconds += silence_s + (guard_s if before not in (None, settings) else 0.0)
+        questions += 1
+        before = settings
+    return ScanForecast(questions=questions, settings=len({each for each, _ in known.values()}), seconds=seconds)
+
+
+def _silence_s(member: Member, asking: Asking, guard_s: float) -> float:
+    """Return how long one question takes that comes after another one and is not answered."""
+    link = Link(guard_s=guard_s)
+    link.paced = True
+    ends = []
+    now = 0.0
+    for _ in range(2):
+        exchange = look(asking, member.operations, member.party.facts.settings)
+        now = _unanswered(link.insist(member.party, exchange), now)
+        ends.append(now)
+    return ends[1] - ends[0]
+
+
+def _unanswered(steps: Steps[Any], now: float) -> float:
+    """Take steps on a line on which nothing comes, and return when they are over."""
+    try:
+        effect = next(steps)
+        while True:
+            if not isinstance(effect, Configure | Send):
+                now = max(now, effect.until)
+            effect = steps.send(Arrival(now))
+    except (StopIteration, ReplyError):
+        return now

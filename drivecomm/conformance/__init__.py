@@ -1,1 +1,0 @@
-"""Judging protocol packages: vectors and exchanges as data, and what every protocol must stand, whoever wrote it."""

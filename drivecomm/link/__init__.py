@@ -1,0 +1,5 @@
+"""One line without input and output: correlation, repetition, draining, echo, health, statistics, trace."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

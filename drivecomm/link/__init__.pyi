@@ -1,0 +1,33 @@
+from .backoff import GrowingPause as GrowingPause
+from .command_order import CommandCall as CommandCall, Commands as Commands
+from .echo import Echo as Echo, EchoFilter as EchoFilter
+from .health import (
+    FIRST_PAUSE_S as FIRST_PAUSE_S,
+    LONGEST_PAUSE_S as LONGEST_PAUSE_S,
+    PROBING_SHARE as PROBING_SHARE,
+    Health as Health,
+    ProbingTime as ProbingTime,
+    UsualDelays as UsualDelays,
+)
+from .link import (
+    Arrival as Arrival,
+    Configure as Configure,
+    Effect as Effect,
+    Link as Link,
+    Party as Party,
+    Receive as Receive,
+    Send as Send,
+    Steps as Steps,
+    TraceEvent as TraceEvent,
+    Wait as Wait,
+)
+from .logs import LOGGER_NAME as LOGGER_NAME, log_events as log_events
+from .port import Port as Port
+from .statistics import (
+    COUNTERS as COUNTERS,
+    REPLY_TIME_BOUNDS_MS as REPLY_TIME_BOUNDS_MS,
+    ReplyTimes as ReplyTimes,
+    Statistics as Statistics,
+    total as total,
+)
+from .tracing import tell_all as tell_all

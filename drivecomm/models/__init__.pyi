@@ -1,0 +1,21 @@
+from .check import check_model as check_model
+from .files import (
+    load_model as load_model,
+    model_names as model_names,
+    model_paths as model_paths,
+    open_model_file as open_model_file,
+    packaged_models as packaged_models,
+    read_model as read_model,
+    user_folders as user_folders,
+)
+from .link_loss import link_loss_of as link_loss_of
+from .quantities import (
+    CommonName as CommonName,
+    not_said as not_said,
+    parameter_at as parameter_at,
+    quantities as quantities,
+)
+from .schema import PARAMETER_KEYS as PARAMETER_KEYS, TABLES as TABLES, TEXTS as TEXTS
+from .toml_places import Places as Places
+from .units import converted as converted, factor_between as factor_between
+from .writing import model_text as model_text

@@ -1,0 +1,40 @@
+from .files import bytes_of as bytes_of, plant_in as plant_in, read_fault as read_fault, read_plant as read_plant
+from .line_faults import (
+    TRANSMISSION_FAULTS as TRANSMISSION_FAULTS,
+    UNDISTURBED as UNDISTURBED,
+    Fault as Fault,
+    FaultPlan as FaultPlan,
+    PowerCut as PowerCut,
+    disturbed as disturbed,
+)
+from .opened import OpenPlant as OpenPlant, open_plant as open_plant
+from .plant import (
+    LARGEST_CODE as LARGEST_CODE,
+    PLATE as PLATE,
+    Condition as Condition,
+    InjectStep as InjectStep,
+    Noise as Noise,
+    Of as Of,
+    Plant as Plant,
+    PlantDrive as PlantDrive,
+    PlantLine as PlantLine,
+    PlantLinkLoss as PlantLinkLoss,
+    PlantRead as PlantRead,
+    PowerCutStep as PowerCutStep,
+    Step as Step,
+    StuckStep as StuckStep,
+    TelegramFault as TelegramFault,
+    TripStep as TripStep,
+    Window as Window,
+    kind_named as kind_named,
+)
+from .salvage import salvaged as salvaged
+from .status import DriveReport as DriveReport, plant_status as plant_status
+from .writing import (
+    found_text as found_text,
+    plant_of_found as plant_of_found,
+    plant_text as plant_text,
+    there_already as there_already,
+    write_new as write_new,
+    write_over as write_over,
+)

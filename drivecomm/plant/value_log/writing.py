@@ -1,0 +1,108 @@
+"""Opening a log for writing, in the form that its name says."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from datetime import timedelta
+from typing import TYPE_CHECKING, Protocol, Self
+
+from drivecomm.capture import Gaps
+from drivecomm.errors import UsageError
+from drivecomm.plant.value_log.csv_files import CsvLog
+from drivecomm.plant.value_log.rows import LogRow, row_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from datetime import datetime
+    from pathlib import Path
+    from types import TracebackType
+
+    from drivecomm.polling import PollResult
+
+_LOGGER = logging.getLogger("drivecomm.value_log")
+# What a log tells apart.
+_TICK = timedelta(milliseconds=1)
+_SAME_MOMENT = timedelta(seconds=1)
+
+
+class _Rows(Protocol):
+    def write(self, row: LogRow) -> None: ...
+
+    def close(self) -> None: ...
+
+    def abandon(self) -> None: ...
+
+
+class ValueLog:
+    """A log that poll results are written to; a context manager that closes it. Use `open_log` to get one.
+
+    A full disk does not end it: rows then go missing, and it goes on when there is room again; tell hears of both.
+    Time, drive and name of a row are its own in a log: what came to the same millisecond has the next one.
+    """
+
+    def __init__(self, path: Path, rows: _Rows, tell: Callable[[str], None] | None = None) -> None:
+        self.path = path
+        self.written = 0
+        self._rows = rows
+        self._gaps = Gaps(str(path), kept="values", done="logged", goes_on="polling", tell=tell or _LOGGER.warning)
+        self._latest: dict[tuple[str, str], datetime] = {}
+
+    @property
+    def missing(self) -> int:
+        """How many rows could not be written, for want of room."""
+        return self._gaps.missing
+
+    @property
+    def summary(self) -> str:
+        """That rows are missing, as a sentence; empty where none is."""
+        return self._gaps.summary
+
+    def write(self, result: PollResult) -> None:
+        """Write what came of asking once, also that nothing came."""
+        row = self._at_a_time_of_its_own(row_of(result))
+        self.written += self._gaps.write(lambda: self._rows.write(row), result.time_s)
+
+    def _at_a_time_of_its_own(self, row: LogRow) -> LogRow:
+        key = (row.drive, row.name)
+        time, latest = row.time.replace(microsecond=row.time.microsecond // 1000 * 1000), self._latest.get(key)
+        if latest is not None and timedelta(0) <= latest - time < _SAME_MOMENT:
+            time = latest + _TICK
+        self._latest[key] = time
+        return replace(row, time=time)
+
+    def close(self) -> None:
+        """Finish the file. Raises FileFormatError where that cannot be."""
+        self._rows.close()
+
+    def abandon(self) -> None:
+        """Close it without finishing it; a file that was made for it and got no row is not left behind."""
+        self._rows.abandon()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if error is not None and not self.written:
+            self.abandon()
+        else:
+            self.close()
+
+
+def open_log(path: Path, *, tell: Callable[[str], None] | None = None) -> ValueLog:
+    """Open a log: .csv, to which more is added if it is there, or .parquet, which must not be there.
+
+    tell: hears in a sentence when rows cannot be written for want of room, and when they are again; the logger
+    drivecomm.value_log if absent. Raises UsageError for another ending and where pyarrow is missing, FileFormatError
+    for a file that cannot be.
+    """
+    if path.suffix == ".csv":
+        return ValueLog(path, CsvLog(path), tell)
+    if path.suffix == ".parquet":
+        # Most logs are CSV.
+        from drivecomm.plant.value_log.parquet_files import ParquetLog  # noqa: PLC0415
+
+        return ValueLog(path, ParquetLog(path), tell)
+    raise UsageError(f"{path}: a log is .csv or .parquet; give it one of these endings")

@@ -1,0 +1,2 @@
+from .curves import Curve as Curve, Picture as Picture, picture_of as picture_of
+from .drawing import draw_svg as draw_svg, save as save

@@ -1,0 +1,169 @@
+"""What a plot shows, made of the rows of a log. No I/O, nothing of a plotting library."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import isnan, nan
+from typing import TYPE_CHECKING, NamedTuple
+
+from drivecomm.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Sequence
+    from datetime import datetime
+
+    from drivecomm.plant.value_log import LogRow
+
+STATUS = "status"
+SILENT = "no answer"
+FAULT = "fault"
+
+MOST_POINTS = 4000
+"""More points of one curve than this cannot be told apart in a picture."""
+
+
+class Stretch(NamedTuple):
+    """A time in which a drive was in one state: running, ready, fault, no answer. text: the fault's."""
+
+    drive: str
+    state: str
+    begin: datetime
+    end: datetime
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Curve:
+    """The course of one quantity of one drive. values: not-a-number where the drive gave none."""
+
+    drive: str
+    name: str
+    unit: str
+    times: list[datetime] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)
+
+    @property
+    def title(self) -> str:
+        """The curve in a legend."""
+        return f"{self.drive} {self.name.replace('_', ' ')}"
+
+    @property
+    def numbers(self) -> list[float]:
+        """The values without the gaps."""
+        return [value for value in self.values if not isnan(value)]
+
+    @property
+    def gaps(self) -> int:
+        """How often the values stop, to go on later or not."""
+        ends = zip([nan, *self.values], self.values, strict=False)
+        return sum(isnan(value) and not isnan(before) for before, value in ends)
+
+    def thinned(self, most: int = MOST_POINTS) -> Curve:
+        """Return the curve with fewer points, of which none that stands out or begins a gap is missing."""
+        if len(self.values) <= most:
+            return self
+        size = -(-len(self.values) * 2 // most)
+        kept = [place for first in range(0, len(self.values), size) for place in self._standing_out(first, size)]
+        return Curve(
+            drive=self.drive,
+            name=self.name,
+            unit=self.unit,
+            times=[self.times[place] for place in kept],
+            values=[self.values[place] for place in kept],
+        )
+
+    def _standing_out(self, first: int, size: int) -> list[int]:
+        places = range(first, min(first + size, len(self.values)))
+        sound = [place for place in places if not isnan(self.values[place])]
+        gap = [place for place in places if isnan(self.values[place])][:1]
+        if not sound:
+            return gap
+        return sorted({min(sound, key=self.values.__getitem__), max(sound, key=self.values.__getitem__), *gap})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """Everything that a plot shows. panels: the curves by their unit, in the order in which they came."""
+
+    panels: dict[str, list[Curve]]
+    states: list[Stretch]
+
+    @property
+    def faults(self) -> list[Stretch]:
+        """The times in which a drive had a fault."""
+        return [each for each in self.states if each.state == FAULT]
+
+    @property
+    def curves(self) -> list[Curve]:
+        """All curves."""
+        return [curve for panel in self.panels.values() for curve in panel]
+
+    @property
+    def drives(self) -> list[str]:
+        """The drives with a state, in the order in which they came."""
+        return list(dict.fromkeys(each.drive for each in self.states))
+
+
+def picture_of(rows: Iterable[LogRow], *, drives: Collection[str] = (), names: Collection[str] = ()) -> Picture:
+    """Return what a plot of these rows shows.
+
+    drives, names: only these, all where none are given; a drive's states are shown with its values whatever names.
+    Raises UsageError where nothing is left, and for a drive or a name that the rows do not have.
+    """
+    curves: dict[tuple[str, str, str], Curve] = {}
+    units: dict[tuple[str, str], str] = {}
+    states: dict[str, list[Stretch]] = {}
+    known_drives: dict[str, None] = {}
+    known_names: dict[str, None] = {}
+    for row in rows:
+        known_drives[row.drive] = known_names[row.name] = None
+        if drives and row.drive not in drives:
+            continue
+        if row.name == STATUS:
+            _take_state(states.setdefault(row.drive, []), row)
+        elif not names or row.name in names:
+            _take_value(curves, units, row)
+    _check("drive", drives, known_drives)
+    _check("name", names, known_names)
+    panels: dict[str, list[Curve]] = {}
+    for curve in curves.values():
+        if curve.numbers:
+            panels.setdefault(curve.unit, []).append(curve)
+    if not panels and not any(states.values()):
+        raise UsageError("the log holds no numbers to plot; see its column quality, and note for why")
+    return Picture(panels=panels, states=[each for of_drive in states.values() for each in of_drive])
+
+
+def _take_value(curves: dict[tuple[str, str, str], Curve], units: dict[tuple[str, str], str], row: LogRow) -> None:
+    source = (row.drive, row.name)
+    number = row.number if row.is_fresh else None
+    if number is None:
+        # What did not answer has no unit; it is a gap in the curve that there was before.
+        if source not in units:
+            return
+        number, unit = nan, units[source]
+    else:
+        unit = units[source] = row.unit
+    key = (*source, unit)
+    curve = curves.setdefault(key, Curve(drive=row.drive, name=row.name, unit=unit))
+    curve.times.append(row.time)
+    curve.values.append(number)
+
+
+def _take_state(states: list[Stretch], row: LogRow) -> None:
+    state = row.value.replace("_", " ") if row.is_fresh else SILENT
+    text = row.text if row.is_fresh else row.note
+    if states:
+        latest = states[-1]
+        # The time of a stale row is that of the row before it.
+        states[-1] = latest._replace(end=max(latest.end, row.time))
+        if (latest.state, latest.text) == (state, text) or latest.state == state == SILENT:
+            return
+    states.append(Stretch(row.drive, state, row.time, row.time, text))
+
+
+def _check(what: str, wanted: Iterable[str], known: Iterable[str]) -> None:
+    there: Sequence[str] = list(known)
+    for name in wanted:
+        if name not in there:
+            raise UsageError(f"the log has no {what} {name!r}; it has {', '.join(there) or 'none'}")

@@ -1,0 +1,152 @@
+"""Drawing a plot with matplotlib, which is loaded here and nowhere else."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.plant.value_plots.curves import FAULT, SILENT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from drivecomm.plant.value_plots.curves import Picture, Stretch
+
+_WIDTH, _PANEL_HEIGHT, _STATE_HEIGHT, _MARGIN = 10.0, 2.4, 0.36, 0.9
+_MOST_IN_A_LEGEND = 12
+_SHORTEST_WITH_TEXT = 0.08
+
+# What can be told apart in print, and by those who see few colours: by hatching as well.
+_STATES = {
+    "running": ("#2f7d4f", ""),
+    "ready": ("#cfd8dc", ""),
+    "not ready": ("#eceff1", ""),
+    "stopping": ("#f0b429", ""),
+    FAULT: ("#c62828", "////"),
+    SILENT: ("#ffffff", "...."),
+}
+_OTHER = ("#90a4ae", "")
+
+# A drive has one colour everywhere; its quantities in one panel differ by their dashes.
+_DASHES = ("-", "--", ":", "-.")
+
+
+def draw_png(picture: Picture, title: str) -> bytes:
+    """Return the plot as PNG."""
+    return _drawn(picture, title, "png", dpi=130)
+
+
+def draw_svg(picture: Picture, title: str) -> str:
+    """Return the plot as SVG; the same picture gives the same text."""
+    return _drawn(picture, title, "svg", metadata={"Date": None, "Creator": "drivecomm"}).decode("utf-8")
+
+
+def save(picture: Picture, title: str, path: Path) -> None:
+    """Write the plot in the form that the name says. Raises UsageError for another ending, FileFormatError."""
+    if path.suffix == ".png":
+        content = draw_png(picture, title)
+    elif path.suffix == ".svg":
+        content = draw_svg(picture, title).encode()
+    elif path.suffix in (".html", ".htm"):
+        from drivecomm.plant.value_plots.page import page_of  # noqa: PLC0415 - most plots are pictures
+
+        content = page_of(picture, title, draw_svg(picture, title)).encode()
+    else:
+        raise UsageError(f"{path}: a plot is .png, .svg or .html; give it one of these endings")
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _drawn(picture: Picture, title: str, form: str, **how: Any) -> bytes:
+    try:
+        import matplotlib as mpl  # noqa: PLC0415 - optional, and slow to load
+        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
+        from matplotlib.figure import Figure  # noqa: PLC0415
+    except ImportError:
+        raise UsageError("plots need matplotlib, which is not installed; install drivecomm[plot]") from None
+    states_height = _STATE_HEIGHT * len(picture.drives) + (0.5 if picture.drives else 0)
+    heights = [_PANEL_HEIGHT] * len(picture.panels) + ([states_height] if picture.drives else [])
+    with mpl.rc_context(
+        {"svg.hashsalt": "drivecomm", "svg.fonttype": "path", "timezone": "UTC", "hatch.linewidth": 0.6}
+    ):
+        figure = Figure(figsize=(_WIDTH, sum(heights) + _MARGIN), layout="constrained")
+        FigureCanvasAgg(figure)
+        panels = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        for panel, unit in zip(panels, picture.panels, strict=False):
+            _draw_values(panel, picture, unit)
+        if picture.drives:
+            _draw_states(panels[-1], picture)
+        _draw_time(panels[-1])
+        figure.suptitle(title, fontsize=11, fontweight="bold")
+        content = io.BytesIO()
+        figure.savefig(content, format=form, **how)
+    return content.getvalue()
+
+
+def _draw_values(panel: Any, picture: Picture, unit: str) -> None:
+    curves = picture.panels[unit]
+    drives = list(dict.fromkeys(curve.drive for curve in picture.curves))
+    for place, curve in enumerate(curves):
+        thin = curve.thinned()
+        before = sum(other.drive == curve.drive for other in curves[:place])
+        panel.plot(
+            thin.times, thin.values, label=curve.title, linewidth=1.3,
+            color=f"C{drives.index(curve.drive)}", linestyle=_DASHES[before % len(_DASHES)],
+            # A point between two gaps is no line, and is to be seen all the same.
+            marker=".", markersize=2.2,
+        )  # fmt: skip
+    for fault in picture.faults:
+        if any(curve.drive == fault.drive for curve in curves):
+            panel.axvline(fault.begin, color=_STATES[FAULT][0], linestyle="--", linewidth=1)
+    panel.set_ylabel({"degC": "°C", "": "number"}.get(unit, unit))
+    panel.grid(visible=True, alpha=0.3)
+    panel.margins(x=0.01)
+    panel.legend(
+        handles=panel.get_legend_handles_labels()[0][:_MOST_IN_A_LEGEND],
+        loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False,
+    )  # fmt: skip
+
+
+def _draw_states(panel: Any, picture: Picture) -> None:
+    from matplotlib.dates import date2num  # noqa: PLC0415 - as above
+
+    first = min(each.begin for each in picture.states)
+    last = max(each.end for each in picture.states)
+    whole_s = max((last - first).total_seconds(), 1e-3)
+    shown: dict[str, Any] = {}
+    for each in picture.states:
+        colour, hatch = _STATES.get(each.state, _OTHER)
+        row = picture.drives.index(each.drive)
+        begin, end = float(date2num(each.begin)), float(date2num(each.end))
+        bars = panel.broken_barh(
+            [(begin, end - begin)], (row - 0.36, 0.72),
+            facecolor=colour, edgecolor="#37474f", linewidth=0.5, hatch=hatch, label=each.state,
+        )  # fmt: skip
+        shown.setdefault(each.state, bars)
+        if each.state == FAULT and each.text:
+            _write_fault(panel, each, row, whole_s)
+    panel.set_yticks(range(len(picture.drives)), picture.drives, fontsize=8)
+    panel.set_ylim(len(picture.drives) - 0.4, -0.6)
+    panel.margins(x=0.01)
+    panel.legend(handles=list(shown.values()), loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False)
+
+
+def _write_fault(panel: Any, fault: Stretch, row: int, whole_s: float) -> None:
+    share = (fault.end - fault.begin).total_seconds() / whole_s
+    text = fault.text if share >= _SHORTEST_WITH_TEXT else fault.text.partition(" ")[0]
+    panel.text(
+        fault.begin, row, f" {text}", fontsize=7, va="center", ha="left", clip_on=True, color="white",
+        bbox={"facecolor": _STATES[FAULT][0], "edgecolor": "none", "pad": 0.6},
+    )  # fmt: skip
+
+
+def _draw_time(panel: Any) -> None:
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter  # noqa: PLC0415 - as above
+
+    locator = AutoDateLocator()
+    panel.xaxis.set_major_locator(locator)
+    panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    panel.set_xlabel("time, UTC")

@@ -1,0 +1,85 @@
+"""What a watcher knows at one moment, as values that do not change. No I/O, no clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.plant.watching.happenings import Happening
+    from drivecomm.plant.watching.watched import WatchedDrive
+    from drivecomm.polling import Quality
+    from drivecomm.protocol import DriveStatus, Reading
+
+Condition: TypeAlias = Literal["asking", "answers", "silent"]
+"""asking: nothing has come of it yet. answers: it does, be it with a refusal. silent: it, or its line, does not."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WatchedValue:
+    """The latest of one quantity. reading: the last good one, None when there is none young enough. cause: why not."""
+
+    name: str
+    reading: Reading | None
+    quality: Quality
+    cause: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveView:
+    """A drive as it was last seen.
+
+    status: the last one, None when there was none or the drive has fallen silent. fault: what it tripped with, empty
+    without a fault. error: why the last question failed, empty when it did not. age_s: since when it has not answered,
+    in seconds; None before its first answer. counters: by the names in `drivecomm.link.statistics.COUNTERS`.
+    reply_s: how long its replies take in the mean, 0 without any.
+    """
+
+    drive: WatchedDrive
+    line: str
+    condition: Condition = "asking"
+    status: DriveStatus | None = None
+    fault: str = ""
+    values: Mapping[str, WatchedValue] = field(default_factory=dict)
+    error: str = ""
+    age_s: float | None = None
+    counters: Mapping[str, int] = field(default_factory=dict)
+    reply_s: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """What the plant calls it."""
+        return self.drive.name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Board:
+    """All drives at one moment.
+
+    elapsed_s: since watching began. happenings: what changed, the latest first. began_s: when watching began, in
+    seconds since 1970; None on virtual lines, which have no time of day.
+    """
+
+    drives: tuple[DriveView, ...]
+    happenings: tuple[Happening, ...] = ()
+    elapsed_s: float = 0.0
+    began_s: float | None = None
+
+    @property
+    def faults(self) -> int:
+        """How many drives have a fault."""
+        return sum(bool(view.fault) for view in self.drives)
+
+    @property
+    def silent(self) -> int:
+        """How many drives do not answer."""
+        return sum(view.condition == "silent" for view in self.drives)
+
+    def view(self, name: str) -> DriveView:
+        """Return one drive by its name. Raises KeyError."""
+        for view in self.drives:
+            if view.name == name:
+                return view
+        raise KeyError(name)

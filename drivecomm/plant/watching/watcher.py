@@ -1,0 +1,354 @@
+"""Watching the drives of several lines at once: asks in turn, remembers what came, and tells who wants to know.
+
+async with Watcher(lines_of(plant)) as watcher:
+    await watcher.run(duration_s=60)
+    print(watcher.board())
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter, deque
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from decimal import Decimal
+from functools import partial
+from typing import TYPE_CHECKING, Any, Self
+
+from drivecomm.bus import open_bus_async
+from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
+from drivecomm.link import Statistics
+from drivecomm.models import quantities
+from drivecomm.plant.watching.board import Board, DriveView, WatchedValue
+from drivecomm.plant.watching.happenings import Happening, changes
+from drivecomm.plant.watching.history import Trend
+from drivecomm.polling import PollItem, poll_async
+from drivecomm.protocol import Reading
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+    from types import TracebackType
+
+    from drivecomm.bus import AsyncBus, AsyncDrive
+    from drivecomm.link import TraceEvent
+    from drivecomm.plant.watching.watched import WatchedLine
+    from drivecomm.polling import PollResult
+    from drivecomm.protocol import DriveStatus
+
+STATUS = "status"
+"""What results call the status word: their value is the state, raw the word, text the fault."""
+
+USUAL_NAMES = (
+    "output_frequency",
+    "output_current",
+    "output_power",
+    "dc_link_voltage",
+    "motor_speed",
+    "torque",
+    "torque_percent",
+    "heat_sink_temperature",
+)
+"""What is watched of a drive unless told otherwise, as far as its model has it."""
+
+_REOPENING_S = 2.0
+_KEPT_TELEGRAMS = 400
+_KEPT_HAPPENINGS = 200
+_KEPT_PERIODS = 3
+_TREND_PERIODS = 60
+
+
+class _Asked:
+    """A drive as a poll plan asks it: its status under one name, its parameters under theirs."""
+
+    def __init__(self, drive: AsyncDrive) -> None:
+        self._drive = drive
+        self.status: DriveStatus | None = None
+        self.fault = ""
+
+    @property
+    def name(self) -> str:
+        return self._drive.name
+
+    @property
+    def bus(self) -> Any:
+        return self._drive.bus
+
+    def check_read(self, parameter: str, **options: Any) -> None:
+        if parameter != STATUS:
+            self._drive.check_read(parameter, **options)
+
+    async def polled(self, parameter: str, **options: Any) -> Reading:
+        if parameter != STATUS:
+            return await self._drive.polled(parameter, **options)
+        self.status = status = await self._drive.status()
+        self.fault = await self._fault_of(status) if status.fault else ""
+        return Reading(
+            parameter=STATUS,
+            name=STATUS,
+            value=status.state.value,
+            raw=status.word,
+            text=self.fault,
+            time_s=self._drive.bus.wall_time(),
+        )
+
+    async def _fault_of(self, status: DriveStatus) -> str:
+        """Return what the drive tripped with; where its status does not say it, a parameter may."""
+        code, text, model = status.fault_code, status.fault_text, self._drive.model
+        if code is None and not text and model is not None and "fault_code" in model.quantities:
+            # A fault without a number is one all the same.
+            with suppress(UsageError, DriveError):
+                reading = await self._drive.polled("fault_code")
+                text = reading.text
+                code = int(reading.value) if reading.value and not isinstance(reading.value, str) else None
+        if code is not None and not text and model is not None:
+            text = model.faults.get(code, "")
+        if code is None:
+            return text or "fault"
+        return f"{code} {text}" if text else f"code {code}"
+
+
+@dataclass(slots=True, eq=False)
+class _Seen:
+    """What is known of one drive, as it grows."""
+
+    line: _Line
+    drive: AsyncDrive
+    asked: _Asked
+    view: DriveView
+    answered_s: float | None = None
+    trends: dict[str, Trend] = field(default_factory=dict)
+    telegrams: deque[TraceEvent] = field(default_factory=lambda: deque(maxlen=_KEPT_TELEGRAMS))
+
+
+@dataclass(slots=True, eq=False)
+class _Line:
+    """A line and its bus. began_s: its clock when watching began. now_s: its clock when it was last open."""
+
+    watched: WatchedLine
+    bus: AsyncBus
+    is_open: bool = False
+    began_s: float = 0.0
+    now_s: float = 0.0
+
+    @property
+    def elapsed_s(self) -> float:
+        if self.is_open:
+            self.now_s = self.bus.now()
+        return self.now_s - self.began_s
+
+
+class Watcher:
+    """Watches drives, as an asynchronous context manager that holds their lines open; commands nothing by itself.
+
+    names: the common names to read of each drive whose model has them. period_s: how often. told: hears every result,
+    the status as one of the name "status". A drive or a line that fails is shown as silent, and holds up no other.
+    Entering raises the first LinkError when not one of the lines can be opened; the others are tried again and again.
+    """
+
+    def __init__(
+        self,
+        lines: Iterable[WatchedLine],
+        *,
+        names: Sequence[str] = USUAL_NAMES,
+        period_s: float = 1.0,
+        told: Callable[[PollResult], None] | None = None,
+    ) -> None:
+        for name in names:
+            if name not in quantities():
+                raise UsageError(f"{name!r} is no common name; drivecomm models names lists them")
+        if not 0 < period_s < float("inf"):
+            raise UsageError(f"a period of {period_s:g} s cannot be; write seconds above 0")
+        self.names = tuple(names)
+        self.period_s = period_s
+        self.told = told
+        """Hears every result; may be set while watching."""
+        self._began_s: float | None = None
+        self._happenings: deque[Happening] = deque(maxlen=_KEPT_HAPPENINGS)
+        self._seen: dict[str, _Seen] = {}
+        self._lines = [self._made(line) for line in lines]
+        if not self._lines:
+            raise UsageError("there is nothing to watch; name drives, or a plant with some")
+
+    @property
+    def nobody_has(self) -> list[str]:
+        """The names that are read of no drive, because no model of these drives says which parameter they are."""
+        known = {name for seen in self._seen.values() if seen.drive.model for name in seen.drive.model.quantities}
+        return [name for name in self.names if name not in known]
+
+    def _made(self, watched: WatchedLine) -> _Line:
+        line = _Line(watched, open_bus_async(watched.port, trace=partial(self._traced, watched), **watched.options))
+        for one in watched.drives:
+            if one.name in self._seen:
+                raise UsageError(f"two drives are named {one.name!r}; give each a name of its own")
+            drive = line.bus.drive(one.protocol, one.address, **one.options)
+            self._seen[one.name] = _Seen(line, drive, _Asked(drive), DriveView(drive=one, line=watched.name))
+        return line
+
+    async def __aenter__(self) -> Self:
+        try:
+            await self._open()
+        except BaseException:
+            await self._close()
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        await self._close()
+
+    async def run(self, *, duration_s: float | None = None) -> None:
+        """Watch until cancelled, or so long on each line's clock."""
+        tasks = [asyncio.create_task(self._watch(line, duration_s)) for line in self._lines]
+        try:
+            await asyncio.gather(*tasks)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    def board(self) -> Board:
+        """Return what is known at the moment."""
+        return Board(
+            drives=tuple(self._view(seen) for seen in self._seen.values()),
+            happenings=tuple(sorted(self._happenings, key=lambda one: one.time_s, reverse=True)),
+            elapsed_s=max(line.elapsed_s for line in self._lines),
+            began_s=self._began_s,
+        )
+
+    @property
+    def trend_s(self) -> float:
+        """How long a time `cells` covers: sixty periods, a minute at least."""
+        return _TREND_PERIODS * max(1.0, self.period_s)
+
+    def cells(self, drive: str, name: str, number: int) -> list[float | None]:
+        """Return the course of a quantity up to now in so many cells; None where the drive gave no value."""
+        seen = self._seen[drive]
+        trend = seen.trends.get(name)
+        if trend is None:
+            return [None] * number
+        return trend.cells(number, until_s=seen.line.elapsed_s, each_s=self.trend_s / number)
+
+    def telegrams(self, drive: str) -> Sequence[TraceEvent]:
+        """Return the latest telegrams with a drive, the oldest first."""
+        return tuple(self._seen[drive].telegrams)
+
+    def drive(self, name: str) -> AsyncDrive:
+        """Return a drive, to read of it or to command it between the watcher's questions."""
+        return self._seen[name].drive
+
+    def note(self, drive: str, text: str) -> None:
+        """Add what somebody did to what happened."""
+        at = self._seen[drive].line.elapsed_s
+        self._happenings.append(Happening(time_s=at, drive=drive, kind="command", text=text))
+
+    def _traced(self, line: WatchedLine, event: TraceEvent) -> None:
+        for one in line.drives:
+            if one.place == event.drive:
+                self._seen[one.name].telegrams.append(event)
+
+    async def _open(self) -> None:
+        errors = await asyncio.gather(*(self._opened(line) for line in self._lines))
+        if (first := errors[0]) is not None and all(errors):
+            raise first
+
+    async def _opened(self, line: _Line, late_s: float = 0.0) -> LinkError | None:
+        """Open a line, so much later than watching began; a failure is shown with its drives."""
+        try:
+            await line.bus.__aenter__()
+        except LinkError as error:
+            for seen in self._on(line):
+                self._update(seen, replace(seen.view, condition="silent", status=None, fault="", error=_words(error)))
+            return error
+        line.is_open = True
+        line.now_s = line.bus.now()
+        line.began_s = line.now_s - late_s
+        if line.bus.real_time and self._began_s is None:
+            self._began_s = line.bus.wall_time() - late_s
+        return None
+
+    async def _close(self) -> None:
+        for line in self._lines:
+            if line.is_open:
+                line.now_s = line.bus.now()
+            line.is_open = False
+            await line.bus.close()
+
+    async def _watch(self, line: _Line, duration_s: float | None) -> None:
+        # What a line that is not open has to do with time is that of the event loop.
+        loop = asyncio.get_running_loop()
+        began_s, left_s = loop.time(), duration_s
+        while not line.is_open:
+            late_s = loop.time() - began_s
+            left_s = None if duration_s is None else duration_s - late_s
+            if left_s is not None and left_s <= 0:
+                return
+            await asyncio.sleep(_REOPENING_S if left_s is None else min(_REOPENING_S, left_s))
+            await self._opened(line, loop.time() - began_s)
+        async for result in poll_async(self._plan(line), duration_s=left_s):
+            self._take(self._seen[result.drive], result)
+            if self.told is not None:
+                self.told(result)
+
+    def _plan(self, line: _Line) -> list[PollItem[_Asked]]:
+        items = []
+        for seen in self._on(line):
+            known = seen.drive.model.quantities if seen.drive.model else {}
+            asked = [STATUS, *(name for name in self.names if name in known)]
+            items += [
+                PollItem(drive=seen.asked, parameter=name, period_s=self.period_s, name=seen.view.name)
+                for name in asked
+            ]
+            for name in asked[1:]:
+                seen.trends.setdefault(name, Trend(keeps_s=_KEPT_PERIODS * self.period_s))
+        return items
+
+    def _on(self, line: _Line) -> list[_Seen]:
+        return [seen for seen in self._seen.values() if seen.line is line]
+
+    def _take(self, seen: _Seen, result: PollResult) -> None:
+        silent = isinstance(result.error, ReplyError | LinkError)
+        if not silent:
+            seen.answered_s = seen.line.elapsed_s
+        view = seen.view
+        cause = result.cause.removeprefix(f"{seen.drive.name}: ").removeprefix(f"{seen.drive.name} ")
+        if silent:
+            view = replace(view, condition="silent", status=None, fault="", error=cause)
+        else:
+            view = replace(view, condition="answers", error="" if view.condition == "silent" else view.error)
+        if result.parameter == STATUS and not silent:
+            view = replace(view, error=cause)
+        if result.parameter == STATUS:
+            if not result.error:
+                view = replace(view, status=seen.asked.status, fault=seen.asked.fault)
+        else:
+            value = WatchedValue(
+                name=result.parameter, reading=result.reading, quality=result.quality, cause=result.cause
+            )
+            view = replace(view, values={**view.values, result.parameter: value})
+            seen.trends[result.parameter].add(seen.line.elapsed_s, _number(result))
+        self._update(seen, view)
+
+    def _update(self, seen: _Seen, view: DriveView) -> None:
+        self._happenings.extend(changes(seen.view, view, seen.line.elapsed_s))
+        seen.view = view
+
+    def _view(self, seen: _Seen) -> DriveView:
+        counted = seen.line.bus.statistics.get(seen.drive.name, Statistics())
+        return replace(
+            seen.view,
+            age_s=None if seen.answered_s is None else seen.line.elapsed_s - seen.answered_s,
+            counters=Counter(counted.counters),
+            reply_s=counted.reply_times.mean_s,
+        )
+
+
+def _number(result: PollResult) -> float | None:
+    if result.error is not None or result.reading is None:
+        return None
+    value = result.reading.value
+    return float(value) if isinstance(value, int | Decimal) else None
+
+
+def _words(error: Exception) -> str:
+    return " ".join(str(error).split())

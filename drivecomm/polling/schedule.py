@@ -1,0 +1,261 @@
+"""Poll plans: what is read how often, whose turn it is, and what came of it. No I/O, no clock.
+
+A `Schedule` is a queue by due time for the items of one line. Whoever carries it out tells it the time:
+
+    while (item := schedule.due(now)) is not None:
+        ...read it...
+        result = schedule.finished(item, now, reading, time_s=wall_time)
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeAlias, TypeVar
+
+from drivecomm.errors import DriveCommError, UsageError, shortened
+from drivecomm.protocol import is_duration, is_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from drivecomm.protocol import Reading
+
+Quality: TypeAlias = Literal["good", "uncertain", "stale", "bad"]
+"""good, uncertain: as of a `Reading`. stale: the drive gave none now, and this is its last one. bad: there is none."""
+
+
+class Named(Protocol):
+    """What a schedule needs of a drive."""
+
+    @property
+    def name(self) -> str:
+        """The drive as the command line names it."""
+        ...
+
+
+D = TypeVar("D", bound=Named)
+
+PRIORITY_STEP_S = 1.0
+"""What one step of priority is worth: an overdue item goes before those that have waited this much longer."""
+
+STALE_PERIODS = 3
+FIRST_ROUND_S = 1.0
+"""The first round is spread over one period, at most over this time."""
+
+UNHURRIED_S = 1.0
+"""How long an item without a period lets those with one go first; how old its value may be when it is stale."""
+
+REST_S = 0.1
+"""An item without a period that failed is not asked again before this time has passed."""
+
+SHORTEST_S = 1e-6
+"""The shortest period; no telegram is as short."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PollItem(Generic[D]):
+    """One parameter of one drive that is read again and again.
+
+    period_s: how often; 0 for as often as the line has time left. priority: decides among items that are overdue,
+    larger first; each step is worth one second of waiting, so that nothing waits for ever. stale_after_s: how old the
+    last good value may be for a result that is stale and not bad; three periods if absent. options: the protocol's own
+    for `read`, such as type= or dataset=. name: what results call the drive, its own name if empty.
+    """
+
+    drive: D
+    parameter: str
+    period_s: float = 1.0
+    priority: int = 0
+    stale_after_s: float | None = None
+    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.parameter, str):
+            raise UsageError(f'{shortened(self.parameter)} names no parameter; give a text, such as "481"')
+        stale_after_s = 0 if self.stale_after_s is None else self.stale_after_s
+        for name, seconds in (("period_s", self.period_s), ("stale_after_s", stale_after_s)):
+            if not is_duration(seconds):
+                raise UsageError(f"{name} of {self.parameter} is {shortened(seconds)}; give seconds, 0 or more")
+        if 0 < self.period_s < SHORTEST_S:
+            raise UsageError(
+                f"period_s of {self.parameter} is {self.period_s}, less than a telegram takes; give {SHORTEST_S} or "
+                "more, or 0 for as often as the line has time left"
+            )
+        if not is_whole(self.priority):
+            raise UsageError(f"priority of {self.parameter} is {shortened(self.priority)}; give a whole number")
+
+    @property
+    def keeps_s(self) -> float:
+        """How old a good value may become before a failure is bad and no longer stale."""
+        if self.stale_after_s is not None:
+            return self.stale_after_s
+        return STALE_PERIODS * self.period_s or UNHURRIED_S
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PollResult:
+    """What came of asking once.
+
+    item: what was asked. drive, parameter: as it names them. reading: the value; with quality "stale" the last good
+    one, with "bad" None. cause, error: why there is none now, as a sentence and as the error itself. time_s: when the
+    value was taken, or when it was found out that there is none now; in seconds since 1970, on a virtual line since its
+    start. A stale value's own time is that of its reading. due_s: when the item was due, on the bus's clock. late_s:
+    how much later it was asked. took_s: from asking to the result. missed: periods that passed since the last result
+    without being asked, because the line had no time.
+    """
+
+    item: PollItem[Any]
+    drive: str
+    parameter: str
+    reading: Reading | None
+    cause: str
+    error: DriveCommError | None
+    time_s: float
+    due_s: float
+    late_s: float
+    took_s: float
+    missed: int
+
+    @property
+    def quality(self) -> Quality:
+        """What the value is worth; decided here alone, for what is shown and for what is kept."""
+        if self.reading is None:
+            return "bad"
+        return self.reading.quality if self.error is None else "stale"
+
+
+@dataclass(slots=True, eq=False)
+class _Entry(Generic[D]):
+    """An item in the queue. Its periods begin at anchor_s and are numbered from there; turn is the current one."""
+
+    item: PollItem[D]
+    place: int
+    anchor_s: float
+    due_s: float
+    turn: int = 0
+    missed: int = 0
+    asked_s: float = 0.0
+    results: int = 0
+    good: Reading | None = None
+    good_s: float = 0.0
+
+    @property
+    def urgency(self) -> float:
+        """Among the overdue the least goes first: what was due first, moved ahead by its priority."""
+        patience = 0.0 if self.item.period_s else UNHURRIED_S
+        return self.due_s - self.item.priority * PRIORITY_STEP_S + patience
+
+
+class Schedule(Generic[D]):
+    """Whose turn it is on one line.
+
+    What is due first goes first; among the overdue, priority moves an item ahead by a second a step. An item whose
+    period is over before it was asked is not asked twice to catch up: that period is missed, and counted. Items with
+    the same period are spread over it. start_s: now. cycles: how many results each item has before it is done.
+    """
+
+    def __init__(self, items: Iterable[PollItem[D]], *, start_s: float, cycles: int | None = None) -> None:
+        plan = checked(items, cycles=cycles)
+        self._cycles = cycles
+        together = Counter(item.period_s for item in plan)
+        before: Counter[float] = Counter()
+        self._entries: dict[PollItem[D], _Entry[D]] = {}
+        for place, item in enumerate(plan):
+            share = before[item.period_s] / together[item.period_s]
+            before[item.period_s] += 1
+            # A long period does not keep its reader waiting for a first value.
+            first = start_s + share * min(item.period_s, FIRST_ROUND_S)
+            anchor = start_s + share * item.period_s
+            self._entries[item] = _Entry(item, place, anchor, first)
+        self._waiting = [(entry.due_s, entry.place, entry) for entry in self._entries.values()]
+        heapq.heapify(self._waiting)
+        self._overdue: list[tuple[float, int, _Entry[D]]] = []
+
+    def next_due(self) -> float:
+        """Return when the item that goes next is due, in the past if it is overdue, infinity when all are done."""
+        if self._overdue:
+            return self._overdue[0][-1].due_s
+        return self._waiting[0][0] if self._waiting else math.inf
+
+    def due(self, now: float) -> PollItem[D] | None:
+        """Return the item to ask now, None when nothing is due. It is out of the queue until it is `finished`."""
+        while self._waiting and self._waiting[0][0] <= now:
+            _, place, entry = heapq.heappop(self._waiting)
+            heapq.heappush(self._overdue, (entry.urgency, place, entry))
+        if not self._overdue:
+            return None
+        _, _, entry = heapq.heappop(self._overdue)
+        entry.asked_s = now
+        return entry.item
+
+    def finished(
+        self, item: PollItem[D], now: float, outcome: Reading | DriveCommError, *, time_s: float
+    ) -> PollResult:
+        """Take what came of an item, put it back into the queue, and return the result. time_s: now, for people."""
+        entry = self._entries[item]
+        failed = isinstance(outcome, DriveCommError)
+        result = _result(entry, now, outcome, time_s)
+        if not isinstance(outcome, DriveCommError):
+            entry.good, entry.good_s = outcome, now
+        entry.results += 1
+        if self._cycles is None or entry.results < self._cycles:
+            _move_on(entry, now, rest_s=REST_S if failed else 0.0)
+            heapq.heappush(self._waiting, (entry.due_s, entry.place, entry))
+        return result
+
+
+def checked(items: Iterable[PollItem[D]], *, cycles: int | None = None) -> Sequence[PollItem[D]]:
+    """Return the items of a plan. Raises UsageError for a plan that cannot be carried out."""
+    plan = list(items)
+    if not plan:
+        raise UsageError("a poll plan needs at least one item")
+    if cycles is not None and not (is_whole(cycles) and cycles >= 1):
+        raise UsageError(f"{shortened(cycles)} cycles read nothing; use 1 or more")
+    seen: set[PollItem[D]] = set()
+    for item in plan:
+        if item in seen:
+            raise UsageError(f"the plan has {item.drive.name} {item.parameter} twice")
+        seen.add(item)
+    return plan
+
+
+def _move_on(entry: _Entry[D], now: float, *, rest_s: float) -> None:
+    """Find the next period that has not begun yet; those in between are missed."""
+    period_s = entry.item.period_s
+    if not period_s:
+        entry.due_s = now + rest_s
+        return
+    # What ends in the very moment in which its next period begins has missed nothing.
+    not_begun = math.ceil((now - entry.anchor_s) / period_s - 1e-9)
+    following = max(entry.turn + 1, not_begun)
+    entry.missed = following - entry.turn - 1
+    entry.turn = following
+    entry.due_s = entry.anchor_s + following * period_s
+
+
+def _result(entry: _Entry[D], now: float, outcome: Reading | DriveCommError, time_s: float) -> PollResult:
+    item = entry.item
+    reading: Reading | None
+    error = None
+    if isinstance(outcome, DriveCommError):
+        error = outcome
+        reading = entry.good if entry.good is not None and now - entry.good_s <= item.keeps_s else None
+    else:
+        reading, time_s = outcome, outcome.time_s
+    return PollResult(
+        item=item,
+        drive=item.name or item.drive.name,
+        parameter=item.parameter,
+        reading=reading,
+        cause="" if error is None else " ".join(str(error).split()),
+        error=error,
+        time_s=time_s,
+        due_s=entry.due_s,
+        late_s=max(0.0, entry.asked_s - entry.due_s),
+        took_s=now - entry.asked_s,
+        missed=entry.missed,
+    )

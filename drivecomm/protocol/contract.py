@@ -1,0 +1,246 @@
+"""The plug-in contract: what a protocol package gives to drivecomm.
+
+A package has one `Protocol` object, named by the entry-point group `drivecomm.protocols`. Everything else is found from
+there. The object and all it refers to do no I/O, read no clock and import nothing that does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, Protocol as Interface
+
+from drivecomm.protocol.status import Stop
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from typing import TypeAlias
+
+    from drivecomm.protocol.exchange import Exchange
+    from drivecomm.protocol.framing import Codec, Damaged, Framed
+    from drivecomm.protocol.line import LineFacts, LineSettings
+    from drivecomm.protocol.model import Model, ParameterInfo
+    from drivecomm.protocol.motor import Motor
+    from drivecomm.protocol.reading import Reading, Value
+    from drivecomm.protocol.schema import Form
+    from drivecomm.protocol.status import DriveStatus
+    from drivecomm.protocol.telegram import Direction, Message
+
+Purpose: TypeAlias = Literal["read", "write", "command"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Capabilities:
+    """What a drive can be asked to do over this protocol.
+
+    stops: the ways to stop. reverse: whether it can start backwards. reference_percent, reference_hz: how a reference
+    can be given. stored_writes: `store=True` writes to EEPROM. volatile_writes: `store=False` keeps a write out of
+    EEPROM. broadcast: commands to all drives at once. link_loss: what the drive does when the master falls silent and
+    which parameter decides it, as a sentence; a package gives that of a drive without a model, the drive fills it in
+    from its model. verbs: which of the common verbs it has besides (jog, hold, select_setup, select_preset,
+    set_relay); the drive fills it in from `Operations.extra`.
+    """
+
+    stops: frozenset[Stop]
+    reverse: bool
+    reference_percent: bool
+    reference_hz: bool
+    stored_writes: bool
+    volatile_writes: bool
+    broadcast: bool
+    link_loss: str
+    verbs: frozenset[str] = frozenset()
+
+
+class Memory(Interface):
+    """What a master must remember of one drive: the control word it last sent, say. One for each drive and bus.
+
+    All objects for the drive share it, so that none of them brings back a command that another has replaced
+    (`drivecomm.link.command_order`).
+    """
+
+    def forget(self) -> None:
+        """Forget what was commanded: a stop was called, or the drive was away. It must not be sent again."""
+        ...
+
+    def watch(self, silence_s: float | None) -> None:
+        """Take note that the drive's watchdog waits so long for the master; None when it is off, or not known.
+
+        Only where it is on `status` has to repeat what was commanded.
+        """
+        ...
+
+
+class Operations(Interface):
+    """The operations of one drive, or of all drives at the broadcast address, as exchanges.
+
+    What must be remembered of the drive is in the `Memory` that they were made with. What cannot be done raises
+    NotSupported before anything is sent; a value that does not fit raises ValueRefusedError. The keywords of `read` and
+    `write` beyond those here are the protocol's own and are part of its documentation.
+    """
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What this drive can be asked to do."""
+        ...
+
+    @property
+    def read(self) -> Callable[..., Exchange[Reading]]:
+        """`read(parameter, **own options)`: read one parameter, by its address or by its name in the model."""
+        ...
+
+    @property
+    def write(self) -> Callable[..., Exchange[Reading | None]]:
+        """`write(parameter, value, *, store=False, **own options)`: write one parameter.
+
+        The result is what the drive then reports, None where it only confirms.
+        """
+        ...
+
+    def address_of(self, parameter: str, **options: Any) -> str:
+        """Return the address of the value that `write` would change, one text for every way to name it.
+
+        options: those of `write`; they may name an index or a data set. Raises ParameterAddressError as `write` does.
+        """
+        ...
+
+    @property
+    def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
+        """Further verbs, by name; `Drive.call` reaches them.
+
+        Some have names and arguments that are the same everywhere, and are methods of `Drive`: jog(number),
+        hold(), select_setup(number), select_preset(number), set_relay(number, on).
+        """
+        ...
+
+    def status(self) -> Exchange[DriveStatus]:
+        """Read the status word. It may repeat what was commanded, for the drive's watchdog, if the status allows it."""
+        ...
+
+    def start(self, *, reverse: bool = False) -> Exchange[None]:
+        """Start the motor."""
+        ...
+
+    def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
+        """Stop the motor."""
+        ...
+
+    def reset(self) -> Exchange[None]:
+        """Acknowledge a fault; the motor stays stopped."""
+        ...
+
+    def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
+        """Set the reference as a share of the reference range; it is never stored."""
+        ...
+
+    def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
+        """Set the reference as an output frequency; it is never stored."""
+        ...
+
+    def probe(self) -> Exchange[None]:
+        """Ask once, with something that cannot move a motor; returns when a drive of this protocol is there."""
+        ...
+
+    def identify(self) -> Exchange[Mapping[str, str]]:
+        """Read what the drive tells of itself: name plate, software, address. Moves nothing; may be empty."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VirtualReply:
+    """What a virtual drive sends, and how long after the request's last character it begins."""
+
+    data: bytes
+    delay_s: float
+
+
+class VirtualDrive(Interface):
+    """A drive that answers as the manual says a real one does. It hears whole telegrams and damaged ones."""
+
+    address: int
+    settings: LineSettings
+    gap_s: float
+    motor: Motor
+
+    @property
+    def codec(self) -> Codec:
+        """The telegrams that this drive understands."""
+        ...
+
+    def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
+        """Act on a request of this protocol heard on the line at this time; None is silence."""
+        ...
+
+    def peek(self, parameter: str, now: float) -> int | str:
+        """Return what the drive holds, as `Reading.raw` would show it. Raises ParameterAddressError."""
+        ...
+
+    def poke(self, parameter: str, raw: int | str) -> None:
+        """Set what the drive holds, as if at its keypad: no access check. Raises ParameterAddressError."""
+        ...
+
+    def trip(self, code: int, now: float) -> None:
+        """Make the drive trip with this fault code."""
+        ...
+
+
+def _one_value(info: ParameterInfo, _options: Any) -> tuple[str, ...]:
+    return (info.address,)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Protocol:
+    """One drive protocol.
+
+    name: as in `PROTOCOL:ADDRESS`. title: maker and protocol for people. package: the Python package that holds
+    vectors.toml, models/ and README.md. facts: default line settings and timing, with their source in `facts_source`.
+    addresses: those a single drive can have; scan_addresses: those a scan asks unless told otherwise.
+    default_model: the model of the package whose parameters a virtual drive holds unless told otherwise.
+    broadcast_address: None where there is none; otherwise what `operations` takes to mean all drives.
+    options: frozen keyword-only dataclass of what differs between drives and decoders of this protocol; its docstring
+    explains each. codec: telegrams for these options. message: builds a message from fields as vectors name them.
+    mismatch: names the first field in which a sound reply does not belong to the request, empty when it belongs.
+    operations: the verbs for a drive at an address, with its options and its model. memory: makes what a master
+    remembers of one drive, a further argument of `operations`; None where nothing is remembered. virtual: a drive to
+    talk to.
+    blind_spots: positions in a telegram where the protocol cannot notice a single wrong bit.
+    forms: the forms of all its telegrams by title, for documentation, drawings and checks.
+    parameter_examples: parameter addresses that show the forms of this protocol.
+    only_asks: whether a request neither commands nor writes, whatever state its drive is in, so that anybody may send
+    it again; None where nobody has said so, and then every request counts as a command.
+    purpose: what a request is for: to read or to write a parameter, or a command without one; None where a package does
+    not tell, and what asks for it cannot be had.
+    parameter_keys: keys of a model's parameters that only this protocol knows, such as `datasets`; None where a package
+    does not tell, and then a misspelt key of a parameter goes unnoticed.
+    element_addresses: under which addresses the values of a parameter are read one by one (data sets, array elements),
+    for these options; unless a package says otherwise, every parameter has one value.
+    factory_reading: the options of `read` with which a drive tells a parameter's factory value instead of its value;
+    empty where drives do not tell.
+    plain_writing: the options of `write` with which a value is the number that `Reading.raw` shows, for parameters
+    whose scale depends on more than the model and may not be known; empty where there is no such thing.
+    """
+
+    name: str
+    title: str
+    package: str
+    facts: LineFacts
+    facts_source: str
+    addresses: range
+    scan_addresses: range
+    default_model: str
+    broadcast_address: int | None
+    options: type[Any]
+    codec: Callable[[Any], Codec]
+    message: Callable[[Mapping[str, Any], Direction], Message]
+    mismatch: Callable[[Message, Message], str]
+    operations: Callable[..., Operations]
+    virtual: Callable[[int, Any, Model], VirtualDrive]
+    blind_spots: Callable[[bytes, Direction], frozenset[int]]
+    forms: Callable[[], Mapping[str, Form[Any]]]
+    parameter_examples: tuple[str, ...] = field(default=())
+    only_asks: Callable[[Message], bool] | None = None
+    purpose: Callable[[Message], Purpose] | None = None
+    parameter_keys: frozenset[str] | None = None
+    element_addresses: Callable[[ParameterInfo, Any], tuple[str, ...]] = _one_value
+    factory_reading: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    memory: Callable[[], Memory] | None = None
+    plain_writing: Mapping[str, Any] = field(default_factory=dict, hash=False)

@@ -1,0 +1,66 @@
+"""Exchanges: the conversation behind one operation, as a generator that does no I/O.
+
+An exchange yields commands and is sent the reply to each `Ask`, or None for the others. What goes wrong on the line is
+thrown in at the yield as a ReplyError, so an exchange that wants to react catches it there. It never sees bytes, a
+clock or a port; it returns the result of the operation.
+
+    def read_state(address: int) -> Exchange[int]:
+        reply = yield Ask(Enquiry(address=address, parameter=411))
+        ...
+        return state
+
+A generator cannot talk while it is being closed, so nothing is yielded in a `finally`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
+
+if TYPE_CHECKING:
+    from drivecomm.protocol.telegram import Message
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ask:
+    """Send a request and wait for its reply.
+
+    attempts: how often it may be sent; None for the drive's own number. 1 for what must not happen twice: an edge, a
+    start, a relative command. acts: the drive does something on it, so that a missing reply leaves open whether it did.
+    nameless: the reply does not say what it answers, so a late one could be taken for the next request's. urgent: not
+    to be held back by a late reply that may still come, because it stops a motor; it then goes out at once, and once
+    more when its own reply can be believed.
+    command: whether the request carries a command from which the drive's watchdog counts: a "new" one, or one that is
+    "repeated", which is not sent when it is older than that watchdog waits; CommandTooOldError is thrown in instead.
+    reply_timeout_s: None for the drive's own.
+    """
+
+    message: Message
+    attempts: int | None = None
+    acts: bool = False
+    nameless: bool = False
+    urgent: bool = False
+    command: Literal["", "new", "repeated"] = ""
+    reply_timeout_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tell:
+    """Send a telegram that nobody answers. pause_s: quiet time after it; None for the drive's broadcast pause."""
+
+    message: Message
+    pause_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pause:
+    """Let time pass."""
+
+    seconds: float
+
+
+Command: TypeAlias = Ask | Tell | Pause
+Exchange: TypeAlias = Generator[Command, Any, T]

@@ -1,0 +1,74 @@
+"""A value that was read from a drive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from decimal import Decimal
+from typing import Any, Literal, TypeAlias
+
+Value: TypeAlias = int | Decimal | str
+"""What a parameter can hold: a whole number, an exact decimal, or characters."""
+
+Quality: TypeAlias = Literal["good", "uncertain"]
+"""good: a document gives type, scale and unit. uncertain: the note says what is not sure."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """One value of one parameter.
+
+    parameter: its address, in the protocol's form. value: the physical value where type and scale are known, otherwise
+    what is certain (the characters or the unsigned number). raw: the value as the telegram carried it. unit: of value,
+    empty when there is none or it is not known. type: in the words of the protocol's manual, empty when not known.
+    name: the common name that was asked for, or the model's name, empty without one. text: what the value stands for,
+    such as an option's or fault's name. note: what is not certain about this reading. time_s: when the reply had
+    arrived, in seconds since 1970 (on a virtual line: since its start).
+    """
+
+    parameter: str
+    value: Value
+    raw: int | str
+    unit: str = ""
+    type: str = ""
+    name: str = ""
+    text: str = ""
+    note: str = ""
+    time_s: float = 0.0
+
+    @property
+    def quality(self) -> Quality:
+        """Whether type, scale and unit are as sure as the value: uncertain readings say why in their note."""
+        return "uncertain" if self.note else "good"
+
+    @property
+    def time(self) -> datetime:
+        """When the reply had arrived, in UTC; without meaning on a virtual line, whose clock starts at 0."""
+        return datetime.fromtimestamp(self.time_s, UTC)
+
+    def to_pint(self, registry: Any = None) -> Any:
+        """Return the value as a quantity of the library pint, of this registry or the application's.
+
+        Raises UsageError where pint is not installed, or the value is a text or has a unit that no physics knows.
+        """
+        from drivecomm.protocol.pint_quantities import pint_quantity  # noqa: PLC0415 - optional, and slow to load
+
+        return pint_quantity(self, registry)
+
+    def at(self, time_s: float) -> Reading:
+        """Return the same reading with the time of its reply."""
+        return Reading(
+            parameter=self.parameter,
+            value=self.value,
+            raw=self.raw,
+            unit=self.unit,
+            type=self.type,
+            name=self.name,
+            text=self.text,
+            note=self.note,
+            time_s=time_s,
+        )
+
+    def __str__(self) -> str:
+        shown = f"{self.value} {self.unit}".rstrip()
+        return f"{shown} ({self.text})" if self.text else shown

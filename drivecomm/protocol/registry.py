@@ -1,0 +1,130 @@
+"""Protocols by name: found as entry points of installed distributions, loaded on first use."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from threading import Lock
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import ProtocolLoadError, UnknownProtocolError, meant, shortened
+from drivecomm.protocol.contract import Protocol
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+GROUP = "drivecomm.protocols"
+
+
+class Protocols(Mapping[str, Protocol]):
+    """The installed protocols by name. A name is known at once; its package is imported when it is asked for.
+
+    Asking raises UnknownProtocolError for a name that nobody brings, and ProtocolLoadError for a plug-in that is broken
+    or a name that two distributions bring.
+    """
+
+    def __init__(self) -> None:
+        self._loaded: dict[str, Protocol] = {}
+        self._added: dict[str, Protocol] = {}
+        self._lock = Lock()
+
+    def __getitem__(self, name: str) -> Protocol:
+        if not isinstance(name, str):
+            raise unknown_protocol(name, self)
+        if name in self._added:
+            return self._added[name]
+        with self._lock:
+            if name not in self._loaded:
+                self._loaded[name] = _load(name)
+            return self._loaded[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(sorted({entry.name for entry in _entries()} | set(self._added)))
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+    def __contains__(self, name: object) -> bool:
+        return name in list(iter(self))
+
+    def register(self, protocol: Protocol) -> Callable[[], None]:
+        """Add a protocol that is not installed, in a test say; returns what takes it away again.
+
+        Raises ProtocolLoadError when the name is taken.
+        """
+        if protocol.name in self:
+            raise ProtocolLoadError(f"the protocol name {protocol.name!r} is taken")
+        self._added[protocol.name] = protocol
+
+        def take_away() -> None:
+            self._added.pop(protocol.name, None)
+
+        return take_away
+
+    def working(self) -> Iterator[Protocol]:
+        """Yield the protocols that can be loaded, by name; broken ones are left out, `broken` names them."""
+        for name in self:
+            try:
+                yield self[name]
+            except ProtocolLoadError:
+                continue
+
+    def broken(self) -> dict[str, str]:
+        """Return what is wrong with each plug-in that cannot be loaded."""
+        found = {}
+        for name in self:
+            try:
+                self[name]
+            except ProtocolLoadError as error:
+                found[name] = str(error)
+        return found
+
+
+def unknown_protocol(name: str, known: Iterable[str]) -> UnknownProtocolError:
+    """Return the error for a name that none of these protocols has."""
+    there = meant(name, sorted(known), "installed are")
+    return UnknownProtocolError(f"no installed protocol is named {shortened(name)}; {there}")
+
+
+def _entries() -> list[EntryPoint]:
+    # Costs more than the rest of the package, and most programs name their protocols late.
+    from importlib.metadata import entry_points  # noqa: PLC0415
+
+    return list(entry_points(group=GROUP))
+
+
+def _owner(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist else "an unknown distribution"
+
+
+def _load(name: str) -> Protocol:
+    entries = {(entry.value, _owner(entry)): entry for entry in _entries() if entry.name == name}
+    if not entries:
+        raise unknown_protocol(name, {entry.name for entry in _entries()})
+    if len(entries) > 1:
+        owners = " and ".join(sorted(owner for _, owner in entries))
+        raise ProtocolLoadError(f"the protocol name {name!r} is claimed by {owners}; uninstall one of them")
+    entry = next(iter(entries.values()))
+    try:
+        protocol = entry.load()
+    except (Exception, SystemExit) as error:
+        raise ProtocolLoadError(
+            f"the protocol {name!r} of {_owner(entry)} cannot be loaded ({type(error).__name__}: {error}); "
+            "reinstall or uninstall it"
+        ) from error
+    if not isinstance(protocol, Protocol):
+        raise ProtocolLoadError(
+            f"the entry point {name!r} of {_owner(entry)} is no drivecomm.protocol.contract.Protocol"
+        )
+    if protocol.name != name:
+        raise ProtocolLoadError(
+            f"the entry point {name!r} of {_owner(entry)} brings a protocol named {protocol.name!r}"
+        )
+    return protocol
+
+
+installed = Protocols()
+
+
+def protocols() -> Protocols:
+    """Return the installed protocols by name; each is loaded when it is looked up."""
+    return installed

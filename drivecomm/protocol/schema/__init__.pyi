@@ -1,0 +1,22 @@
+from .by_name import message_of as message_of
+from .emission import Emission as Emission
+from .form import Form as Form
+from .leaves import (
+    Check as Check,
+    Fault as Fault,
+    Leaf as Leaf,
+    characters as characters,
+    choice as choice,
+    constant as constant,
+    decimal_number as decimal_number,
+    decimal_sum as decimal_sum,
+    filler as filler,
+    hex_number as hex_number,
+    hex_sum as hex_sum,
+    hex_value as hex_value,
+    shifted_character as shifted_character,
+    signed as signed,
+    unsigned as unsigned,
+    xor_byte as xor_byte,
+)
+from .written import Written as Written

@@ -1,0 +1,139 @@
+"""A telegram form: one flat schema and the message that its fields fill."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from functools import cached_property
+from inspect import signature
+from io import BytesIO
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from construct import Container, Struct
+
+from drivecomm.errors import Category, TelegramError
+from drivecomm.protocol.schema import compiled
+from drivecomm.protocol.schema.leaves import Fault, Leaf
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from drivecomm.protocol import Message
+
+M = TypeVar("M", bound="Message")
+
+_RANK: dict[Category, int] = {"length": 0, "framing": 1, "checksum": 2, "field": 3}
+
+
+class Form(Generic[M]):
+    """One telegram: its schema, declared once, read and written by everybody.
+
+    schema: flat Struct of leaves. message: the dataclass that its named fields fill. Where the two are not one to one:
+    reads: fields of the message that are computed from leaves, by name, several separated by spaces; the function's
+    parameters are named after the leaves that it needs, and it returns the value, or one for each of several names.
+    writes: leaves that are computed from the message, in the same way; the function is given the message. check: raises
+    TelegramError for a message whose fields do not go together, before anything is written. None of these functions may
+    depend on anything but what it is given.
+
+    Reading is strict: all bytes must be used and everything must be right. When several things are wrong, length is
+    reported before framing, framing before checksum, and checksum before a field, so that noise is never called a
+    wrong value.
+    """
+
+    def __init__(
+        self,
+        message: type[M],
+        *leaves: Any,
+        reads: Mapping[str, Callable[..., Any]] | None = None,
+        writes: Mapping[str, Callable[[M], Any]] | None = None,
+        check: Callable[[M], None] | None = None,
+    ) -> None:
+        self.message = message
+        self.schema = Struct(*leaves)
+        self.names = frozenset(field.name for field in fields(message))
+        held = {leaf.name for leaf in self.schema.subcons}
+        self.absent = tuple(field.name for field in fields(message) if field.name not in held)
+        """Fields of the message for which the telegram has no leaf."""
+        self.reads = {
+            tuple(names.split()): (function, tuple(signature(function).parameters))
+            for names, function in (reads or {}).items()
+        }
+        self.writes = {tuple(names.split()): function for names, function in (writes or {}).items()}
+        self.check = check
+
+    def parse(self, data: bytes) -> M:
+        """Return the message that these bytes carry. Raises TelegramError."""
+        try:
+            return self.read(data)
+        except Exception:  # noqa: BLE001 - whatever it was, the declared schema finds it again and names it
+            return self.parse_declared(data)
+
+    def build(self, message: M) -> bytes:
+        """Return the bytes that carry this message. Raises TelegramError for a field that does not fit."""
+        try:
+            return self.write(message)
+        except Exception:  # noqa: BLE001 - as above
+            return self.build_declared(message)
+
+    @cached_property
+    def read(self) -> Callable[[bytes], M]:
+        """The schema as a straight function, `parse_declared` where there is none; raises anything for no telegram."""
+        return compiled.reader(self) or self.parse_declared
+
+    @cached_property
+    def write(self) -> Callable[[M], bytes]:
+        """The schema as a straight function, `build_declared` where there is none; raises anything for a misfit."""
+        return compiled.writer(self) or self.build_declared
+
+    def parse_declared(self, data: bytes) -> M:
+        """Parse by the schema as it is declared, which alone decides what is wrong. Raises TelegramError."""
+        stream, faults = BytesIO(data), list[Fault]()
+        container = self.schema.parse_stream(stream, faults=faults)
+        left = len(data) - stream.tell()
+        if left and not faults:
+            faults.append(Fault("length", f"{left} characters too many"))
+        if not faults:
+            try:
+                return self._message(container)
+            except ValueError as error:
+                faults.append(Fault("field", str(error)))
+        # The gravest of all faults is named.
+        fault = min(faults, key=lambda found: _RANK[found.category])
+        where = f"{self.message.__name__.lower()} telegram" + (f", {fault.field}" if fault.field else "")
+        raise TelegramError(fault.category, f"{where}: {fault}", field=fault.field)
+
+    def build_declared(self, message: M) -> bytes:
+        """Build by the schema as it is declared, which alone decides what does not fit. Raises TelegramError."""
+        try:
+            data: bytes = self.schema.build(Container(self._fields(message)))
+        except Fault as fault:
+            where = f"{message.kind} telegram" + (f", {fault.field}" if fault.field else "")
+            raise TelegramError("field", f"{where}: {fault}", field=fault.field) from None
+        return data
+
+    def _message(self, container: Mapping[str, Any]) -> M:
+        made = {name: container[name] for name in self.names if name in container}
+        for names, (function, wanted) in self.reads.items():
+            made.update(_spread(names, function(*(container[name] for name in wanted))))
+        return self.message(**made)
+
+    def _fields(self, message: M) -> dict[str, Any]:
+        if self.check is not None:
+            self.check(message)
+        computed: dict[str, Any] = {}
+        for names, function in self.writes.items():
+            computed.update(_spread(names, function(message)))
+        own = [leaf.name for leaf in self.schema.subcons if leaf.name and leaf.name not in computed]
+        return {**{name: getattr(message, name) for name in own}, **computed}
+
+    def describe(self) -> list[tuple[str, str, str]]:
+        """Return name, size and meaning of each leaf in order, for drawings of the telegram."""
+        rows = []
+        for leaf in self.schema.subcons:
+            inner = getattr(leaf, "subcon", leaf)
+            size = str(inner.size) if isinstance(inner, Leaf) and isinstance(inner.size, int) else "n"
+            rows.append((leaf.name or "", size, getattr(inner, "meaning", "")))
+        return rows
+
+
+def _spread(names: tuple[str, ...], value: Any) -> dict[str, Any]:
+    return {names[0]: value} if len(names) == 1 else dict(zip(names, value, strict=True))

@@ -1,0 +1,182 @@
+"""Hypothesis strategies for whole conversations with a drive of any installed protocol.
+
+A model says which parameters there are, and hardly ever all of what a drive takes. So each call is tried out on a
+virtual drive once, before the first example: what is read must be answered, what is written must be taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Self
+
+from hypothesis import strategies as st
+
+from drivecomm.bus import open_bus
+from drivecomm.errors import DriveCommError
+from drivecomm.models import load_model
+from drivecomm.protocol import installed
+from drivecomm.testing.limits import limits
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+    from decimal import Decimal
+    from types import TracebackType
+
+    from hypothesis.strategies import SearchStrategy
+
+    from drivecomm.protocol import Model, ParameterInfo, Protocol, Value
+
+
+@dataclass(frozen=True, slots=True)
+class VerbCall:
+    """A call of one of a drive's verbs: `carry_out(drive)` makes it, and returns what the verb returns."""
+
+    verb: str
+    values: tuple[Any, ...] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def carry_out(self, drive: Any) -> Any:
+        """Call the verb of a Drive, or of an AsyncDrive, where the result is to be awaited."""
+        return getattr(drive, self.verb)(*self.values, **self.options)
+
+    def __repr__(self) -> str:
+        options = (f"{name}={value!r}" for name, value in self.options.items())
+        return f"{self.verb}({', '.join([*map(repr, self.values), *options])})"
+
+
+def verb_calls(protocol: str, *, model: str | None = None) -> SearchStrategy[VerbCall]:
+    """Calls with arguments that a drive of this protocol can be given.
+
+    A drive that has just been switched on refuses none of the reads and writes. Later it may, by DriveError: a motor
+    that runs, a parameter that locks another. None raises UsageError, and none goes without a reply on a sound line.
+    Verbs that only one protocol has are not among them. model: the model of the package that the drive is of; its
+    protocol's default if absent.
+    """
+    plugin = installed[protocol]
+    return st.deferred(lambda: _verb_calls(plugin.name, model or plugin.default_model))
+
+
+def conversations(
+    protocol: str, *, model: str | None = None, min_size: int = 1, max_size: int = 12
+) -> SearchStrategy[list[VerbCall]]:
+    """Lists of such calls, to be carried out one after the other."""
+    return st.lists(verb_calls(protocol, model=model), min_size=min_size, max_size=max_size)
+
+
+# Trying out a hundred parameters takes longer than drawing from them.
+@lru_cache
+def _verb_calls(protocol: str, model: str) -> SearchStrategy[VerbCall]:
+    plugin = installed[protocol]
+    known = load_model(plugin.package, plugin.name, model)
+    groups = [list(_reads(plugin, known)), list(_writes(plugin, known)), list(_commands(plugin, known))]
+    # As often commanded as read and written, however many parameters there are.
+    return st.sampled_from([st.one_of(group) for group in groups if group]).flatmap(lambda group: group)
+
+
+def _reads(plugin: Protocol, model: Model) -> Iterator[SearchStrategy[VerbCall]]:
+    with _Bench(plugin, model) as bench:
+        addresses = [info.address for info in model.parameters.values() if "r" in info.access]
+        calls = [VerbCall("read", (address,)) for address in addresses]
+        readable = [call for call in calls if bench.takes(call)]
+    if readable:
+        yield st.sampled_from(readable)
+
+
+def _writes(plugin: Protocol, model: Model) -> Iterator[SearchStrategy[VerbCall]]:
+    for info in model.parameters.values():
+        if "r" in info.access and "w" in info.access:
+            # A bench of its own: a drive that was given another address answers nobody who asks on.
+            with _Bench(plugin, model) as bench:
+                yield from _writes_of(info, bench)
+
+
+def _writes_of(info: ParameterInfo, bench: _Bench) -> Iterator[SearchStrategy[VerbCall]]:
+    held = bench.value(info.address)
+    if held is None:
+        return
+    ways = [
+        options for options in ({}, {"store": True}) if bench.takes(VerbCall("write", (info.address, held), options))
+    ]
+    if not ways or not bench.answers():
+        return
+
+    def takes(value: Value) -> bool:
+        return bench.takes(VerbCall("write", (info.address, value), ways[0]))
+
+    values: SearchStrategy[Value]
+    if isinstance(held, str | bool):
+        values = st.just(held)
+    elif info.values:
+        named: list[Value] = [number for number in info.values if takes(number) and bench.answers()]
+        values = st.sampled_from(named or [held])
+    else:
+        lowest, highest = _steps(info, held, takes)
+        # One that a drive takes and is not heard of again is an address, say.
+        if not bench.answers():
+            return
+        values = st.integers(lowest, highest).map(lambda step: held + step * info.factor)
+    yield st.builds(lambda value, way: VerbCall("write", (info.address, value), way), values, st.sampled_from(ways))
+
+
+def _steps(info: ParameterInfo, held: int | Decimal, takes: Callable[[Value], bool]) -> tuple[int, int]:
+    """Return how many steps of its factor a parameter may go down and up from what it holds."""
+    if info.minimum is not None and info.maximum is not None and takes(info.minimum) and takes(info.maximum):
+        return int((info.minimum - held) / info.factor), int((info.maximum - held) / info.factor)
+    return limits(0, lambda step: takes(held + step * info.factor))
+
+
+def _commands(plugin: Protocol, model: Model) -> Iterator[SearchStrategy[VerbCall]]:
+    with _Bench(plugin, model) as bench:
+        can = bench.drive.capabilities
+        yield st.sampled_from([VerbCall(verb) for verb in ("status", "reset", "probe", "identify")])
+        yield st.sampled_from([VerbCall("stop", (how,)) for how in sorted(can.stops, key=lambda how: how.value)])
+        yield st.sampled_from([VerbCall("start"), *([VerbCall("start", (), {"reverse": True})] if can.reverse else [])])
+        units = [unit for unit, known in (("percent", can.reference_percent), ("hz", can.reference_hz)) if known]
+        for unit in units:
+            yield _references(unit, bench)
+
+
+def _references(unit: str, bench: _Bench) -> SearchStrategy[VerbCall]:
+    def call(number: int) -> VerbCall:
+        return VerbCall("set_reference", (), {unit: number})
+
+    lowest, highest = limits(0, lambda number: abs(number) <= 1000 and bench.takes(call(number)))
+    return st.integers(lowest, highest).map(call)
+
+
+class _Bench:
+    """A virtual drive that has just been switched on, and the drive as its master sees it."""
+
+    def __init__(self, plugin: Protocol, model: Model) -> None:
+        address = plugin.addresses[0]
+        self._bus = open_bus(VirtualLine([virtual_drive(plugin.name, address, model=model)]).port)
+        self.drive = self._bus.drive(plugin.name, address, model=model)
+
+    def takes(self, call: VerbCall) -> bool:
+        """Return whether the drive does this."""
+        try:
+            call.carry_out(self.drive)
+        except DriveCommError:
+            return False
+        return True
+
+    def answers(self) -> bool:
+        """Return whether the drive can still be talked to."""
+        return self.takes(VerbCall("probe"))
+
+    def value(self, parameter: str) -> Value | None:
+        """Return what a parameter holds, None when it cannot be read."""
+        try:
+            return self.drive.read(parameter).value
+        except DriveCommError:
+            return None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._bus.close()

@@ -1,0 +1,130 @@
+"""The other end of a real port, played from a script by a thread: for runners that live in real time."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+from drivecomm.testing.report import CheckFailure
+from drivecomm.testing.script import Script
+from drivecomm.virtual import parse_listen
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from drivecomm.testing.exchange_vectors import ExchangeVector
+    from drivecomm.testing.script import Arriving
+    from drivecomm.virtual import Listener
+
+Kind: TypeAlias = Literal["pty", "tcp", "rfc2217"]
+
+_TICK_S = 0.02
+# A thread that reads a port may be told of bytes some time after they were sent, and never before.
+_SLACK_S = 0.005
+# What was sent last may still be on its way when the call is over.
+_LAST_BYTES_S = 2.0
+_QUIET_S = 0.03
+
+
+class LivePartner:
+    """Plays the steps of a vector at a listener, in real time. One script, then it is over."""
+
+    def __init__(self, vector: ExchangeVector, listener: Listener) -> None:
+        self._vector = vector
+        self._listener = listener
+        self._stop = Event()
+        self._done = Event()
+        self._thread = Thread(target=self._serve, name="conformance")
+        self._script: Script | None = None
+        self._failure: CheckFailure | None = None
+        self._coming: list[Arriving] = []
+
+    @property
+    def address(self) -> str:
+        """The port that a master opens."""
+        return self._listener.address
+
+    def start(self) -> None:
+        """Let a master open the port: some ports want to be talked to for that."""
+        self._thread.start()
+
+    def begin(self, reply_time_s: float) -> None:
+        """Play from now on."""
+        script = Script(self._vector.steps, reply_time_s=reply_time_s, wire_s=lambda _: 0.0, slack_s=_SLACK_S)
+        self._coming = script.begin(time.monotonic())
+        self._script = script
+
+    def end(self) -> None:
+        """Wait until all steps are through, a little at most, and judge them. Raises CheckFailure."""
+        self._done.wait(_LAST_BYTES_S)
+        # Behind the last step nothing may come.
+        self._stop.wait(_QUIET_S)
+        self.stop()
+        self.blame()
+        if self._script is not None:
+            self._script.over(time.monotonic())
+
+    def blame(self) -> None:
+        """Raise CheckFailure if the master has deviated so far."""
+        if self._failure is not None:
+            raise self._failure
+
+    def stop(self) -> None:
+        """End the thread."""
+        self._stop.set()
+        self._thread.join()
+
+    def _serve(self) -> None:
+        came = b""
+        while self._script is None and not self._stop.is_set():
+            # The first request may come while this waits.
+            came += self._listener.receive(_TICK_S)
+        if self._script is not None:
+            self._play(self._script, came)
+
+    def _play(self, script: Script, came: bytes) -> None:
+        while not self._stop.is_set():
+            self._send_what_is_due()
+            expected = script.expected()
+            if not expected and not self._coming:
+                self._done.set()
+            if not came or (len(came) < len(expected) and expected.startswith(came)):
+                came += self._listener.receive(self._patience_s())
+                continue
+            length = len(expected) or len(came)
+            try:
+                self._coming += script.sent(came[:length], time.monotonic())
+            except CheckFailure as failure:
+                self._failure = failure
+                self._done.set()
+                return
+            came = came[length:]
+
+    def _send_what_is_due(self) -> None:
+        while self._coming and self._coming[0].begins <= time.monotonic():
+            self._listener.send(self._coming.pop(0).data)
+
+    def _patience_s(self) -> float:
+        if not self._coming:
+            return _TICK_S
+        return max(0.0, min(_TICK_S, self._coming[0].begins - time.monotonic()))
+
+
+@contextmanager
+def live_partner(kind: Kind, vector: ExchangeVector) -> Iterator[LivePartner]:
+    """Give a partner at a port of this kind; nothing is left of it afterwards."""
+    with tempfile.TemporaryDirectory(prefix="drivecomm-") as folder:
+        place = f"pty:{Path(folder) / 'line'}" if kind == "pty" else f"{kind}:127.0.0.1:0"
+        listener = parse_listen(place)
+        listener.open()
+        partner = LivePartner(vector, listener)
+        partner.start()
+        try:
+            yield partner
+        finally:
+            partner.stop()
+            listener.close()

@@ -1,0 +1,119 @@
+"""The steps of an exchange vector, held against what a master does. No I/O, no clock: the time is told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from drivecomm.testing.case import shown
+from drivecomm.testing.report import CheckFailure
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from drivecomm.testing.exchange_vectors import Step
+
+# Sums of character times are not exact.
+_TINY_S = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Arriving:
+    """Bytes for the master, from their first character's beginning to their last one's end."""
+
+    begins: float
+    ends: float
+    data: bytes
+
+
+class Script:
+    """Tells what comes to the master and judges what it sends.
+
+    reply_time_s: how long the master must wait in vain, 0 where nobody is to answer. wire_s: seconds that so many
+    characters take. slack_s: by how much a master may be early, where clocks are real. Whatever deviates raises
+    CheckFailure, at once and again at the end, for it could be caught on its way by what is judged.
+    """
+
+    def __init__(
+        self, steps: Sequence[Step], *, reply_time_s: float, wire_s: Callable[[float], float], slack_s: float = _TINY_S
+    ) -> None:
+        self._steps = steps
+        self._reply_time_s = reply_time_s
+        self._wire_s = wire_s
+        self._slack_s = slack_s
+        self._place = 0
+        self._over_at = 0.0
+        self._patient_until = 0.0
+        self._why_not_before = ""
+        self._deviation = ""
+
+    def begin(self, now: float) -> list[Arriving]:
+        """Return what comes before the master has said anything."""
+        self._over_at = now
+        return self._until_next_send(now, sent_at=None)
+
+    def expected(self) -> bytes:
+        """Return what must be sent next, nothing at the end."""
+        return self._steps[self._place].data if self._place < len(self._steps) else b""
+
+    def sent(self, data: bytes, began: float) -> list[Arriving]:
+        """Take note of what the master sends and when it begins; returns what comes then. Raises CheckFailure."""
+        expected = self.expected()
+        if not expected:
+            raise self._deviates(f"the steps are over, and the master sends {shown(data)}")
+        if data != expected:
+            raise self._deviates(f"step {self._place + 1}: the master sends {shown(data)}, not {shown(expected)}")
+        if began < self._over_at - self._slack_s:
+            early = (self._over_at - began) * 1000
+            raise self._deviates(
+                f"step {self._place + 1}: the master sends {shown(data)} {early:.3f} ms too early{self._why_not_before}"
+            )
+        ended = began + self._wire_s(len(data))
+        self._place += 1
+        return self._until_next_send(ended, sent_at=ended)
+
+    def over(self, now: float, unread: bytes = b"") -> None:
+        """Judge the end, with what came and was not read. Raises CheckFailure."""
+        if self._deviation:
+            raise CheckFailure(self._deviation)
+        if expected := self.expected():
+            raise CheckFailure(f"step {self._place + 1}: the master never sends {shown(expected)}")
+        if self._patient_until and now < self._patient_until - self._slack_s:
+            early = (self._patient_until - now) * 1000
+            raise CheckFailure(f"the master gives up {early:.3f} ms too early{self._why_not_before}")
+        if unread:
+            raise CheckFailure(f"{shown(unread)} was left on the line")
+
+    def _until_next_send(self, time: float, *, sent_at: float | None) -> list[Arriving]:
+        arriving = []
+        self._why_not_before = ""
+        self._patient_until = 0.0
+        not_before = time
+        just_sent = sent_at is not None
+        while self._place < len(self._steps) and self._steps[self._place].deed != "send":
+            step = self._steps[self._place]
+            self._place += 1
+            if step.deed == "silence":
+                reply_time_s = self._reply_time_s if step.seconds is None else step.seconds
+                # The first character of what comes then is over when the reply time is.
+                time = max(time, (sent_at or 0.0) + reply_time_s)
+                if just_sent and reply_time_s:
+                    # Behind damage or noise the master may see earlier than this that nothing will come of it.
+                    self._patient_until = not_before = time
+                    self._why_not_before = f": the reply time of step {self._place} is {reply_time_s * 1000:g} ms"
+            elif step.deed == "pause_s":
+                not_before = max(not_before, time + (step.seconds or 0.0))
+                self._why_not_before = f" for the pause of step {self._place}"
+            else:
+                begins = time + (step.seconds or 0.0)
+                time = begins + self._wire_s(len(step.data))
+                arriving.append(Arriving(begins, time, step.data))
+                not_before = time
+                self._why_not_before = f": step {self._place} ({step.deed}) is not over"
+            just_sent = False
+        self._over_at = not_before
+        return arriving
+
+    def _deviates(self, how: str) -> CheckFailure:
+        self._deviation = self._deviation or how
+        return CheckFailure(how)

@@ -1,0 +1,306 @@
+"""Hypothesis strategies for any installed protocol. Needs the `test` extra; import it from tests only.
+
+    telegrams, messages, telegram_fields     sound telegrams, as bytes, as messages and as fields
+    field_values                             the values of one field of them
+    near_telegrams, junk_fields, line_noise  what is none
+    verb_calls, conversations                what a program does with a drive
+    fault_plans                              what goes wrong on a virtual line
+    pieces                                   the same bytes in any pieces
+
+A protocol is named, or given as its plug-in.
+
+A protocol's dataclasses do not say which values its telegrams can carry, and its encoder does. So the limits of each
+field are asked of the encoder, starting from a vector that is known to be sound, and a drawn value stays only if the
+encoder takes it together with the others.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from hypothesis import strategies as st
+
+from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.plant import TRANSMISSION_FAULTS, FaultPlan
+from drivecomm.protocol import installed
+from drivecomm.testing.case import codec_for
+from drivecomm.testing.conversation_strategies import VerbCall, conversations, verb_calls
+from drivecomm.testing.limits import limits
+from drivecomm.testing.vectors import packaged_vectors
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from hypothesis.strategies import DrawFn, SearchStrategy
+
+    from drivecomm.plant import Fault
+    from drivecomm.protocol import Codec, Direction, Message, Protocol
+    from drivecomm.testing.vectors import VectorFile
+
+__all__ = [
+    "VerbCall",
+    "conversations",
+    "fault_plans",
+    "field_values",
+    "junk_fields",
+    "line_noise",
+    "messages",
+    "near_telegrams",
+    "pieces",
+    "telegram_fields",
+    "telegrams",
+    "verb_calls",
+]
+
+
+def telegram_fields(
+    protocol: Protocol | str,
+    direction: Direction,
+    *,
+    vectors: VectorFile | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> SearchStrategy[dict[str, Any]]:
+    """Fields of telegrams that the protocol's encoder accepts, over the whole range of each of them.
+
+    vectors: where the shapes come from, the packaged ones if absent. options: the protocol's, for its codec.
+    """
+    plugin = _plugin(protocol)
+    if vectors is None and not options and plugin is installed.get(plugin.name):
+        return st.deferred(lambda: _packaged_fields(plugin.name, direction))
+    return st.deferred(lambda: _fields(plugin, direction, vectors or packaged_vectors(plugin), dict(options or {})))
+
+
+def messages(
+    protocol: Protocol | str,
+    direction: Direction,
+    *,
+    vectors: VectorFile | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> SearchStrategy[Message]:
+    """Messages that the protocol's encoder accepts."""
+    plugin = _plugin(protocol)
+    drawn = telegram_fields(plugin, direction, vectors=vectors, options=options)
+    return drawn.map(lambda fields: plugin.message(fields, direction))
+
+
+def telegrams(
+    protocol: Protocol | str,
+    direction: Direction,
+    *,
+    vectors: VectorFile | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> SearchStrategy[bytes]:
+    """Sound telegrams as bytes."""
+    plugin = _plugin(protocol)
+    codec = codec_for(plugin, dict(options or {}))
+    return messages(plugin, direction, vectors=vectors, options=options).map(codec.encode)
+
+
+def field_values(
+    protocol: Protocol | str,
+    direction: Direction,
+    name: str,
+    *,
+    vectors: VectorFile | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> SearchStrategy[Any]:
+    """Values of one field, such as "parameter", as they stand in sound telegrams of every kind that has it.
+
+    Raises UsageError when no telegram of this direction has it.
+    """
+    plugin = _plugin(protocol)
+    known = {
+        each
+        for vector in (vectors or packaged_vectors(plugin)).vectors
+        if vector.valid and vector.direction == direction
+        for each in vector.fields
+    }
+    if name not in known:
+        raise UsageError(f"no {plugin.name} {direction} has a field {name!r}; they have {', '.join(sorted(known))}")
+    drawn = telegram_fields(plugin, direction, vectors=vectors, options=options)
+    return drawn.filter(lambda fields: name in fields).map(lambda fields: fields[name])
+
+
+def fault_plans(
+    *, highest_rate: float = 0.3, kinds: Sequence[Fault] = TRANSMISSION_FAULTS, delay_s: float = 1.0
+) -> SearchStrategy[FaultPlan]:
+    """Fault plans for virtual lines: how often something goes wrong, what of these kinds, and in which course."""
+    return st.builds(
+        FaultPlan,
+        rate=st.floats(0, highest_rate),
+        seed=st.integers(0, 2**32 - 1),
+        kinds=st.lists(st.sampled_from(kinds), min_size=1, unique=True),
+        delay_s=st.floats(0, delay_s),
+    )
+
+
+def near_telegrams(
+    protocol: Protocol | str, direction: Direction, *, vectors: VectorFile | None = None
+) -> SearchStrategy[bytes]:
+    """Bytes that are hardly ever a telegram: arbitrary ones, and telegrams cut, lengthened and damaged."""
+    sound = telegrams(protocol, direction, vectors=vectors)
+    return st.one_of(st.binary(max_size=64), sound, sound.flatmap(_damaged))
+
+
+def junk_fields(protocol: Protocol | str, direction: Direction, *, vectors: VectorFile | None = None) -> Any:
+    """Mappings that name the protocol's fields and hold anything: wrong types, wrong ranges, too many, too few."""
+    plugin = _plugin(protocol)
+    entries = [
+        vector.fields
+        for vector in (vectors or packaged_vectors(plugin)).vectors
+        if vector.fields and vector.direction == direction
+    ]
+    names = sorted({name for fields in entries for name in fields})
+    anything = st.one_of(
+        st.none(),
+        st.booleans(),
+        st.integers(-3, 300),
+        st.integers(-(1 << 40), 1 << 40),
+        st.floats(),
+        st.text(max_size=8),
+        st.text(min_size=90, max_size=300),
+        st.binary(max_size=4),
+        st.decimals(),
+        st.lists(st.integers(-2, 300) | st.text(max_size=2), max_size=4),
+        st.dictionaries(st.text(max_size=2), st.integers(), max_size=2),
+        st.sampled_from(sorted({str(value) for fields in entries for value in fields.values()})),
+    )
+    wild = st.dictionaries(st.sampled_from(names) | st.text(max_size=6), anything, max_size=len(names) + 1)
+    spoilt = st.tuples(st.sampled_from(entries), wild).map(lambda pair: {**pair[0], **pair[1]})
+    poorer = st.tuples(st.sampled_from(entries), st.sets(st.sampled_from(names))).map(
+        lambda pair: {name: value for name, value in pair[0].items() if name not in pair[1]}
+    )
+    return st.one_of(wild, spoilt, spoilt, poorer)
+
+
+def pieces(data: bytes) -> SearchStrategy[list[bytes]]:
+    """The same bytes, cut anywhere any number of times."""
+    cuts = st.lists(st.integers(0, len(data)), max_size=12).map(sorted)
+    return cuts.map(lambda places: [data[a:b] for a, b in zip([0, *places], [*places, len(data)], strict=True)])
+
+
+def line_noise(codec: Codec, direction: Direction) -> SearchStrategy[bytes]:
+    """Bytes none of which begins a telegram."""
+    silent = [byte for byte in range(256) if codec.measure(bytes([byte]), direction) == 0]
+    return st.lists(st.sampled_from(silent), max_size=20).map(bytes) if silent else st.just(b"")
+
+
+def _plugin(protocol: Protocol | str) -> Protocol:
+    return installed[protocol] if isinstance(protocol, str) else protocol
+
+
+# Asking the encoder for the limits of every field takes longer than drawing from them.
+@lru_cache
+def _packaged_fields(name: str, direction: Direction) -> SearchStrategy[dict[str, Any]]:
+    plugin = installed[name]
+    return _fields(plugin, direction, packaged_vectors(plugin), {})
+
+
+def _fields(
+    plugin: Protocol, direction: Direction, vectors: VectorFile, options: dict[str, Any]
+) -> SearchStrategy[dict[str, Any]]:
+    codec = codec_for(plugin, options)
+
+    def accepts(fields: Mapping[str, Any]) -> bool:
+        return _encoded(plugin, codec, fields, direction) is not None
+
+    shapes = _shapes(vectors, direction, accepts)
+    return st.one_of([_mutated(base, shapes, accepts) for base in shapes])
+
+
+def _damaged(data: bytes) -> SearchStrategy[bytes]:
+    places = st.integers(0, len(data) - 1)
+    return st.one_of(
+        places.map(lambda place: data[:place]),
+        places.map(lambda place: data[place:]),
+        st.tuples(places, st.integers(0, 255)).map(lambda at: data[: at[0]] + bytes([at[1]]) + data[at[0] + 1 :]),
+        st.tuples(places, st.binary(min_size=1, max_size=4)).map(lambda at: data[: at[0]] + at[1] + data[at[0] :]),
+        st.binary(min_size=1, max_size=30).map(lambda tail: data + tail),
+    )
+
+
+def _encoded(plugin: Protocol, codec: Codec, fields: Mapping[str, Any], direction: Direction) -> bytes | None:
+    try:
+        return codec.encode(plugin.message(fields, direction))
+    except DriveCommError:
+        return None
+
+
+def _shapes(
+    vectors: VectorFile, direction: Direction, accepts: Callable[[Mapping[str, Any]], bool]
+) -> list[dict[str, Any]]:
+    """Return the fields of all vectors that this codec encodes."""
+    return [
+        dict(vector.fields)
+        for vector in vectors.vectors
+        if vector.valid and vector.direction == direction and accepts(vector.fields)
+    ]
+
+
+@st.composite
+def _mutations(
+    draw: DrawFn,
+    base: dict[str, Any],
+    values: Mapping[str, SearchStrategy[Any]],
+    accepts: Callable[[Mapping[str, Any]], bool],
+) -> dict[str, Any]:
+    """Draw new values for some fields, one after the other; each stays if the encoder takes it."""
+    fields = dict(base)
+    for name in draw(st.permutations(sorted(values))):
+        if draw(st.integers(0, 3)):
+            changed = {**fields, name: draw(values[name])}
+            if accepts(changed):
+                fields = changed
+    return fields
+
+
+def _mutated(
+    base: dict[str, Any], shapes: Sequence[Mapping[str, Any]], accepts: Callable[[Mapping[str, Any]], bool]
+) -> SearchStrategy[dict[str, Any]]:
+    """Telegrams with the fields of this one, and other values in them."""
+    values = {name: _values(name, base, shapes, accepts) for name in base if name != "kind"}
+    return _mutations(base, values, accepts)
+
+
+def _values(
+    name: str,
+    fields: dict[str, Any],
+    shapes: Sequence[Mapping[str, Any]],
+    accepts: Callable[[Mapping[str, Any]], bool],
+) -> SearchStrategy[Any]:
+    value = fields[name]
+    seen = st.sampled_from([shape[name] for shape in shapes if name in shape])
+    if isinstance(value, bool):
+        return st.booleans()
+    if isinstance(value, int):
+        lowest, highest = _limits(name, fields, accepts)
+        return st.one_of(seen, st.integers(lowest, highest), st.sampled_from([lowest, highest]))
+    if isinstance(value, list):
+        return st.one_of(seen, st.lists(st.integers(0, 999), min_size=1, max_size=3))
+    if isinstance(value, str):
+        return st.one_of(seen, _texts(value))
+    return seen
+
+
+def _limits(name: str, fields: Mapping[str, Any], accepts: Callable[[Mapping[str, Any]], bool]) -> tuple[int, int]:
+    """Return the lowest and the highest value that the encoder takes, as far as it takes all between them."""
+    return limits(fields[name], lambda value: accepts({**fields, name: value}))
+
+
+def _texts(like: str) -> SearchStrategy[str]:
+    """Texts of the sort that this one is: decimal numbers, hexadecimal digits, letters with a number, words."""
+    digits = len(like)
+    hexadecimal = st.text("0123456789ABCDEF", min_size=digits, max_size=digits)
+    decimal = st.tuples(st.integers(-99999, 99999), st.integers(0, 5)).map(lambda number: _decimal(*number))
+    function = st.tuples(st.sampled_from("SMFECPHALUobrJdyWXZKTq"), st.integers(0, 99)).map("{0[0]}{0[1]:02d}".format)
+    printable = st.characters(min_codepoint=0x20, max_codepoint=0x7E)
+    words = st.integers(0, 99).flatmap(lambda length: st.text(printable, min_size=length, max_size=length))
+    latin = st.text(st.characters(min_codepoint=0x20, max_codepoint=0xFF), min_size=0, max_size=40)
+    return st.one_of(hexadecimal, decimal, function, words, latin)
+
+
+def _decimal(digits: int, decimals: int) -> str:
+    whole = f"{abs(digits):0{decimals + 1}d}"
+    sign = "-" if digits < 0 else ""
+    return sign + (f"{whole[:-decimals]}.{whole[-decimals:]}" if decimals else whole)

@@ -1,0 +1,1 @@
+"""What is on a line: the sniffer, which drives share a line, replays."""

@@ -1,0 +1,178 @@
+"""A drive of the line: what is said to it, what it says and what it takes for itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import DriveCommError
+from drivecomm.models import load_model
+from drivecomm.protocol import Ask, Tell, fields_of, installed, sort_out
+from drivecomm.traffic.cohabitation import alphabets, sampling
+from drivecomm.traffic.cohabitation.outlines import Outline, addressed, has_address, outline_of, within
+from drivecomm.virtual import virtual_drive
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from drivecomm.protocol import Codec, Direction, Message, Protocol
+    from drivecomm.protocol.schema import Leaf
+
+_DIRECTIONS: tuple[Direction, Direction] = ("request", "reply")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineDrive:
+    """A drive of a line.
+
+    protocol, address: which it is. name: what it is called, PROTOCOL:ADDRESS if empty. options: its line settings, its
+    model and its protocol's options, as `Bus.drive` takes them.
+    """
+
+    protocol: str
+    address: int
+    name: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            object.__setattr__(self, "name", f"{self.protocol}:{self.address}")
+
+
+class Dialect:
+    """The telegrams of a protocol with certain options, whoever they are for."""
+
+    def __init__(self, plugin: Protocol, codec: Codec) -> None:
+        self.plugin, self.codec = plugin, codec
+
+    @cached_property
+    def written(self) -> Sequence[Outline]:
+        """All telegrams as they are written; forms that are only ever read are left out."""
+        written = [
+            sampling.with_constants(
+                within(outline_of(each.title, each.form, each.direction, alphabets.written), each), self.codec
+            )
+            for each in self._outlines
+        ]
+        return [each for each in written if all(place.allowed for place in each.places)]
+
+    @cached_property
+    def read(self) -> Sequence[Outline]:
+        """All telegrams as they may be read, those that name no drive left out."""
+        return [each for each in self._outlines if has_address(each.form)]
+
+    def read_as(self, direction: Direction) -> Sequence[Outline]:
+        """Return the telegrams of one direction as they may be read, with any address."""
+        return [each for each in self.read if each.direction == direction]
+
+    @cached_property
+    def _outlines(self) -> Sequence[Outline]:
+        found = []
+        for title, form in self.plugin.forms().items():
+            ways = [outline_of(title, form, direction, alphabets.readable) for direction in _DIRECTIONS]
+            known = [sampling.as_read(each, self.codec) for each in ways]
+            if not any(known):
+                known = sampling.as_seldom_read(ways, self.codec)
+            # Where nobody can tell which way it goes, it may go either.
+            found.extend([each for each in known if each] or ways)
+        return found
+
+
+class Partner:
+    """A drive as it takes part in the line's traffic. Raises UsageError for a drive that cannot be.
+
+    dialect: its telegrams as the master knows them. ear: the codec of the drive itself. settings: its line settings.
+    """
+
+    def __init__(self, drive: LineDrive, dialects: dict[tuple[str, str], Dialect]) -> None:
+        self._drive, self._dialects = drive, dialects
+        virtual = virtual_drive(drive.protocol, drive.address, **drive.options)
+        self.name, self.address, self.settings = drive.name, drive.address, virtual.settings
+        self.ear: Codec = virtual.codec
+        plugin = installed[drive.protocol]
+        given = dict(drive.options)
+        model = load_model(plugin.package, plugin.name, given.pop("model", None) or plugin.default_model)
+        _, options = sort_out(plugin, model, given)
+        known = (plugin.name, repr(options))
+        self.dialect = dialects.setdefault(known, Dialect(plugin, plugin.codec(options)))
+        self._probe = plugin.operations(drive.address, options, model).probe
+
+    def at(self, address: int) -> Partner:
+        """Return the same drive at another address."""
+        return Partner(replace(self._drive, address=address), self._dialects)
+
+    @cached_property
+    def spoken(self) -> Sequence[Outline]:
+        """What the master says to this drive or to all of its protocol, and what the drive answers."""
+        return [each for plain in self.dialect.written for each in addressed(plain, self._says)]
+
+    @cached_property
+    def understood(self) -> Sequence[Outline]:
+        """The requests that this drive takes for itself."""
+        return [each for each in self._read if each.direction == "request"]
+
+    @cached_property
+    def answers(self) -> Sequence[Outline]:
+        """The replies that the master takes for this drive's."""
+        return [each for each in self._read if each.direction == "reply" and not each.to_all]
+
+    def is_meant(self, message: Message) -> bool:
+        """Whether a request is for this drive, or for all drives of its protocol."""
+        fields = {name: getattr(message, name) for name in message.__dataclass_fields__}
+        return "address" in fields and self._addressed(fields) is not None
+
+    def is_from(self, message: Message) -> bool:
+        """Whether a reply says that it is from this drive."""
+        return bool(getattr(message, "address", None) == self.address)
+
+    def sends(self, data: bytes, outline: Outline) -> bool:
+        """Whether these bytes are a telegram of this form, and written as the protocol writes it."""
+        codec = self.dialect.codec
+        try:
+            message = codec.decode(data, outline.direction)
+            return type(message) is outline.form.message and codec.encode(message) == data
+        except DriveCommError:
+            return False
+
+    def settled(self, data: bytes, outline: Outline) -> bytes | None:
+        """Return a telegram as the protocol writes it with this content; None where it is none."""
+        return sampling.settled(data, outline, self.dialect.codec)
+
+    @cached_property
+    def _read(self) -> Sequence[Outline]:
+        means = self._means
+        return [each for plain in self.dialect.read for each in addressed(plain, means)]
+
+    def _addressed(self, fields: Mapping[str, Any]) -> bool | None:
+        """Return whether fields of a message mean all drives; None where they mean another one."""
+        address, everybody = fields["address"], self.dialect.plugin.broadcast_address
+        if fields.get("broadcast") is True or address is None or (everybody is not None and address == everybody):
+            return True
+        return False if address == self.address else None
+
+    def _means(self, fields: Mapping[str, Any], data: bytes, leaf: Leaf) -> bool | None:  # noqa: ARG002 - as it is asked
+        return self._addressed(fields)
+
+    def _says(self, fields: Mapping[str, Any], data: bytes, leaf: Leaf) -> bool | None:
+        """As `_addressed`, only for addresses as they are written to this drive."""
+        if any(fields.get(name, value) != value for name, value in self._manner.items()):
+            return None
+        to_all = self._addressed(fields)
+        return to_all if to_all is not None and alphabets.is_written(leaf, data) else None
+
+    @cached_property
+    def _manner(self) -> Mapping[str, Any]:
+        """How this drive is addressed besides by its number: what else its probe says."""
+        for command in self._probe():
+            if isinstance(command, Ask | Tell):
+                fields = fields_of(command.message)
+                return {name: value for name, value in fields.items() if name not in ("address", "broadcast", "kind")}
+            break
+        return {}
+
+
+def partners_of(drives: Iterable[LineDrive]) -> list[Partner]:
+    """Return the drives as partners. Raises UsageError for a drive that cannot be."""
+    dialects: dict[tuple[str, str], Dialect] = {}
+    return [Partner(drive, dialects) for drive in drives]

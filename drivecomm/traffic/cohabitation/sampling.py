@@ -1,0 +1,151 @@
+"""What a codec asks of a telegram beyond its form, seen from telegrams with arbitrary contents.
+
+A codec chooses among its forms, by a command say, and a message may refuse what its leaves have read. So only some
+contents make a telegram that is read as one of its form. What was seen here helps to make telegrams; it excludes none,
+because one character may be read only together with others that were not met.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from random import Random
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import DriveCommError, TelegramError
+from drivecomm.traffic.cohabitation.outlines import Spot
+from drivecomm.traffic.cohabitation.writing import Draft, any_sizes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from drivecomm.protocol import Codec
+    from drivecomm.traffic.cohabitation.outlines import Outline
+
+_TRIES, _MORE_TRIES = 40, 8_000
+"""Telegrams of a form; more of them for forms of which none is read. Most forms show their direction with the first."""
+
+_VARIED = 3
+"""So many telegrams have their characters varied, one at a time."""
+
+_ENOUGH = 10
+"""Telegrams, to see that a character never changes; one of two would not for once in five hundred times."""
+
+_DIGITS = b"01"
+"""What a telegram is filled with that is to be read; there is no address 00, and no more than a few decimals."""
+
+
+def as_read(outline: Outline, codec: Codec) -> Outline | None:
+    """Return an outline with what the codec was seen to read at each place; None where it reads none of a few."""
+    tried = list(_attempts(outline, _TRIES))
+    return _narrowed(outline, codec, [each for each in tried if _is_read(each[0], outline, codec)], len(tried))
+
+
+def as_seldom_read(outlines: Sequence[Outline], codec: Codec) -> list[Outline | None]:
+    """As `as_read`, for all directions of a form that only a few contents make; the first that is found is enough."""
+    for together in zip(*(_attempts(outline, _MORE_TRIES) for outline in outlines), strict=False):
+        for outline, each in zip(outlines, together, strict=True):
+            if _is_read(each[0], outline, codec):
+                return [_narrowed(outline, codec, [each], _MORE_TRIES)]
+    return []
+
+
+_Attempt = tuple[bytes, "Sequence[Spot]"]
+
+
+def settled(data: bytes, outline: Outline, codec: Codec) -> bytes | None:
+    """Return a telegram as the codec writes it after it has read it; None where it reads none, or another form."""
+    try:
+        message = codec.decode(data, outline.direction)
+        return codec.encode(message) if type(message) is outline.form.message else None
+    except DriveCommError:
+        return None
+
+
+def with_constants(outline: Outline, codec: Codec) -> Outline:
+    """Return an outline whose usual contents have one character where the codec was seen to write only that one."""
+    written: list[bytes] = []
+    for data, spots in _attempts(outline, _TRIES):
+        text = settled(data, outline, codec)
+        if text is not None and len(text) == len(spots):
+            written.append(text)
+    places = list(outline.usual or outline.places)
+    runs = [number for number, place in enumerate(places) if place.repeats]
+    if len(written) < _ENOUGH:
+        return outline
+    for number, place in enumerate(places):
+        if place.repeats or len(place.allowed) == 1:
+            continue
+        # Places are counted from the nearer end, for runs differ in length.
+        behind = sum(number > run for run in runs)
+        if behind < max(1, len(runs)) or not runs:
+            codes = {text[number] for text in written} if not behind else place.allowed
+        else:
+            codes = {text[number - len(places)] for text in written}
+        if len(codes) == 1:
+            places[number] = replace(place, allowed=frozenset(codes))
+    return replace(outline, usual=tuple(places))
+
+
+def _attempts(outline: Outline, count: int) -> Iterator[_Attempt]:
+    """Yield telegrams, one in twenty with a digit wherever it can be; runs are short where many are wanted."""
+    chance = Random(outline.title)  # noqa: S311 - repeatable on purpose
+    for number in range(count):
+        if number % 20 == 0:
+            sizes = any_sizes(outline, chance)
+            if count > _TRIES or number == 0:
+                sizes = {leaf: min(length.by_size, default=0) for leaf, length in outline.lengths.items()}
+            spots = outline.spots(sizes, chance)
+            if spots is None:
+                continue
+            drafts = Draft([_filled(spots, _DIGITS[number // 20 % 2])]), Draft([spots])
+        if spots is not None:
+            data = drafts[number % 20 > 0].written(chance)
+            if data is not None:
+                yield data, spots
+
+
+def _filled(spots: Sequence[Spot], code: int) -> list[Spot]:
+    return [Spot(frozenset([code])) if spot.check is None and code in spot.allowed else spot for spot in spots]
+
+
+def _narrowed(outline: Outline, codec: Codec, read: Sequence[_Attempt], tried: int) -> Outline | None:
+    if not read or len(read) == tried:
+        return outline if read else None
+    places = list(outline.places)
+    counters = {length.counter for length in outline.lengths.values()}
+    runs = [number for number, place in enumerate(places) if place.repeats]
+    for number, place in enumerate(places):
+        # What stands behind several runs could be anywhere.
+        behind = sum(number > run for run in runs)
+        if place.repeats or place.leaf in counters or len(place.allowed) == 1 or behind > 1:
+            continue
+        found: set[int] = set()
+        for data, spots in {each[0]: each for each in (*read[: _VARIED - 1], read[-1])}.values():
+            at = number + (len(spots) - len(places) if behind else 0)
+            if spots[at].check is not None:
+                found |= place.allowed
+            else:
+                found |= _read_at(outline, codec, (data, spots), at, place.allowed - found)
+        places[number] = replace(place, allowed=frozenset(found))
+    return replace(outline, usual=tuple(places))
+
+
+def _read_at(outline: Outline, codec: Codec, attempt: _Attempt, at: int, others: frozenset[int]) -> set[int]:
+    """Return which other characters at a place leave it a telegram of its form, and the one that is there."""
+    chance = Random(0)  # noqa: S311 - nothing is left to it
+    data, spots = attempt
+    kept = [spot if spot.check else Spot(frozenset([code])) for spot, code in zip(spots, data, strict=True)]
+    found = {data[at]}
+    for code in others:
+        kept[at] = Spot(frozenset([code]))
+        changed = Draft([kept]).written(chance)
+        if changed is not None and _is_read(changed, outline, codec):
+            found.add(code)
+    return found
+
+
+def _is_read(data: bytes, outline: Outline, codec: Codec) -> bool:
+    try:
+        return type(codec.decode(data, outline.direction)) is outline.form.message
+    except TelegramError:
+        return False

@@ -1,0 +1,164 @@
+"""Looking for telegrams that prove what the places do not exclude."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from drivecomm.protocol import fields_of
+from drivecomm.traffic.cohabitation.traffic import is_next_telegram
+from drivecomm.traffic.cohabitation.verdicts import Proof, ProofTelegram
+from drivecomm.traffic.cohabitation.writing import Draft, Window, any_sizes
+from drivecomm.virtual import heard
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from random import Random
+
+    from drivecomm.traffic.cohabitation.drives import Partner
+    from drivecomm.traffic.cohabitation.hearing import Hearing, Reader
+    from drivecomm.traffic.cohabitation.outlines import Outline, Spot
+    from drivecomm.traffic.cohabitation.traffic import Sightings, State
+
+ALIGNMENTS = 400
+"""Ways to lay one telegram over the other that are tried, half of them within a single telegram."""
+
+_PROOFS = 8
+"""So many are looked for, to show the likeliest."""
+
+_WRITINGS = 80
+"""Attempts to fill each of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Laid:
+    """One way to lay a telegram over the traffic. outlines: of the traffic; sizes: of their leaves of variable size."""
+
+    outlines: tuple[Outline, ...]
+    sizes: tuple[dict[int, int], ...]
+    start: int
+    wanted: Outline
+    wanted_sizes: dict[int, int]
+
+
+def find_proof(sightings: Sightings, speaker: Partner, hearing: Hearing, chance: Random) -> Proof | None:
+    """Return telegrams that the reader really takes for its own, the likeliest of a few; None where none could be made.
+
+    speaker: whose telegrams the traffic is.
+    """
+    found: list[Proof] = []
+    alone = [start for start in sightings.starts if not sightings.wanted[start[1][0]].to_all]
+    for attempt in range(ALIGNMENTS):
+        # What is for one drive proves more than what is for all.
+        starts = alone if alone and attempt % 4 else sightings.starts
+        laid = _lay(sightings, sightings.way(chance.choice(starts), chance), chance)
+        if laid is None or (len(laid.outlines) > 1 and attempt < ALIGNMENTS // 2):
+            continue
+        wanted = laid.wanted.spots(laid.wanted_sizes, chance)
+        spots = [each.spots(sizes, chance) for each, sizes in zip(laid.outlines, laid.sizes, strict=True)]
+        if wanted is None or any(each is None for each in spots):
+            continue
+        known = [each for each in spots if each is not None]
+        draft = Draft(known, Window(laid.start, wanted, hearing.hears))
+        if not draft.possible:
+            continue
+        for _ in range(_WRITINGS):
+            data = draft.written(chance)
+            telegrams = None if data is None else _cut(data, known, laid.outlines, speaker, hearing)
+            proof = None if telegrams is None else _proof(telegrams, laid.wanted.title, draft.bits, hearing.reader)
+            if proof is not None:
+                found.append(proof)
+                break
+        if len(found) == _PROOFS:
+            break
+    return min(found, key=lambda proof: proof.bits or 0, default=None)
+
+
+def _lay(sightings: Sightings, way: Sequence[State], chance: Random) -> _Laid | None:
+    """Give the runs of a way their lengths, and the telegrams their beginning and end."""
+    all_outlines = sightings.traffic.outlines
+    visited: list[list[int]] = [[way[0][0][1]]]
+    numbers = [way[0][0][0]]
+    for (before, _), (after, _) in pairwise(way):
+        if is_next_telegram(before, after, all_outlines):
+            visited.append([])
+            numbers.append(after[0])
+        visited[-1].append(after[1])
+    outlines = tuple(all_outlines[number] for number in numbers)
+    wanted = sightings.wanted[way[0][1][0]]
+    wanted_sizes = _sizes(wanted, [place for _, (_, place) in way])
+    sizes = [_sizes(outline, places) for outline, places in zip(outlines, visited, strict=True)]
+    extra = _fill_up(outlines[0], sizes[0], first=visited[0][0], last=None, chance=chance)
+    if len(outlines) > 1:
+        _fill_up(outlines[-1], sizes[-1], first=None, last=visited[-1][-1], chance=chance)
+    else:
+        _fill_up(outlines[0], sizes[0], first=None, last=visited[0][-1], chance=chance)
+    start = 0
+    for place in outlines[0].places[: visited[0][0]]:
+        start += sizes[0].get(place.leaf, 0) if place.repeats else 1
+    return _Laid(outlines, tuple(sizes), start + extra, wanted, wanted_sizes)
+
+
+def _sizes(outline: Outline, places: Sequence[int]) -> dict[int, int]:
+    """Return how often each run of an outline is visited."""
+    return {
+        place.leaf: sum(visit == number for visit in places)
+        for number, place in enumerate(outline.places)
+        if place.repeats
+    }
+
+
+def _fill_up(outline: Outline, sizes: dict[int, int], *, first: int | None, last: int | None, chance: Random) -> int:
+    """Lengthen runs before the first or behind the last visited place; return by how much the first visited one is."""
+    lengthened = 0
+    usual = any_sizes(outline, chance)
+    for number, place in enumerate(outline.places):
+        if not place.repeats:
+            continue
+        before = first is not None and number < first
+        behind = last is not None and number > last
+        if before or behind:
+            sizes[place.leaf] = usual.get(place.leaf, 0)
+        elif number in (first, last):
+            more = max(0, usual.get(place.leaf, 0) - sizes[place.leaf])
+            sizes[place.leaf] += more
+            if number == first:
+                lengthened = more
+    return lengthened
+
+
+def _cut(
+    data: bytes, spots: Sequence[Sequence[Spot]], outlines: Sequence[Outline], speaker: Partner, hearing: Hearing
+) -> list[ProofTelegram] | None:
+    """Return the telegrams that stand behind each other; None where one of them is not the speaker's."""
+    telegrams, at = [], 0
+    for outline, each in zip(outlines, spots, strict=True):
+        telegram = data[at : at + len(each)]
+        at += len(each)
+        if not speaker.sends(telegram, outline):
+            return None
+        telegrams.append(
+            ProofTelegram(
+                title=outline.title,
+                direction=outline.direction,
+                data=telegram,
+                heard=heard(telegram, speaker.settings, hearing.settings),
+            )
+        )
+    return telegrams
+
+
+def _proof(telegrams: Sequence[ProofTelegram], title: str, bits: int, reader: Reader) -> Proof | None:
+    taken = reader.taken(each.heard for each in telegrams)
+    if taken is None:
+        return None
+    offset, found = taken
+    return Proof(
+        telegrams=tuple(telegrams),
+        offset=offset,
+        taken=found.data,
+        title=title,
+        fields=fields_of(found.message),
+        bits=bits,
+    )

@@ -1,0 +1,165 @@
+"""What may stand on a line, as a net of places, and where in it another telegram may be found.
+
+The net knows which characters each place may hold and which places may follow it, and nothing of what one character
+demands of another: check characters, lengths, words of a table. So what it excludes is excluded, and what it does not
+exclude may still be impossible.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from random import Random
+
+    from drivecomm.traffic.cohabitation.outlines import Outline
+
+Node = tuple[int, int]
+"""An outline by its number, and a place of it."""
+
+State = tuple[Node, Node]
+"""A place of the traffic, and the place of the other telegram that is found there."""
+
+
+class Traffic:
+    """Telegrams one after the other: a reply comes behind a request only, a request behind anything.
+
+    outlines: the telegrams. hears: what becomes of each character on the way to its reader.
+    """
+
+    def __init__(self, outlines: Sequence[Outline], hears: bytes) -> None:
+        self.outlines = outlines
+        self._masks = [[_mask(hears[code] for code in place.allowed) for place in each.places] for each in outlines]
+        behind_reply = [number for number, each in enumerate(outlines) if each.direction == "request"]
+        self._behind = {"request": range(len(outlines)), "reply": behind_reply}
+
+    def mask(self, node: Node) -> int:
+        """Return the characters that are heard at a place, as bits."""
+        return self._masks[node[0]][node[1]]
+
+    def nodes(self, of: Iterable[int]) -> list[Node]:
+        """Return all places of these outlines."""
+        return [(number, place) for number in of for place in range(len(self.outlines[number].places))]
+
+    def entries(self, number: int) -> list[Node]:
+        """Return the places with which an outline may begin."""
+        return _entries(self.outlines[number], number)
+
+    def following(self, node: Node) -> list[Node]:
+        """Return the places that may follow a place."""
+        number, place = node
+        outline = self.outlines[number]
+        found: list[Node] = []
+        for after in outline.following(place):
+            if after < len(outline.places):
+                found.append((number, after))
+            else:
+                for other in self._behind[outline.direction]:
+                    found.extend(_entries(self.outlines[other], other))
+        return found
+
+
+class Sightings:
+    """All ways in which telegrams may be found in traffic that is heard.
+
+    traffic: what is heard. wanted: the telegrams that are looked for. begins: the outlines of the traffic inside which
+    they may begin. entered: those with whose first character only they may begin.
+    """
+
+    def __init__(
+        self, traffic: Traffic, wanted: Sequence[Outline], begins: Iterable[int], entered: Iterable[int] = ()
+    ) -> None:
+        self.traffic, self.wanted = traffic, wanted
+        self._masks = [[_mask(place.allowed) for place in each.places] for each in wanted]
+        entries = [entry for number, each in enumerate(wanted) for entry in _entries(each, number)]
+        places = traffic.nodes(begins) + [place for number in entered for place in traffic.entries(number)]
+        first = [(place, entry) for place in places for entry in entries if self._fits(place, entry)]
+        self._steps = self._search(first)
+        self._alive = self._leading_to_the_end()
+        self.starts = [state for state in first if state in self._alive]
+        """Where a telegram may begin; empty when none can be found at all."""
+
+    def way(self, start: State, chance: Random) -> list[State]:
+        """Return one way from a start to the end, place by place."""
+        states = [start]
+        while True:
+            onward = [state for state in self._steps[states[-1]] if state in self._alive]
+            if self._may_end(states[-1]) and (not onward or chance.random() < 0.5):
+                return states
+            states.append(chance.choice(onward))
+
+    def may_end_elsewhere(self) -> bool:
+        """Whether a telegram may begin in one telegram of the traffic and end in another one."""
+        outlines = self.traffic.outlines
+        return any(
+            is_next_telegram(state[0], after[0], outlines)
+            for state in self._alive
+            for after in self._steps[state]
+            if after in self._alive
+        )
+
+    def farthest(self) -> Node | None:
+        """Return the last place that can be met of the telegram of which most can be; None where not even the first."""
+        met = [wanted for _, wanted in self._steps]
+        return max(met, key=lambda wanted: (wanted[1], -wanted[0]), default=None)
+
+    def _search(self, first: list[State]) -> dict[State, list[State]]:
+        steps: dict[State, list[State]] = {}
+        pending = list(first)
+        while pending:
+            state = pending.pop()
+            if state in steps:
+                continue
+            node, (number, place) = state
+            outline = self.wanted[number]
+            later = [(number, after) for after in outline.following(place) if after < len(outline.places)]
+            steps[state] = [
+                (behind, after)
+                for behind in (self.traffic.following(node) if later else ())
+                for after in later
+                if self._fits(behind, after)
+            ]
+            pending.extend(steps[state])
+        return steps
+
+    def _leading_to_the_end(self) -> set[State]:
+        before: dict[State, list[State]] = defaultdict(list)
+        for state, onward in self._steps.items():
+            for after in onward:
+                before[after].append(state)
+        alive: set[State] = set()
+        pending = [state for state in self._steps if self._may_end(state)]
+        while pending:
+            state = pending.pop()
+            if state not in alive:
+                alive.add(state)
+                pending.extend(before[state])
+        return alive
+
+    def _may_end(self, state: State) -> bool:
+        number, place = state[1]
+        outline = self.wanted[number]
+        return len(outline.places) in outline.following(place)
+
+    def _fits(self, node: Node, wanted: Node) -> bool:
+        return bool(self.traffic.mask(node) & self._masks[wanted[0]][wanted[1]])
+
+
+def is_next_telegram(before: Node, after: Node, outlines: Sequence[Outline]) -> bool:
+    """Whether a new telegram begins between two places that follow each other."""
+    if before[0] != after[0] or after[1] < before[1]:
+        return True
+    return after[1] == before[1] and not outlines[before[0]].places[before[1]].repeats
+
+
+def _entries(outline: Outline, number: int) -> list[Node]:
+    return [(number, place) for place in outline.following(-1) if place < len(outline.places)]
+
+
+def _mask(codes: Iterable[int]) -> int:
+    mask = 0
+    for code in codes:
+        mask |= 1 << code
+    return mask

@@ -1,0 +1,160 @@
+"""A capture as a master: asks what was asked then, in the timing of then or faster, and compares what comes.
+
+Nothing moves by accident: what could command or write is left out unless whoever calls wants the commands, too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import TelegramError, UsageError
+from drivecomm.link import EchoFilter
+from drivecomm.protocol import fields_of
+from drivecomm.traffic.replay.requests import meanings, only_asks
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from drivecomm.link import Echo, Port
+    from drivecomm.protocol import LineSettings, Protocol
+    from drivecomm.traffic.replay.conversation import Exchanged
+
+# However fast it goes: no protocol that ships with drivecomm wants a longer pause before a request (Fuji, 10 ms).
+_LEAST_PAUSE_S = 0.010
+# How much later than then a reply may come.
+PATIENCE_S = 0.5
+
+
+class Sending(Enum):
+    """What of a capture is sent again."""
+
+    QUESTIONS = "questions"
+    EVERYTHING = "everything"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What came of a request this time. number: its place in the capture, from 1. sent: whether it was sent at all."""
+
+    number: int
+    then: Exchanged
+    came: bytes = b""
+    sent: bool = True
+
+    @property
+    def differs(self) -> bool:
+        """Whether something else came than then."""
+        return self.sent and self.came != self.then.reply
+
+
+class Asking:
+    """Sends the requests of a conversation on a port.
+
+    faster: how many times as fast as then. sending: whether what could command or write is sent, too. overrides: line
+    settings instead of those of the capture, by name. patience_s: how much later than then a reply may come. Raises
+    UsageError when it goes no faster than not at all.
+    """
+
+    def __init__(
+        self,
+        conversation: Sequence[Exchanged],
+        protocols: Sequence[Protocol],
+        *,
+        faster: float = 1.0,
+        sending: Sending = Sending.QUESTIONS,
+        overrides: Mapping[str, Any] | None = None,
+        echo: Echo = "off",
+        patience_s: float = PATIENCE_S,
+    ) -> None:
+        if not 0 < faster < float("inf"):
+            raise UsageError(f"{faster:g} times as fast is no speed; give a number above 0")
+        self._conversation = conversation
+        self._protocols = protocols
+        self._faster = faster
+        self._sending = sending
+        self._overrides = dict(overrides or {})
+        self._echo = EchoFilter(echo)
+        self._patience_s = patience_s
+
+    def on(self, port: Port) -> Iterator[Outcome]:
+        """Yield what comes of each request, in order. Raises LinkDownError when the port is lost."""
+        configured: LineSettings | None = None
+        began: float | None = None
+        first_s = self._conversation[0].asked_s if self._conversation else 0.0
+        free_at = 0.0
+        for number, then in enumerate(self._conversation, start=1):
+            if self._sending is Sending.QUESTIONS and not only_asks(then.request, self._protocols):
+                yield Outcome(number=number, then=then, sent=False)
+                continue
+            settings = replace(then.settings or self._usual(then), **self._overrides)
+            if settings != configured:
+                port.configure(settings)
+                configured = settings
+            if began is None:
+                began = port.now()
+            port.wait(max(began + (then.asked_s - first_s) / self._faster, free_at))
+            port.take()
+            port.write(then.request)
+            if self._echo.looking:
+                self._echo.sent(then.request)
+            over_at = port.now() + settings.wire_s(len(then.request))
+            came = self._reply(port, then, over_at, number)
+            free_at = max(over_at, port.now()) + self._pause_s(number)
+            yield Outcome(number=number, then=then, came=came)
+
+    def _reply(self, port: Port, then: Exchanged, over_at: float, number: int) -> bytes:
+        """Return what comes, waiting for as much as came then, and a little longer for what did not come then."""
+        wanted = len(then.reply)
+        until = over_at + then.reply_s + self._patience_s if wanted else over_at + self._silence_s(number)
+        came = b""
+        while (now := port.now()) < until:
+            came += self._heard(port.read(until, max(1, wanted - len(came)) + self._echo.missing))
+            if wanted and len(came) >= wanted:
+                # What follows at once belongs to it.
+                surplus_at = max(now, port.now()) + _LEAST_PAUSE_S / 2
+                return came + self._heard(port.read(surplus_at, wanted + 1))
+        return came + self._echo.give_up()
+
+    def _heard(self, came: bytes) -> bytes:
+        return self._echo.take(came)[1] if self._echo.looking and came else came
+
+    def _silence_s(self, number: int) -> float:
+        """Return how long to listen where no reply came: until it was asked again then, but not for ever."""
+        return min(self._patience_s, max(_LEAST_PAUSE_S, self._until_next_s(number) / self._faster))
+
+    def _pause_s(self, number: int) -> float:
+        """Return how long to be quiet after this request: as long as then, or long enough for any drive."""
+        return max(0.0, min(self._until_next_s(number), _LEAST_PAUSE_S))
+
+    def _until_next_s(self, number: int) -> float:
+        """Return how long after the reply to this request the next one was asked."""
+        if number >= len(self._conversation):
+            return self._patience_s
+        then = self._conversation[number - 1]
+        return self._conversation[number].asked_s - then.asked_s - then.reply_s
+
+    def _usual(self, then: Exchanged) -> LineSettings:
+        """Return the usual line settings of its protocol. Raises UsageError when it is in none."""
+        for plugin, _ in meanings(then.request, self._protocols):
+            return plugin.facts.settings
+        raise UsageError("the capture does not say its line settings; give --baudrate, --parity and so on")
+
+
+def difference(outcome: Outcome, protocols: Sequence[Protocol]) -> str:
+    """Return for people in what this reply differs from that of then: by field where both are sound, else by bytes."""
+    if not outcome.came:
+        return "nothing came"
+    if not outcome.then.parts:
+        return f"nothing came then, now {outcome.came.hex(' ').upper()}"
+    for plugin, _ in meanings(outcome.then.request, protocols):
+        codec = plugin.codec(plugin.options())
+        try:
+            then = fields_of(codec.decode(outcome.then.reply, "reply"))
+            now = fields_of(codec.decode(outcome.came, "reply"))
+        except TelegramError:
+            continue
+        names = [name for name in {**then, **now} if then.get(name) != now.get(name)]
+        return ", ".join(f"{name} was {then.get(name, 'absent')}, is {now.get(name, 'absent')}" for name in names)
+    return f"was {outcome.then.reply.hex(' ').upper()}, is {outcome.came.hex(' ').upper()}"

@@ -1,0 +1,123 @@
+"""The drives of a capture as one virtual drive: what was asked then is answered as it was answered then.
+
+with Server([RecordedDrive(read_capture("pumps.jsonl"))], parse_listen("pty:/tmp/line")) as server:
+    server.run(stop)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from drivecomm.errors import NotSupported, TelegramError, UsageError
+from drivecomm.protocol import Framed, LineSettings, Motor, VirtualReply
+from drivecomm.traffic.replay.conversation import exchanged
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from drivecomm.capture import Capture
+    from drivecomm.protocol import Codec, Damaged, Direction, Message
+    from drivecomm.traffic.replay.conversation import Exchanged
+
+# A master on a network may hand over one telegram in pieces.
+_GAP_S = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedRequest:
+    """A request as it was captured; its bytes are all that is known of it."""
+
+    kind: ClassVar[str] = "recorded"
+    data: bytes
+
+
+class RecordedCodec:
+    """Knows the requests of a capture, byte for byte, and nothing else."""
+
+    def __init__(self, requests: Iterable[bytes]) -> None:
+        self._requests = frozenset(requests)
+        self._lengths = sorted({len(request) for request in self._requests}, reverse=True)
+        self._begun: dict[bytes, int] = {}
+        """How long the request may become that begins with these bytes and goes on."""
+        for request in self._requests:
+            for length in range(1, len(request)):
+                head = request[:length]
+                self._begun[head] = max(self._begun.get(head, 0), len(request))
+
+    def measure(self, head: bytes, direction: Direction) -> int:
+        """Return the length of the request that begins with these bytes; drives that overhear replies know none."""
+        if direction != "request" or not self._lengths:
+            return 0
+        if not head:
+            return self._lengths[-1]
+        if head in self._begun:
+            return self._begun[head]
+        return next((n for n in self._lengths if n <= len(head) and head[:n] in self._requests), 0)
+
+    def decode(self, data: bytes, direction: Direction) -> RecordedRequest:
+        """Return the request. Raises TelegramError for what is not in the capture."""
+        if direction != "request" or data not in self._requests:
+            raise TelegramError("framing", "these bytes are no request of the capture")
+        return RecordedRequest(data)
+
+    def encode(self, message: Message) -> bytes:
+        """Return its bytes. Raises TelegramError for the message of a protocol."""
+        if not isinstance(message, RecordedRequest):
+            raise TelegramError("field", f"a {message.kind} is no request of the capture")
+        return message.data
+
+
+def recorded_drives(capture: Capture) -> list[RecordedDrive]:
+    """Return the drives of a capture, those with the same line settings as one. Raises UsageError when there is none.
+
+    Each request gets the answers that it got then, in order, the last one again and again. One that was not answered
+    then is not answered now, and one that is not in the capture neither. An answer is whole as long after its request
+    as it was then.
+    """
+    asked: dict[LineSettings, list[Exchanged]] = {}
+    for each in exchanged(capture):
+        asked.setdefault(each.settings or LineSettings(), []).append(each)
+    if not asked:
+        raise UsageError("there is no request in this capture, so there is nothing to answer")
+    return [RecordedDrive(conversation, settings) for settings, conversation in asked.items()]
+
+
+class RecordedDrive:
+    """All drives of a capture that have these line settings, as one; `recorded_drives` makes them."""
+
+    def __init__(self, conversation: Iterable[Exchanged], settings: LineSettings) -> None:
+        answers: dict[bytes, list[VirtualReply | None]] = {}
+        for each in conversation:
+            reply = VirtualReply(data=each.reply, delay_s=each.reply_s) if each.parts else None
+            answers.setdefault(each.request, []).append(reply)
+        self.address = 0
+        self.settings = settings
+        self.gap_s = _GAP_S
+        self.motor = Motor()
+        self._answers: Mapping[bytes, list[VirtualReply | None]] = answers
+        self._codec = RecordedCodec(answers)
+
+    @property
+    def codec(self) -> Codec:
+        """The requests of the capture."""
+        return self._codec
+
+    def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:  # noqa: ARG002 - others live in time
+        """Answer as it was answered then."""
+        if not isinstance(find, Framed):
+            return None
+        answers = self._answers[find.data]
+        return answers.pop(0) if len(answers) > 1 else answers[0]
+
+    def peek(self, parameter: str, now: float) -> int | str:  # noqa: ARG002 - others live in time
+        """Raise NotSupported: a recording holds no parameters."""
+        raise NotSupported(f"a recorded drive holds no parameters, so {parameter} has no value")
+
+    def poke(self, parameter: str, raw: Any) -> None:
+        """Raise NotSupported: a recording holds no parameters."""
+        raise NotSupported(f"a recorded drive holds no parameters, so {parameter} cannot become {raw!r}")
+
+    def trip(self, code: int, now: float) -> None:
+        """Raise NotSupported: a recording does only what it did then."""
+        raise NotSupported(f"a recorded drive cannot trip with {code} at {now:g} s; it does only what it did then")

@@ -1,0 +1,156 @@
+"""A capture as a test: library code runs against what was captured, in virtual time, and must send the same.
+
+with replayed("pumps.jsonl") as line, drivecomm.open_bus(line.port) as bus:
+    assert bus.drive("vabus", 1).read("481").value == 1000
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING, Self
+
+from drivecomm.capture import Capture, read_capture
+from drivecomm.protocol import installed
+from drivecomm.traffic.replay.conversation import exchanged
+from drivecomm.traffic.replay.requests import described
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from types import TracebackType
+
+    from drivecomm.protocol import LineSettings
+
+
+class ReplayError(AssertionError):
+    """The code under test did something other than the capture says."""
+
+
+def replayed(capture: str | Path | Capture) -> Replayed:
+    """Return a line on which a capture happens again, a context manager; a file is read first.
+
+    Raises FileFormatError for a file that is none, UsageError for a capture that does not say who sent what.
+    """
+    return Replayed(capture if isinstance(capture, Capture) else read_capture(capture))
+
+
+class Replayed:
+    """A line with the drives of a capture, for one master that must send what was sent then, in the same order.
+
+    Its clock is virtual. A reply comes as long after its request as it did then, in the same pieces, whenever the
+    request is sent. Sending anything else raises ReplayError, an AssertionError, that names the first difference;
+    leaving the block before everything was sent raises it, too.
+    """
+
+    def __init__(self, capture: Capture) -> None:
+        self._left = deque(enumerate(exchanged(capture), start=1))
+        self._arriving: deque[tuple[float, bytes]] = deque()
+        self._settings: LineSettings | None = None
+        self._free_at = 0.0
+        self.time = 0.0
+        """The line's time, in seconds; it passes only while the master waits."""
+
+    def port(self) -> ReplayPort:
+        """Open the master's end of the line, for `drivecomm.open_bus` and `open_bus_async`."""
+        return ReplayPort(self)
+
+    def configure(self, settings: LineSettings) -> None:
+        """Set the master's line settings; they say how long a request takes."""
+        self._settings = settings
+
+    def transmit(self, data: bytes) -> None:
+        """Let the master send. Raises ReplayError when this is not what it sent then."""
+        if not self._left:
+            raise ReplayError(f"the capture is over, and {described(data, installed.working())} is sent")
+        number, wanted = self._left[0]
+        if data != wanted.request:
+            plugins = list(installed.working())
+            raise ReplayError(
+                f"request {number}, at {wanted.asked_s:.3f} s of the capture, was "
+                f"{described(wanted.request, plugins)}; now {described(data, plugins)} is sent"
+            )
+        self._left.popleft()
+        wire_s = self._settings.wire_s(len(data)) if self._settings is not None else 0.0
+        self._free_at = max(self.time, self._free_at) + wire_s
+        self._arriving += [(self._free_at + part.after_s, part.data) for part in wanted.parts]
+
+    def receive(self, until: float, at_least: int) -> bytes:
+        """Let time pass until so many bytes have come, or until then."""
+        came = self.take()
+        while len(came) < at_least and self._arriving and self._arriving[0][0] <= until:
+            self.time = max(self.time, self._arriving[0][0])
+            came += self.take()
+        if len(came) < at_least:
+            self.time = max(self.time, until)
+        return came
+
+    def take(self) -> bytes:
+        """Return what has come by now."""
+        came = b""
+        while self._arriving and self._arriving[0][0] <= self.time:
+            came += self._arriving.popleft()[1]
+        return came
+
+    def finish(self) -> None:
+        """Raise ReplayError when something of the capture was not sent."""
+        if self._left:
+            number, wanted = self._left[0]
+            raise ReplayError(
+                f"{len(self._left)} requests of the capture were not sent; the first is request {number}, "
+                f"at {wanted.asked_s:.3f} s: {described(wanted.request, installed.working())}"
+            )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if error is None:
+            self.finish()
+
+
+class ReplayPort:
+    """The master's end of a line on which a capture happens again."""
+
+    # What comes may have come at once then, over a pseudo-terminal say, and is to be believed now.
+    paced = False
+    real_time = False
+    descriptor = None
+
+    def __init__(self, line: Replayed) -> None:
+        self._line = line
+
+    def now(self) -> float:
+        """Return the line's time."""
+        return self._line.time
+
+    def wall_time(self) -> float:
+        """Return the line's time."""
+        return self._line.time
+
+    def configure(self, settings: LineSettings) -> str:
+        """Set the line settings."""
+        self._line.configure(settings)
+        return ""
+
+    def write(self, data: bytes) -> None:
+        """Send."""
+        self._line.transmit(data)
+
+    def read(self, until: float, at_least: int) -> bytes:
+        """Let time pass until this many bytes have come, or until then."""
+        return self._line.receive(until, at_least)
+
+    def take(self) -> bytes:
+        """Return what has come by now."""
+        return self._line.take()
+
+    def hold_back(self, at_least: int) -> None:
+        """Nothing to hold back: there is no descriptor."""
+
+    def wait(self, until: float) -> None:
+        """Let time pass."""
+        self._line.time = max(self._line.time, until)
+
+    def close(self) -> None:
+        """Nothing to give back."""

@@ -1,0 +1,158 @@
+"""Vectors out of a capture: its sound telegrams as the text of a vector file, each once, with where it comes from."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import TelegramError
+from drivecomm.protocol import Framed, Framer, fields_of, installed
+from drivecomm.traffic.replay.telling_apart import telling_apart
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from drivecomm.capture import Capture, Piece, Provenance
+    from drivecomm.protocol import Codec, Direction, Find, Message, Protocol
+
+_FORMAT = 2
+_WAYS: dict[str, Direction] = {"master": "request", "drive": "reply"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Heard:
+    """A sound telegram of a capture. answers: for a reply, the bytes of the request before it, if it answers that."""
+
+    direction: Direction
+    data: bytes
+    message: Message
+    answers: bytes = b""
+
+
+def heard_telegrams(capture: Capture, plugin: Protocol, options: Mapping[str, Any]) -> list[Heard]:
+    """Return the sound telegrams of one protocol in a capture, in order. options: the protocol's, for its codec."""
+    codec = plugin.codec(plugin.options(**options))
+    # With the others at hand, nothing in their telegrams is taken for one of these.
+    told = telling_apart(capture, [plugin, *(other for other in installed.working() if other.name != plugin.name)])
+    found: list[Heard] = []
+    for line in dict.fromkeys(piece.line for piece in told.pieces):
+        found += _of_one_line([piece for piece in told.pieces if piece.line == line], plugin, codec)
+    return found
+
+
+def vectors_text(capture: Capture, plugin: Protocol, *, name: str, options: Mapping[str, Any]) -> str:
+    """Return a vector file with each different telegram of one protocol in a capture.
+
+    name: what the source calls the capture. options: the protocol's, for its codec; they stand in each vector.
+    """
+    codec = plugin.codec(plugin.options(**options))
+    source = _source(capture.provenance, name)
+    lines = [f"format = {_FORMAT}", f"protocol = {_written(plugin.name)}"]
+    counts: dict[str, int] = {}
+    heard = heard_telegrams(capture, plugin, options)
+    for direction, data, answers in dict.fromkeys((each.direction, each.data, each.answers) for each in heard):
+        message = codec.decode(data, direction)
+        counts[message.kind] = number = counts.get(message.kind, 0) + 1
+        entry: dict[str, Any] = {
+            "id": f"captured-{direction}-{message.kind}-{number}",
+            "source": source,
+            "printed": False,
+            "direction": direction,
+            "hex": data.hex(" ").upper(),
+            "valid": True,
+        }
+        if not _is_canonical(codec, message, data):
+            entry["canonical"] = False
+        if options:
+            entry["options"] = dict(options)
+        if direction == "request" and _is_for_nobody_alone(message, plugin):
+            entry["reply_expected"] = False
+        if answers:
+            entry |= {"answers_to": answers.hex(" ").upper(), "answers": True}
+        lines += ["", "[[vector]]", *_pairs(entry), "[vector.fields]", *_pairs(fields_of(message))]
+    return "\n".join(lines) + "\n"
+
+
+def _of_one_line(pieces: list[Piece], plugin: Protocol, codec: Codec) -> Iterator[Heard]:
+    asked: Framed | None = None
+    for direction, find in _framed(pieces, codec, plugin.facts.gap_s):
+        if direction == "request":
+            asked = find
+        is_answer = direction == "reply" and asked is not None and not _differs(plugin, asked, find)
+        answers = asked.data if asked is not None and is_answer else b""
+        yield Heard(direction=direction, data=find.data, message=find.message, answers=answers)
+
+
+def _framed(pieces: list[Piece], codec: Codec, gap_s: float) -> Iterator[tuple[Direction, Framed]]:
+    """Yield the sound telegrams; one ends where somebody else speaks, or nobody for a while.
+
+    Telegrams beside bytes that are none are left out: in the telegrams of other protocols short ones are found by
+    chance.
+    """
+    framer, speaking, heard_at = Framer(codec, "request"), "", 0.0
+    finds: list[Find] = []
+    for piece in pieces:
+        if piece.source not in _WAYS:
+            continue
+        if piece.source != speaking or piece.time_s - heard_at > gap_s:
+            yield from _sound(speaking, [*finds, *framer.flush()])
+            framer, speaking, finds = Framer(codec, _WAYS[piece.source]), piece.source, []
+        heard_at = piece.time_s
+        finds += framer.feed(piece.data)
+        if not framer.begun:
+            yield from _sound(speaking, finds)
+            finds = []
+    yield from _sound(speaking, [*finds, *framer.flush()])
+
+
+def _sound(source: str, finds: list[Find]) -> Iterator[tuple[Direction, Framed]]:
+    """Yield what was said in one go, if all of it is sound."""
+    telegrams = [find for find in finds if isinstance(find, Framed)]
+    if len(telegrams) == len(finds):
+        for telegram in telegrams:
+            yield _WAYS[source], telegram
+
+
+def _differs(plugin: Protocol, asked: Framed, reply: Framed) -> bool:
+    # An echo is told by its bytes, before the protocol is asked.
+    return asked.data == reply.data or bool(plugin.mismatch(asked.message, reply.message))
+
+
+def _is_canonical(codec: Codec, message: Message, data: bytes) -> bool:
+    try:
+        return codec.encode(message) == data
+    except TelegramError:
+        return False
+
+
+def _is_for_nobody_alone(message: Message, plugin: Protocol) -> bool:
+    """Whether no drive answers this: it is for all of them, or for none."""
+    return getattr(message, "address", None) in (None, plugin.broadcast_address)
+
+
+def _source(provenance: Provenance, name: str) -> str:
+    parts = [f"captured in {name}"]
+    if provenance.began is not None:
+        parts.append(provenance.began.isoformat(timespec="seconds"))
+    parts += [f"at {provenance.port}"] if provenance.port else []
+    parts += [f"by {provenance.tool}"] if provenance.tool else []
+    parts += [provenance.note] if provenance.note else []
+    return ", ".join(parts)
+
+
+def _pairs(entry: Mapping[str, Any]) -> list[str]:
+    return [f"{key} = {_written(value)}" for key, value in entry.items()]
+
+
+def _written(value: Any) -> str:
+    """Return a value as TOML writes it: of JSON it has the strings, but for DEL, and the rest nearly."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_written(each)}" for key, each in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_written, value)) + "]"
+    return str(value)

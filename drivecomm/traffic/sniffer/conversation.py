@@ -1,0 +1,368 @@
+"""Who is speaking: what the earlier telegrams of a protocol say about the direction of the next one.
+
+Requests and replies of some protocols look alike. Then these count, each with a weight:
+
+- a reply comes soon after a request that it answers (the protocol's `mismatch` says so), or late after one that had no
+  answer;
+- a request is repeated, byte for byte; a reply may be, too;
+- without a request that it could answer, it is rather a request itself;
+- after a silence longer than the reply time, a request is due;
+- in the bytes that were always different in this drive's requests and its replies lately, it is like one of them.
+
+A telegram that repeats the request before it, or was heard both ways lately, says nothing by its bytes: a drive may
+answer a request with just the same. It is a reply when it comes as soon as this line's replies do, as far as that is
+known by others.
+
+What may be the late answer to a request that had none is judged by its bytes alone: whether it comes after silence says
+nothing then. Where they say nothing either, its direction stays open.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field, replace
+from math import inf
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from drivecomm.protocol import Direction, Message, Parity, Protocol
+    from drivecomm.traffic.sniffer.readings import Reading
+
+_ANSWERS_NOW = 4
+_REPEATED = 3
+_NOTHING_ASKED = 2
+_AFTER_SILENCE = 3
+_ALIKE, _MOST_ALIKE = 2, 6
+
+# Bad lines, and the adapters at their ends, hold a reply back for longer than any drive does.
+_LATEST_S = 2.0
+# So often in a row nothing answers late: there is no such drive, and these are its requests.
+_MOST_DOUBTS = 3
+
+_KEPT_REQUESTS = 8
+_KEPT_EXAMPLES = 6
+_KEPT_ENDS = 4
+_KEPT_DELAYS = 9
+# A reply comes as usual between half and twice the usual time; many adapters delay it by some milliseconds.
+_AS_USUAL, _STEP_S = 2, 0.005
+_CLEARLY_BETTER = 2
+# An odd number: where requests and replies alternate, the next beginning is the other one.
+_LONGEST_DOUBT = 15
+_AGREED = 4
+
+
+def is_broadcast(protocol: Protocol, message: Message) -> bool:
+    """Whether a request is for all drives."""
+    address = getattr(message, "address", None)
+    if getattr(message, "broadcast", False):
+        return True
+    return address is not None and address == protocol.broadcast_address
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What was on the line: the ways to read it, one for each direction that it may have, and when.
+
+    behind_others: whether the telegram before it was one of another protocol.
+    """
+
+    readings: Sequence[Reading]
+    began_s: float
+    ended_s: float
+    silence_s: float
+    behind_others: bool = False
+
+    def reading(self, direction: Direction) -> Reading | None:
+        """Return how it reads in this direction."""
+        return next((reading for reading in self.readings if reading.direction == direction), None)
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    message: Message
+    data: bytes
+    ended_s: float
+    answered: bool = False
+
+
+@dataclass(slots=True)
+class Conversation:
+    """What has been said in one protocol on one line."""
+
+    protocol: Protocol
+    _asked: deque[_Asked] = field(default_factory=lambda: deque(maxlen=_KEPT_REQUESTS))
+    _examples: dict[tuple[object, int, Direction], deque[bytes]] = field(default_factory=dict)
+    _ends: dict[type[Message], deque[bool]] = field(default_factory=dict)
+    certain: bool = False
+    """Whether it is known who speaks when."""
+    spoken: bool = False
+    """Whether anything has been said in this protocol."""
+    parity: Parity | None = None
+    """Which parity came as the eighth bit of the last telegram; None before the first."""
+    _just_answered: type[Message] | None = None
+    _misheard_s: float = -inf
+    _doubts: dict[object, int] = field(default_factory=dict)
+    _delays: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT_DELAYS))
+
+    def copy(self) -> Conversation:
+        """Return one that goes its own way from here."""
+        examples = {key: deque(known, maxlen=_KEPT_EXAMPLES) for key, known in self._examples.items()}
+        return Conversation(
+            self.protocol,
+            deque(self._asked, maxlen=_KEPT_REQUESTS),
+            examples,
+            {kind: deque(known, maxlen=_KEPT_ENDS) for kind, known in self._ends.items()},
+            self.certain,
+            self.spoken,
+            self.parity,
+            self._just_answered,
+            self._misheard_s,
+            dict(self._doubts),
+            deque(self._delays, maxlen=_KEPT_DELAYS),
+        )
+
+    def direction_of(self, heard: Heard) -> Direction | None:
+        """Return the likelier direction of a telegram; None when both are equally likely."""
+        request, reply = heard.reading("request"), heard.reading("reply")
+        if request is None or reply is None:
+            return "reply" if request is None else "request"
+        if (told := self._by_its_time(heard, reply)) is not None:
+            return told
+        balance = _REPEATED * (reply.data in self._known(reply)) - _REPEATED * (request.data in self._known(request))
+        balance -= self._likeness(request)
+        if not self._may_be_late(heard, reply):
+            balance += self._timeliness(heard, reply)
+        if balance == 0:
+            return None
+        return "reply" if balance > 0 else "request"
+
+    def doubt(self, heard: Heard) -> None:
+        """Note a telegram whose direction stays open."""
+        address = getattr(heard.readings[0].message, "address", None)
+        self._doubts[address] = self._doubts.get(address, 0) + 1
+
+    def take(self, reading: Reading, began_s: float, ended_s: float) -> None:
+        """Note what was said."""
+        self.spoken = True
+        if reading.short and reading.direction == "request":
+            return
+        if not reading.short:
+            self.parity = reading.parity
+        address = getattr(reading.message, "address", None)
+        examples = self._examples.setdefault(
+            (address, len(reading.data), reading.direction), deque(maxlen=_KEPT_EXAMPLES)
+        )
+        if reading.data not in examples:
+            examples.append(reading.data)
+        if reading.direction == "request":
+            # What is asked again has one answer, not two.
+            kept = [asked for asked in self._asked if asked.answered or asked.data != reading.data]
+            self._asked = deque([*kept, _Asked(reading.message, reading.data, ended_s)], maxlen=_KEPT_REQUESTS)
+            self._end(closed=False)
+            return
+        self._doubts.pop(address, None)
+        self._just_answered = type(self._asked[-1].message) if self._asked else None
+        if (place := self._answered_by(reading.message, ended_s)) is not None:
+            asked = self._asked[place]
+            self._asked[place] = replace(asked, answered=True)
+            if place == len(self._asked) - 1 and asked.data != reading.data:
+                self._delays.append(began_s - asked.ended_s)
+
+    def awaits(self, reply: Message, began_s: float) -> bool:
+        """Whether this is what the last request waits for."""
+        last = self._asked[-1] if self._asked else None
+        return last is not None and not last.answered and self._may_answer(last, reply, began_s)
+
+    def may_come(self, reading: Reading, began_s: float) -> bool:
+        """Whether this reply answers a request that has none, or a damaged one, or says again what it has just said."""
+        timeout_s = self.protocol.facts.timing.reply_timeout_s
+        if began_s - self._misheard_s <= timeout_s and self._knows(reading.message):
+            return True
+        return any(
+            (not asked.answered or reading.data in self._known(reading))
+            and self._may_answer(asked, reading.message, began_s)
+            for asked in self._asked
+        )
+
+    def awaited(self, now_s: float) -> Message | None:
+        """Return the request whose reply is due now."""
+        last = self._asked[-1] if self._asked else None
+        late = last is None or last.answered or now_s - last.ended_s > self.protocol.facts.timing.reply_timeout_s
+        return None if late or last is None or is_broadcast(self.protocol, last.message) else last.message
+
+    def leaves_unanswered(self, request: Reading) -> bool:
+        """Whether the last request has no answer and this one is another."""
+        last = self._asked[-1] if self._asked else None
+        if last is None or last.answered or is_broadcast(self.protocol, last.message):
+            return False
+        return last.data != request.data
+
+    def mishear(self, ended_s: float) -> None:
+        """Note a request that was damaged: its drive may refuse it."""
+        self._misheard_s = ended_s
+
+    def close(self) -> None:
+        """Note that a telegram of one character, which may also be a broken request, followed the last reply."""
+        self._end(closed=True)
+
+    @property
+    def closes_often(self) -> bool:
+        """Whether such a telegram is due: half of the conversations like the last one ended with it, or none is known.
+
+        Of another kind of conversation it is known as soon as of one.
+        """
+        if self._just_answered is None:
+            return False
+        ends = self._ends.get(self._just_answered) or [end for known in self._ends.values() for end in known]
+        return sum(ends) * 2 >= len(ends)
+
+    def plausibility(self, heard: Heard) -> int:
+        """Return how well a telegram fits into the conversation: 2 it answers, 1 its drive is known, 0 neither."""
+        reply = heard.reading("reply")
+        if reply is not None and self.awaits(reply.message, heard.began_s):
+            return 2
+        return 1 if any(self._knows(reading.message) for reading in heard.readings) else 0
+
+    def _knows(self, message: Message) -> bool:
+        """Whether its drive has been heard of."""
+        named = getattr(message, "address", None)
+        return any(address == named for address, _, _ in self._examples)
+
+    def _end(self, *, closed: bool) -> None:
+        if self._just_answered is not None:
+            self._ends.setdefault(self._just_answered, deque(maxlen=_KEPT_ENDS)).append(closed)
+        self._just_answered = None
+
+    def _may_be_late(self, heard: Heard, reply: Reading) -> bool:
+        """Whether this may be what the drive says to a request that is over; not of a drive that never answers."""
+        if self._doubts.get(getattr(reply.message, "address", None), 0) >= _MOST_DOUBTS:
+            return False
+        timeout_s = self.protocol.facts.timing.reply_timeout_s
+        for asked in reversed(self._asked):
+            passed_s = heard.began_s - asked.ended_s
+            if passed_s > self._latest_s:
+                return False
+            if asked.answered or asked.data == reply.data or self.protocol.mismatch(asked.message, reply.message):
+                continue
+            return passed_s > timeout_s or asked is not self._asked[-1]
+        return False
+
+    def _by_its_time(self, heard: Heard, reply: Reading) -> Direction | None:
+        """Return the direction of a telegram whose bytes say nothing; None when they do, or no usual time is known."""
+        last = self._asked[-1] if self._asked else None
+        repeats = last is not None and not last.answered and last.data == reply.data
+        both_ways = reply.data in self._known(reply) and reply.data in self._known(replace(reply, direction="request"))
+        usual_s = sorted(self._delays)[len(self._delays) // 2] if self._delays else 0.0
+        # Without any time in between, a telegram is one that was sent twice, or all of it came in one step.
+        if last is None or usual_s <= 0 or not (repeats or both_ways):
+            return None
+        if usual_s / _AS_USUAL <= heard.began_s - last.ended_s <= _AS_USUAL * usual_s + _STEP_S:
+            return "reply" if self.awaits(reply.message, heard.began_s) else "request"
+        return None if self._may_be_late(heard, reply) else "request"
+
+    def _timeliness(self, heard: Heard, reply: Reading) -> int:
+        """Return what the pauses say, above 0 for a reply and below 0 for a request."""
+        timeout_s = self.protocol.facts.timing.reply_timeout_s
+        due = self.awaits(reply.message, heard.began_s)
+        prompt = due and self._asked[-1].data != reply.data and heard.began_s - self._asked[-1].ended_s <= timeout_s
+        weight = _ANSWERS_NOW * prompt - _NOTHING_ASKED * (not due)
+        return weight - _AFTER_SILENCE * (heard.silence_s > timeout_s)
+
+    @property
+    def _latest_s(self) -> float:
+        timing = self.protocol.facts.timing
+        return max(_LATEST_S, timing.reply_timeout_s + timing.late_s)
+
+    def _answered_by(self, reply: Message, ended_s: float) -> int | None:
+        for place in range(len(self._asked) - 1, -1, -1):
+            asked = self._asked[place]
+            if not asked.answered and self._may_answer(asked, reply, ended_s):
+                return place
+        return None
+
+    def _may_answer(self, asked: _Asked, reply: Message, now_s: float) -> bool:
+        timing = self.protocol.facts.timing
+        in_time = now_s - asked.ended_s <= timing.reply_timeout_s + timing.late_s
+        return in_time and not self.protocol.mismatch(asked.message, reply)
+
+    def _known(self, reading: Reading) -> deque[bytes]:
+        address = getattr(reading.message, "address", None)
+        return self._examples.get((address, len(reading.data), reading.direction)) or deque()
+
+    def _likeness(self, reading: Reading) -> int:
+        """Return how much it is like this drive's requests, below 0 like its replies, 0 when that does not show."""
+        address, length = getattr(reading.message, "address", None), len(reading.data)
+        requests = self._examples.get((address, length, "request"))
+        replies = self._examples.get((address, length, "reply"))
+        if not requests or not replies:
+            return 0
+        like_requests = like_replies = 0
+        # The check says nothing of its own.
+        for byte, asked, answered in zip(
+            reading.data[:-1], zip(*requests, strict=True), zip(*replies, strict=True), strict=False
+        ):
+            if set(asked).isdisjoint(answered):
+                like_requests += byte in asked
+                like_replies += byte in answered
+        return max(-_MOST_ALIKE, min(_MOST_ALIKE, _ALIKE * (like_requests - like_replies)))
+
+
+class Beginning:
+    """Telegrams from before it was known who speaks when.
+
+    Whoever begins to listen may do so at a reply. Both beginnings are played through until one explains clearly more.
+    Between the drives of several makers a reply comes behind its request, and a request behind what others said.
+    """
+
+    def __init__(self, conversation: Conversation) -> None:
+        self._conversation = conversation
+        self.heard: list[Heard] = []
+
+    def add(self, heard: Heard) -> None:
+        """Take the next telegram."""
+        self.heard.append(heard)
+
+    @property
+    def too_long(self) -> bool:
+        """Whether waiting for more would help nobody."""
+        return len(self.heard) >= _LONGEST_DOUBT
+
+    def settled(self, margin: int = _CLEARLY_BETTER) -> list[Direction | None] | None:
+        """Return the directions of all telegrams if one beginning explains so much more; None otherwise."""
+        if not self.heard:
+            return []
+        asking, as_asked = self._play("request")
+        answering, as_answered = self._play("reply")
+        if abs(asking - answering) >= margin:
+            return as_asked if asking > answering else as_answered
+        agreed = [one if one == other else None for one, other in zip(as_asked, as_answered, strict=True)]
+        # How it began may stay open for ever when both lead to the same.
+        lately = agreed[-_AGREED:]
+        return (
+            agreed
+            if len(agreed) > _AGREED and "request" in lately and "reply" in lately and None not in lately
+            else None
+        )
+
+    def _play(self, first: Direction) -> tuple[int, list[Direction | None]]:
+        """Return how much is explained when the first telegram has this direction: pairs, less what fits nowhere."""
+        state = self._conversation.copy()
+        score = 0
+        directions: list[Direction | None] = []
+        for number, heard in enumerate(self.heard):
+            direction = first if number == 0 and heard.reading(first) else state.direction_of(heard)
+            directions.append(direction)
+            reading = heard.reading(direction) if direction else None
+            if reading is None:
+                score -= 1
+                continue
+            if direction == "reply":
+                if number or heard.behind_others or heard.silence_s > state.protocol.facts.timing.reply_timeout_s:
+                    due = state.awaits(reading.message, heard.began_s) and not heard.behind_others
+                    score += 1 if due else -1
+            elif state.leaves_unanswered(reading):
+                score -= 1
+            state.take(reading, heard.began_s, heard.ended_s)
+        return score, directions

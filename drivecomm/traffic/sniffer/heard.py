@@ -1,0 +1,79 @@
+"""What a listener makes of the bytes on a line: telegrams, damaged ones, ambiguous ones, and bytes that are none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:
+    from drivecomm.errors import TelegramError
+    from drivecomm.protocol import Direction, Message
+
+
+EVERYBODY = "all"
+"""Stands in place of the address in a broadcast."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeardTelegram:
+    """A sound telegram.
+
+    time_s: when its last character was there; began_s: when its first one began, as far as the pieces tell. drive: who
+    is asked or answers, as PROTOCOL:ADDRESS; PROTOCOL:all for a broadcast, PROTOCOL where the telegram names nobody.
+    expects_reply: False for replies, broadcasts and other telegrams that nobody answers. guarded: whether any single
+    wrong bit would have been noticed; a VABus enquiry, say, has no check.
+    """
+
+    time_s: float
+    began_s: float
+    protocol: str
+    direction: Direction
+    drive: str
+    data: bytes
+    message: Message
+    expects_reply: bool
+    guarded: bool
+
+    @property
+    def broadcast(self) -> bool:
+        """Whether it is for all drives."""
+        return self.drive == f"{self.protocol}:{EVERYBODY}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DamagedTelegram:
+    """Bytes with the shape of a telegram that are none, on a line where this protocol is spoken.
+
+    drive: the drive that was asked, where these bytes came when its reply was due; empty otherwise.
+    """
+
+    time_s: float
+    protocol: str
+    direction: Direction
+    drive: str
+    data: bytes
+    error: TelegramError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AmbiguousTelegram:
+    """Bytes that are a sound telegram in several ways, none of them more likely than the others.
+
+    readings: each way, as protocol, direction and message; a single one where it is a single character that may as well
+    be all that came of a longer request.
+    """
+
+    time_s: float
+    data: bytes
+    readings: tuple[tuple[str, Direction, Message], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnknownBytes:
+    """Bytes that belong to no telegram of the protocols that are looked for."""
+
+    time_s: float
+    data: bytes
+
+
+Finding: TypeAlias = HeardTelegram | DamagedTelegram | AmbiguousTelegram | UnknownBytes

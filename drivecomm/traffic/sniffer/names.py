@@ -1,0 +1,99 @@
+"""What a request asks for, and what its reply says, in the words of a drive's model.
+
+Nothing is decoded here a second time: the exchange that reads a parameter says which request asks for it, and makes a
+reading of the reply.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import DriveCommError
+from drivecomm.protocol import Ask, fields_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from drivecomm.protocol import Message, Model, ParameterInfo, Protocol, Reading
+
+
+class ParameterNames:
+    """The parameters of one drive. options: the protocol's drive options."""
+
+    def __init__(self, protocol: Protocol, address: int, model: Model, options: Any) -> None:
+        self._protocol = protocol
+        self._operations = protocol.operations(address, options, model)
+        asks = [(info, asked) for info in model.parameters.values() if (asked := self._asked(info)) is not None]
+        self._naming = _naming_fields([asked for _, asked in asks])
+        self._known: dict[tuple[Any, ...], ParameterInfo] = {}
+        for info, asked in asks:
+            self._known.setdefault(self._key(asked), info)
+
+    def parameter(self, request: Message) -> ParameterInfo | None:
+        """Return the parameter that a request reads or writes, None when the model does not know it."""
+        return self._known.get(self._key(fields_of(request))) if self._naming else None
+
+    def reading(self, request: Message, reply: Message) -> Reading | None:
+        """Return the value in a reply; None where there is none, or more telegrams belong to it.
+
+        Raises DriveError when the drive refused.
+        """
+        info = self.parameter(request)
+        if info is None:
+            return None
+        exchange = self._operations.read(info.address)
+        try:
+            command = next(exchange)
+            if isinstance(command, Ask) and not self._protocol.mismatch(_addressed_as(request, command.message), reply):
+                command = exchange.send(reply)
+                while not isinstance(command, Ask):
+                    # What the master says afterwards that nobody answers.
+                    command = exchange.send(None)
+        except StopIteration as finished:
+            reading: Reading = finished.value
+            return reading
+        exchange.close()
+        return None
+
+    def _asked(self, info: ParameterInfo) -> dict[str, Any] | None:
+        """Return the fields of the request that reads a parameter; None for one that cannot be read."""
+        try:
+            exchange = self._operations.read(info.address)
+            command = next(exchange)
+        except (DriveCommError, StopIteration):
+            return None
+        exchange.close()
+        return fields_of(command.message) if isinstance(command, Ask) else None
+
+    def _key(self, asked: Mapping[str, Any]) -> tuple[Any, ...]:
+        return tuple(_hashable(asked.get(name)) for name in self._naming)
+
+
+def _addressed_as(heard: Message, own: Message) -> Message:
+    """Return our own request, with the address written as the master on the line writes it."""
+    names = {field.name for field in fields(own) if field.name.startswith("address")}
+    return replace(own, **{name: getattr(heard, name) for name in names if hasattr(heard, name)})
+
+
+def _naming_fields(asks: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return the fields that tell the parameters apart, and no more: a write has the parameter, but another command."""
+    values: dict[str, set[Any]] = {}
+    rows = list(asks)
+    for name in {name for row in rows for name in row}:
+        values[name] = {_hashable(row.get(name)) for row in rows}
+    # Those that say least are left out first.
+    names = sorted((name for name in values if len(values[name]) > 1), key=lambda name: (-len(values[name]), name))
+    for name in reversed(names[1:]):
+        fewer = [other for other in names if other != name]
+        if _told_apart(rows, fewer) == _told_apart(rows, names):
+            names = fewer
+    return names
+
+
+def _told_apart(rows: Iterable[Mapping[str, Any]], names: Iterable[str]) -> int:
+    return len({tuple(_hashable(row.get(name)) for name in names) for row in rows})
+
+
+def _hashable(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value

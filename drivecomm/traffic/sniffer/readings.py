@@ -1,0 +1,141 @@
+"""What the bytes at one place of a stretch can be, asked of the protocols' own codecs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, TypeAlias
+
+from drivecomm.errors import TelegramError
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import Codec, Direction, Message, Parity, Protocol
+
+# More than any telegram has, see drivecomm.protocol.framing.
+_HEAD = 512
+# The same bytes are asked about again and again: by a master that polls, and in a flood.
+_REMEMBERED = 256
+# Bytes that say so little are a telegram only where one is due.
+_SHORT = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A sound telegram from `start` up to `end`.
+
+    data: without the parity bits, where the line has seven data bits. parity: what those were, N where there are none.
+    """
+
+    start: int
+    end: int
+    protocol: Protocol
+    direction: Direction
+    data: bytes
+    message: Message
+    parity: Parity = "N"
+
+    @property
+    def short(self) -> bool:
+        """Whether it could easily be chance."""
+        return self.end - self.start < _SHORT
+
+
+@dataclass(frozen=True, slots=True)
+class Broken:
+    """Bytes with the shape of a telegram that are none."""
+
+    start: int
+    end: int
+    protocol: Protocol
+    direction: Direction
+    error: TelegramError
+
+
+@dataclass(frozen=True, slots=True)
+class Unfinished:
+    """What may become a telegram when more bytes come."""
+
+    needed: int
+
+
+Look: TypeAlias = Reading | Broken | Unfinished | None
+
+
+class Reader:
+    """Reads telegrams of one protocol in one direction."""
+
+    def __init__(self, protocol: Protocol, codec: Codec, direction: Direction) -> None:
+        self.protocol = protocol
+        self.direction: Direction = direction
+        self.parity: Parity = "N"
+        self.gap_s = protocol.facts.gap_s
+        self._codec = codec
+        self._decoded = lru_cache(maxsize=_REMEMBERED)(self._decode)
+
+    def begins_with(self, byte: int) -> bool:
+        """Whether a telegram can begin with this byte."""
+        return self._codec.measure(bytes([byte]), self.direction) != 0
+
+    def ends_with_first(self, byte: int) -> bool:
+        """Whether what begins with this byte twice is no telegram, or one of a single character."""
+        return self._codec.measure(self._text(bytes([byte, byte]), 0, 2), self.direction) <= 1
+
+    def look(self, data: bytes, start: int, limit: int) -> Look:
+        """Return what begins at `start` when nothing from `limit` on can belong to it, but more may come there."""
+        head = self._text(data, start, min(limit, start + _HEAD))
+        over = start + len(head) < min(limit, start + _HEAD)
+        needed = self._codec.measure(head, self.direction)
+        if not needed:
+            return None
+        if needed <= len(head) or over:
+            return self._read(head[:needed], start)
+        if needed <= limit - start:
+            return self._read(self._text(data, start, start + needed), start)
+        return Unfinished(needed)
+
+    def look_at_rest(self, data: bytes, start: int, limit: int) -> Look:
+        """Return what begins at `start` when nothing comes behind `limit`: a whole telegram or a broken one."""
+        found = self.look(data, start, limit)
+        return self._read(self._text(data, start, limit), start) if isinstance(found, Unfinished) else found
+
+    def _text(self, data: bytes, start: int, end: int) -> bytes:
+        """Return the characters from `start` on, those of this reader's format only."""
+        return data[start:end]
+
+    def _read(self, taken: bytes, start: int) -> Reading | Broken:
+        message = self._decoded(taken)
+        end = start + len(taken)
+        if isinstance(message, TelegramError):
+            return Broken(start, end, self.protocol, self.direction, message)
+        return Reading(start, end, self.protocol, self.direction, taken, message, self.parity)
+
+    def _decode(self, data: bytes) -> Message | TelegramError:
+        try:
+            return self._codec.decode(data, self.direction)
+        except TelegramError as error:
+            return error.with_traceback(None)
+
+
+class SevenBitReader(Reader):
+    """Reads telegrams of seven data bits whose parity bits came as the eighth, as a listener set to 8N1 hears them."""
+
+    def __init__(self, protocol: Protocol, codec: Codec, direction: Direction, parity: Parity) -> None:
+        super().__init__(protocol, codec, direction)
+        self.parity = parity
+        self._plain = bytes(byte & 0x7F for byte in range(256))
+        self._wrong = bytes(byte != byte & 0x7F | _parity_bit(byte & 0x7F, parity) for byte in range(256))
+
+    def begins_with(self, byte: int) -> bool:
+        """Whether a telegram can begin with this byte."""
+        return not self._wrong[byte] and super().begins_with(byte & 0x7F)
+
+    def _text(self, data: bytes, start: int, end: int) -> bytes:
+        """As `Reader._text`, without the parity bits; a wrong one ends it."""
+        heard = data[start:end]
+        wrong = heard.translate(self._wrong).find(1)
+        return (heard if wrong < 0 else heard[:wrong]).translate(self._plain)
+
+
+def _parity_bit(byte: int, parity: Parity) -> int:
+    odd = byte.bit_count() % 2
+    return 0x80 * {"E": odd, "O": 1 - odd, "M": 1, "S": 0, "N": 0}[parity]

@@ -1,0 +1,118 @@
+"""Bytes of a line that are still being looked at, with what is known of each: when it came and who sent it."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from math import inf
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from drivecomm.capture import Piece, Source
+
+# Of a line whose settings are unknown: a character at 9600 baud.
+_UNKNOWN_CHARACTER_S = 10 / 9600
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """A piece in its place; places count from the first byte that ever came. silence_s: nothing was heard before it."""
+
+    start: int
+    end: int
+    time_s: float
+    character_s: float
+    silence_s: float
+    source: Source
+
+    def end_of(self, place: int) -> float:
+        return self.time_s - (self.end - place - 1) * self.character_s
+
+
+class Stretch:
+    """The bytes from the last certain one on. Places count from the first byte that is still kept.
+
+    character_s: how long a character takes, where a piece does not say it itself; None where it is not known.
+
+    A line that never pauses may come in pieces of one byte, so nothing here goes through all pieces.
+    """
+
+    def __init__(self, character_s: float | None = None) -> None:
+        self.data = b""
+        self.character_s = character_s or _UNKNOWN_CHARACTER_S
+        self._dropped = 0
+        self._parts: list[_Part] = []
+        self._starts: list[int] = []
+        self._pauses: dict[float, list[int]] = {}
+        self._last_s = 0.0
+
+    def __len__(self) -> int:
+        return len(self.data)
+
+    def append(self, piece: Piece) -> None:
+        """Take a piece that came later than all before."""
+        character_s = piece.settings.character_s if piece.settings else self.character_s
+        start = self._dropped + len(self.data)
+        self.data += piece.data
+        silence_s = max(0.0, piece.time_s - len(piece.data) * character_s - self._last_s)
+        self._parts.append(_Part(start, start + len(piece.data), piece.time_s, character_s, silence_s, piece.source))
+        self._starts.append(start)
+        for gap_s, pauses in self._pauses.items():
+            if silence_s > gap_s:
+                pauses.append(start)
+        self._last_s = max(self._last_s, piece.time_s)
+
+    def drop(self, number: int) -> None:
+        """Forget the first bytes."""
+        self.data = self.data[number:]
+        self._dropped += number
+        gone = self._number_of(0) if self.data else len(self._parts)
+        if gone:
+            del self._parts[:gone], self._starts[:gone]
+            for pauses in self._pauses.values():
+                del pauses[: bisect_right(pauses, self._dropped - 1)]
+
+    def silence_before(self, place: int) -> float:
+        """Return how long nothing was heard before a byte; 0 inside a piece, and behind the last byte."""
+        if place >= len(self.data):
+            return 0.0
+        part = self._part(place)
+        return part.silence_s if part.start == self._dropped + place else 0.0
+
+    def silence_after(self, now: float) -> float:
+        """Return how long nothing has been heard."""
+        return now - self._last_s
+
+    def unbroken_until(self, place: int, gap_s: float) -> int:
+        """Return where the bytes from this place on are first interrupted for longer than this."""
+        pauses = self._pauses.get(gap_s)
+        if pauses is None:
+            pauses = self._pauses[gap_s] = [part.start for part in self._parts if part.silence_s > gap_s]
+        next_one = bisect_right(pauses, self._dropped + place)
+        return pauses[next_one] - self._dropped if next_one < len(pauses) else len(self.data)
+
+    def quiet_s(self, place: int) -> float:
+        """Return the silence that shows that one telegram is over: one and a half characters."""
+        return 1.5 * self._part(place).character_s
+
+    def ended_s(self, place: int) -> float:
+        """Return when this byte was there."""
+        return self._part(place).end_of(self._dropped + place)
+
+    def began_s(self, place: int) -> float:
+        """Return when this byte began."""
+        part = self._part(place)
+        return part.end_of(self._dropped + place) - part.character_s
+
+    def source_of(self, start: int, end: int) -> Source | None:
+        """Return who sent these bytes; None when it was more than one."""
+        sources = {part.source for part in self._parts[self._number_of(start) : self._number_of(end - 1) + 1]}
+        return sources.pop() if len(sources) == 1 else None
+
+    def _part(self, place: int) -> _Part:
+        if not self._parts:
+            return _Part(0, 0, self._last_s, self.character_s, inf, "unknown")
+        return self._parts[self._number_of(place)]
+
+    def _number_of(self, place: int) -> int:
+        return max(0, bisect_right(self._starts, self._dropped + place) - 1)

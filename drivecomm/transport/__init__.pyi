@@ -1,0 +1,26 @@
+from .alarm import open_alarm as open_alarm
+from .async_runner import (
+    ReadinessRunner as ReadinessRunner,
+    Runner as Runner,
+    ThreadRunner as ThreadRunner,
+    VirtualTimeRunner as VirtualTimeRunner,
+    runner_for as runner_for,
+)
+from .blocking_runner import run as run
+from .channel import ChannelGoneError as ChannelGoneError, SettingsRefusedError as SettingsRefusedError
+from .holders import Holder as Holder, holder_of_port as holder_of_port, server_of_terminal as server_of_terminal
+from .listening import (
+    ListeningPort as ListeningPort,
+    MarkedCharacters as MarkedCharacters,
+    listening_port as listening_port,
+    shared_listening_port as shared_listening_port,
+)
+from .opening import cannot_open as cannot_open, error_number as error_number
+from .port_names import same_port as same_port
+from .port_report import PortReport as PortReport, UsbIdentity as UsbIdentity, local_report as local_report
+from .pyserial_channel import PyserialChannel as PyserialChannel
+from .readiness import Readable as Readable, send_all as send_all
+from .rfc2217_client import Rfc2217Client as Rfc2217Client
+from .serial_port import SerialPort as SerialPort
+from .socket_channel import SocketChannel as SocketChannel
+from .stable_name import stable_name as stable_name

@@ -1,0 +1,84 @@
+"""The blocking runner: carries out the effects of a link on a port, one after the other.
+
+Real time or virtual time is the port's affair: a virtual line's port has a virtual clock.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeVar
+
+from drivecomm.link import Arrival, Configure, Receive, Send, Wait
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.link import Effect, Port, Steps
+
+T = TypeVar("T")
+
+
+_LOOK_S = 0.01
+"""How often a wait that gives way looks whether a stop waits for the line."""
+
+
+def run(steps: Steps[T], port: Port, stop_waits: Callable[[], bool] = lambda: False) -> T:
+    """Run a link's steps to their end on a port and return their result.
+
+    stop_waits: tells whether a stop waits for the line; waiting that gives way then ends early. An exception of the
+    port, or Ctrl-C, closes the steps and passes through.
+    """
+    go_on = steps.send
+    # Where time does not pass by itself, nobody can come meanwhile.
+    looks = port.real_time
+    try:
+        effect = next(steps)
+        while True:
+            # What nearly all effects are is carried out here: a processor that has just been woken takes several times
+            # as long for each call as one that is at it, and most of this lies between a reply and the next request.
+            if isinstance(effect, Receive):
+                if looks and effect.gives_way and effect.until - port.now() > _LOOK_S:
+                    data = _receive(effect, port, stop_waits)
+                else:
+                    data = port.read(effect.until, effect.at_least)
+                effect = go_on(Arrival(port.now(), data))
+            elif looks and isinstance(effect, Wait) and effect.gives_way:
+                effect = go_on(_stay(effect.until, port, stop_waits))
+            else:
+                effect = go_on(carry_out(effect, port))
+    except StopIteration as finished:
+        result: T = finished.value
+        return result
+    finally:
+        steps.close()
+
+
+def _receive(effect: Receive, port: Port, stop_waits: Callable[[], bool]) -> bytes:
+    data = b""
+    while True:
+        data += port.read(min(effect.until, port.now() + _LOOK_S), effect.at_least - len(data))
+        if len(data) >= effect.at_least or port.now() >= effect.until or stop_waits():
+            return data
+
+
+def _stay(until: float, port: Port, stop_waits: Callable[[], bool]) -> Arrival:
+    while (now := port.now()) < until and not stop_waits():
+        port.wait(min(until, now + _LOOK_S))
+    return Arrival(now)
+
+
+def carry_out(effect: Effect, port: Port) -> Arrival:
+    """Carry out one effect, waiting as long as it says, and return what came of it."""
+    if isinstance(effect, Receive):
+        data = port.read(effect.until, effect.at_least)
+        return Arrival(port.now(), data)
+    if isinstance(effect, Send):
+        port.write(effect.data)
+        return Arrival(port.now())
+    if isinstance(effect, Configure):
+        note = port.configure(effect.settings)
+        return Arrival(port.now(), b"", note)
+    now = port.now()
+    if now < effect.until:
+        port.wait(effect.until)
+        now = port.now()
+    return Arrival(now)

@@ -1,0 +1,160 @@
+"""How long a poll plan takes, before anything runs: the time of each read, of a round, and whether it all fits.
+
+    plan = Plan(reads=(PlannedRead(drive=PlannedDrive(protocol="vabus", address=1), parameter="481"),))
+    forecast(plan).cycle_s
+
+The plan is rehearsed by virtual drives in virtual time; see `drivecomm.virtual.rehearsal` for what that is worth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import UsageError
+from drivecomm.virtual.forecast_advice import advise
+from drivecomm.virtual.rehearsal import Conditions, prepared, rehearse_periods, rehearse_round
+
+if TYPE_CHECKING:
+    from drivecomm.polling import Plan
+    from drivecomm.virtual.rehearsal import Course, Round
+
+FULL = 0.995
+"""A line that is busy for more of its time never catches up with what delays it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ItemForecast:
+    """One read of a plan on a busy line, in seconds.
+
+    wire_s: its characters. delay_s: the drive's, until it answers. pause_s: pauses that keep the line quiet for it.
+    rest_s: waiting in vain and the like. every_s: how often it is asked when the plan runs with its periods, late_s:
+    how late at worst, missed: how many periods the rehearsal had no time for. cause: why it cannot be read, else empty.
+    """
+
+    drive: str
+    parameter: str
+    period_s: float
+    seconds: float
+    wire_s: float
+    delay_s: float
+    pause_s: float
+    rest_s: float
+    every_s: float
+    late_s: float
+    missed: int
+    cause: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveForecast:
+    """What the reads of one drive take together in a round, in seconds, and its part of all the line's time."""
+
+    drive: str
+    settings: str
+    reads: int
+    seconds: float
+    wire_s: float
+    delay_s: float
+    pause_s: float
+    rest_s: float
+    utilisation: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Forecast:
+    """What a plan does to one line.
+
+    cycle_s: one round in which each item is read once, in the order of the plan. utilisation: how much of the line's
+    time the plan needs, from 0 to 1 and above when it needs more than there is; reads without a period need none.
+    fits: whether all periods are kept. room_to_spare: whether the plan leaves as much of the line's time free as it
+    shall, besides. advice: what to change when it does not, and what cannot be read.
+    """
+
+    port: str
+    items: tuple[ItemForecast, ...]
+    drives: tuple[DriveForecast, ...]
+    cycle_s: float
+    utilisation: float
+    fits: bool
+    room_to_spare: bool
+    advice: tuple[str, ...]
+
+
+def forecast(
+    plan: Plan, *, guard_s: float = 0.005, reply_delay_s: float | None = None, room: float = 0.05, **facts: Any
+) -> Forecast:
+    """Return what a plan for one line takes, without opening a port.
+
+    guard_s: quiet time after a change of line settings, as `open_bus` has it. reply_delay_s: how long drives take to
+    answer for which the plan does not say it; the virtual drives' own delay if absent. room: the share of the line's
+    time, from 0 to below 1, that the plan shall leave free for commands and repetitions. facts: line facts for all
+    drives, as `open_bus` takes them. Raises UsageError for drives that cannot be, and for plans with several lines:
+    ask for each, `plan.on_line(port)`.
+    """
+    if len(plan.ports) > 1:
+        raise UsageError(f"the plan has {len(plan.ports)} lines; forecast each of them, plan.on_line(port)")
+    conditions = Conditions(facts=facts, guard_s=guard_s, reply_delay_s=reply_delay_s, room=room)
+    plan = prepared(plan)
+    round_ = rehearse_round(plan, conditions)
+    course = rehearse_periods(plan, conditions)
+    items = _items(plan, round_, course)
+    drives = _drives(plan, round_)
+    need = sum(drive.utilisation for drive in drives)
+    fits = course.busy <= FULL and not any(item.missed for item in items)
+    if not all(item.period_s for item in items):
+        # Reads without a period fill every line, so that it does not show whether the others do.
+        fits = fits and need <= FULL
+    # With mixed periods, fewer neighbours differ in their line settings than in a round: a full line may still fit.
+    utilisation = min(need, 1.0) if fits else need
+    room_to_spare = fits and utilisation <= conditions.most
+    return Forecast(
+        port=plan.ports[0],
+        items=items,
+        drives=drives,
+        cycle_s=sum(item.seconds for item in items),
+        utilisation=utilisation,
+        fits=fits,
+        room_to_spare=room_to_spare,
+        advice=tuple(advise(plan, conditions, round_, course, well=room_to_spare)),
+    )
+
+
+def _items(plan: Plan, round_: Round, course: Course) -> tuple[ItemForecast, ...]:
+    return tuple(
+        ItemForecast(
+            drive=read.drive.name,
+            parameter=read.parameter,
+            period_s=read.period_s,
+            seconds=shares.seconds,
+            wire_s=shares.wire_s,
+            delay_s=shares.delay_s,
+            pause_s=shares.pause_s,
+            rest_s=shares.rest_s,
+            every_s=pace.every_s,
+            late_s=pace.late_s,
+            missed=pace.missed,
+            cause=cause,
+        )
+        for read, shares, cause, pace in zip(plan.reads, round_.shares, round_.causes, course.paces, strict=True)
+    )
+
+
+def _drives(plan: Plan, round_: Round) -> tuple[DriveForecast, ...]:
+    found = []
+    for drive in plan.drives:
+        own = [(read, shares) for read, shares in zip(plan.reads, round_.shares, strict=True) if read.drive == drive]
+        found.append(
+            DriveForecast(
+                drive=drive.name,
+                settings=str(round_.settings[drive]),
+                reads=len(own),
+                seconds=sum(shares.seconds for _, shares in own),
+                wire_s=sum(shares.wire_s for _, shares in own),
+                delay_s=sum(shares.delay_s for _, shares in own),
+                pause_s=sum(shares.pause_s for _, shares in own),
+                rest_s=sum(shares.rest_s for _, shares in own),
+                utilisation=sum(shares.seconds / read.period_s for read, shares in own if read.period_s),
+            )
+        )
+    return tuple(found)

@@ -1,0 +1,163 @@
+"""What to change when a poll plan does not fit its line, as sentences with figures."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from drivecomm.virtual.rehearsal import rehearse_round
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from drivecomm.polling import Plan, PlannedDrive
+    from drivecomm.virtual.rehearsal import Conditions, Course, Round
+
+_BAUD_RATES = (9600, 19200, 38400, 57600, 115200)
+_WORTH_SAYING = 0.02
+_MUCH = 0.25
+
+
+def advise(plan: Plan, conditions: Conditions, round_: Round, course: Course, *, well: bool) -> Iterator[str]:
+    """Yield what to change, the most effective first; only what cannot be read where all is well otherwise."""
+    for read, cause in zip(plan.reads, round_.causes, strict=True):
+        if cause:
+            yield f"{read.drive.name} {read.parameter} cannot be read: {cause}"
+    if well:
+        return
+    need = _need(plan, round_)
+    if need > conditions.most:
+        yield _longer_periods(plan, need / conditions.most)
+        yield _faster_line(plan, conditions, round_)
+        yield from _own_line(plan, round_, conditions.most)
+    else:
+        yield from _late_reads(plan, round_, course)
+    yield from _fewer_changes(plan, conditions, round_)
+    yield from _what_dominates(plan, round_)
+
+
+def _need(plan: Plan, round_: Round) -> float:
+    """Return how much of the line's time the plan needs."""
+    return sum(
+        shares.seconds / read.period_s for read, shares in zip(plan.reads, round_.shares, strict=True) if read.period_s
+    )
+
+
+def _longer_periods(plan: Plan, times: float) -> str:
+    periods = {read.period_s for read in plan.reads if read.period_s}
+    if len(periods) == 1:
+        return f"a period of {_up(times * periods.pop())} s would fit"
+    return f"periods {_up(times)} times as long would fit"
+
+
+def _faster_line(plan: Plan, conditions: Conditions, round_: Round) -> str:
+    need = 0.0
+    for baudrate in _BAUD_RATES:
+        slower = [drive for drive in plan.drives if round_.settings[drive].baudrate < baudrate]
+        if not slower:
+            continue
+        faster = _with_baudrate(plan, slower, baudrate)
+        need = _need(faster, rehearse_round(faster, conditions))
+        if need <= conditions.most:
+            return (
+                f"{baudrate} baud for {_names(slower)} would fit, if they can: the plan then needs {need:.0%} of the "
+                "line's time"
+            )
+    if not need:
+        return "a faster line is not to be had: all drives are at the highest usual baud rate"
+    return f"no baud rate is enough: at {_BAUD_RATES[-1]} baud the plan still needs {need:.0%} of the line's time"
+
+
+def _with_baudrate(plan: Plan, drives: list[PlannedDrive], baudrate: int) -> Plan:
+    faster = {drive: replace(drive, options={**drive.options, "baudrate": baudrate}) for drive in drives}
+    return replace(plan, reads=tuple(replace(read, drive=faster.get(read.drive, read.drive)) for read in plan.reads))
+
+
+def _own_line(plan: Plan, round_: Round, most: float) -> Iterator[str]:
+    """Say which drives to take away: as few as possible, those first that need most."""
+    needs = dict.fromkeys(plan.drives, 0.0)
+    for read, shares in zip(plan.reads, round_.shares, strict=True):
+        needs[read.drive] += shares.seconds / read.period_s if read.period_s else 0.0
+    left, moved = sum(needs.values()), []
+    for drive in sorted(needs, key=needs.__getitem__, reverse=True):
+        if left <= most:
+            break
+        left -= needs[drive]
+        moved.append(drive)
+    taken = sum(needs[drive] for drive in moved)
+    if moved and len(moved) < len(needs) and taken <= most:
+        yield (
+            f"a line of their own for {_names(moved)} would fit: they need {taken:.0%} of one, the others {left:.0%}"
+            if len(moved) > 1
+            else f"a line of its own for {_names(moved)} would fit: it needs {taken:.0%} of one, the others {left:.0%}"
+        )
+
+
+def _late_reads(plan: Plan, round_: Round, course: Course) -> Iterator[str]:
+    """Say what comes late on a line that has time enough."""
+    longest = max(shares.seconds for shares in round_.shares)
+    for read, pace in zip(plan.reads, course.paces, strict=True):
+        if pace.missed:
+            yield (
+                f"{read.drive.name} {read.parameter} comes up to {_ms(pace.late_s)} late, more than its period of "
+                f"{read.period_s:g} s allows: one read takes up to {_ms(longest)}, and others may be due at the same "
+                "time; give it a longer period or a higher priority"
+            )
+
+
+def _fewer_changes(plan: Plan, conditions: Conditions, round_: Round) -> Iterator[str]:
+    order = [round_.settings[read.drive] for read in plan.reads]
+    different = len(set(order))
+    if different < 2 or not conditions.guard_s:
+        return
+    changes = sum(one != other for one, other in pairwise([order[-1], *order]))
+    cycle_s = sum(shares.seconds for shares in round_.shares)
+    saved_s = (changes - different) * conditions.guard_s
+    if saved_s > _WORTH_SAYING * cycle_s:
+        yield (
+            f"group the drives by line settings: {changes} changes of settings in a round become {different}, "
+            f"which saves {_ms(saved_s)} of {_ms(cycle_s)}"
+        )
+    elif changes * conditions.guard_s > _WORTH_SAYING * cycle_s:
+        yield (
+            f"the same line settings for all drives would save up to {_ms(changes * conditions.guard_s)} of "
+            f"{_ms(cycle_s)} in a round"
+        )
+
+
+def _what_dominates(plan: Plan, round_: Round) -> Iterator[str]:
+    """Name pauses and reply delays where they take much of a round; a faster line does not help against them."""
+    cycle_s = sum(shares.seconds for shares in round_.shares)
+    pauses = dict.fromkeys(plan.drives, 0.0)
+    delays = dict.fromkeys(plan.drives, 0.0)
+    for read, shares in zip(plan.reads, round_.shares, strict=True):
+        pauses[read.drive] += shares.pause_s
+        delays[read.drive] += shares.delay_s
+    if (total := sum(pauses.values())) > _MUCH * cycle_s:
+        most = max(pauses, key=pauses.__getitem__)
+        yield (
+            f"pauses take {total / cycle_s:.0%} of a round, most of them for {most.name} ({_ms(pauses[most])}); see "
+            "whether its turnaround_s may be shorter"
+        )
+    if (total := sum(delays.values())) > _MUCH * cycle_s:
+        most = max(delays, key=delays.__getitem__)
+        yield (
+            f"the drives' reply delays take {total / cycle_s:.0%} of a round, most of them {most.name} "
+            f"({_ms(delays[most])}); see whether a parameter of the drive makes it answer sooner"
+        )
+
+
+def _names(drives: list[PlannedDrive]) -> str:
+    return ", ".join(drive.name for drive in drives)
+
+
+def _ms(seconds: float) -> str:
+    return f"{seconds * 1000:.0f} ms" if seconds < 10 else f"{seconds:.1f} s"
+
+
+def _up(number: float) -> str:
+    """Return a number rounded up to two digits."""
+    step = 10.0 ** (math.floor(math.log10(number)) - 1)
+    return f"{math.ceil(number / step - 1e-9) * step:g}"

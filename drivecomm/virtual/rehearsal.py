@@ -1,0 +1,345 @@
+"""Rehearsing a poll plan: virtual drives with the same addresses and line facts carry it out in virtual time.
+
+What is measured is exact for these drives: their telegrams have the lengths of the real ones, and the link waits as it
+does on a real line. Where a drive answers earlier or later than its virtual double, say its reply delay.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.bus import open_bus
+from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.models import load_model
+from drivecomm.polling import FIRST_ROUND_S, LONGEST_DELAY_S, poll_bus
+from drivecomm.protocol import ParameterInfo, installed
+from drivecomm.virtual.drives import virtual_drive
+from drivecomm.virtual.line import VirtualLine
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from drivecomm.bus import Bus, Drive
+    from drivecomm.link import TraceEvent
+    from drivecomm.polling import Plan, PlannedDrive, PlannedRead, PollItem, PollResult
+    from drivecomm.protocol import Codec, Damaged, Framed, LineFacts, LineSettings, Model, VirtualDrive, VirtualReply
+
+_ROUNDS = 3
+"""Rounds until the line goes round as it will for ever: the first one begins on an idle line."""
+
+_MOST_READS = 4000
+"""A rehearsal of periods ends after so many, however long the longest period is."""
+
+_PERIODS = 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conditions:
+    """What holds on a line beside its drives' own facts.
+
+    facts: line facts for all drives, as `open_bus` takes them. guard_s: quiet time after a change of line settings.
+    reply_delay_s: of drives for which the plan names none; the virtual drives' own if absent. room: the share of the
+    line's time that a plan shall leave free, for commands and repetitions.
+    """
+
+    facts: Mapping[str, Any]
+    guard_s: float = 0.005
+    reply_delay_s: float | None = None
+    room: float = 0.05
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.room < 1:
+            raise UsageError(
+                f"a room of {self.room:.0%} is no share of the line's time; give one from 0% to below 100%"
+            )
+        for name, seconds in (("guard time", self.guard_s), ("reply delay", self.reply_delay_s)):
+            if seconds is not None and not 0 <= seconds < LONGEST_DELAY_S:
+                raise UsageError(f"a {name} of {seconds} s is not between 0 and {LONGEST_DELAY_S:g}")
+
+    @property
+    def most(self) -> float:
+        """The share of the line's time that a plan may need."""
+        return 1 - self.room
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shares:
+    """Where the time of an item went, in seconds.
+
+    wire_s: characters on the line, requests and replies. delay_s: the drive's, from a request to its reply. pause_s:
+    what the protocol's pauses and the guard time after new line settings keep the line quiet, before this item speaks
+    and inside it. rest_s: everything else, such as waiting for an answer that does not come.
+    """
+
+    wire_s: float
+    delay_s: float
+    pause_s: float
+    rest_s: float
+
+    @property
+    def seconds(self) -> float:
+        """All of it."""
+        return self.wire_s + self.delay_s + self.pause_s + self.rest_s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Round:
+    """One round of a plan on a busy line.
+
+    shares: of each read, in order. causes: why it cannot be read, empty where it can. settings: of each drive.
+    """
+
+    shares: Sequence[Shares]
+    causes: Sequence[str]
+    settings: Mapping[PlannedDrive, LineSettings]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pace:
+    """How a read keeps its period. every_s: how often it was asked. late_s: at worst. missed: periods not asked."""
+
+    every_s: float
+    late_s: float
+    missed: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Course:
+    """How a plan goes with its periods: the pace of each read, and the share of the time in which the line is busy.
+
+    Reads without a period do not count as busy; they take what is left.
+    """
+
+    paces: Sequence[Pace]
+    busy: float
+
+
+def rehearse_round(plan: Plan, conditions: Conditions) -> Round:
+    """Carry out the reads of a plan one after the other and measure a round, once the line has found its stride."""
+    ledger = _Ledger()
+    facts = line_facts(plan, conditions)
+    settings = {drive: facts[drive].settings for drive in facts}
+    with _line(plan, conditions, ledger.note) as bus:
+        items = plan.items(dict.fromkeys(plan.ports, bus))
+        for _ in range(_ROUNDS):
+            shares, causes = [], []
+            for item, read in zip(items, plan.reads, strict=True):
+                causes.append(_read(item))
+                shares.append(ledger.close(settings[read.drive], bus.now()))
+    return Round(shares=shares, causes=causes, settings=settings)
+
+
+def _read(item: PollItem[Drive]) -> str:
+    """Read once; return what is wrong, if anything."""
+    try:
+        item.drive.read(item.parameter, **item.options)
+    except DriveCommError as error:
+        return " ".join(str(error).split())
+    return ""
+
+
+def rehearse_periods(plan: Plan, conditions: Conditions) -> Course:
+    """Carry out a plan with its periods, for some of the longest, and tell how each read keeps its own."""
+    longest = max(read.period_s for read in plan.reads) or 1.0
+    asked: list[list[float]] = [[] for _ in plan.reads]
+    late = [0.0] * len(plan.reads)
+    missed = [0] * len(plan.reads)
+    counted: list[tuple[float, float]] = []
+    settled: float | None = None
+    for number, result in islice(_carried_out(plan, conditions, _PERIODS * longest), _MOST_READS):
+        began = result.due_s + result.late_s
+        asked[number].append(began)
+        if settled is None:
+            # In the beginning everything is due at once.
+            settled = began + min(longest, FIRST_ROUND_S)
+        if began >= settled:
+            late[number] = max(late[number], result.late_s)
+            missed[number] += result.missed
+            counted.append((began, result.took_s if plan.reads[number].period_s else 0.0))
+    paces = [
+        Pace(every_s=_interval(times) if lost or worst >= read.period_s else read.period_s, late_s=worst, missed=lost)
+        for read, times, worst, lost in zip(plan.reads, asked, late, missed, strict=True)
+    ]
+    return Course(paces=paces, busy=_busy(counted))
+
+
+def _busy(reads: Sequence[tuple[float, float]]) -> float:
+    """Return the share of the time that reads take, by when they begin and how long they last."""
+    if len(reads) < 2:
+        return 0.0
+    return sum(took_s for _, took_s in reads[:-1]) / (reads[-1][0] - reads[0][0])
+
+
+def prepared(plan: Plan) -> Plan:
+    """Return a plan with its models loaded, so that each file is read once. Raises UsageError for one that is none."""
+    loaded = {drive: _with_model(drive) for drive in plan.drives}
+    return replace(plan, reads=tuple(replace(read, drive=loaded[read.drive]) for read in plan.reads))
+
+
+def _with_model(drive: PlannedDrive) -> PlannedDrive:
+    model = drive.options.get("model")
+    if model is None:
+        return drive
+    known = load_model(installed[drive.protocol].package, drive.protocol, model)
+    return replace(drive, options={**drive.options, "model": known})
+
+
+def line_facts(plan: Plan, conditions: Conditions) -> dict[PlannedDrive, LineFacts]:
+    """Return what holds on the line for each drive of a plan. Raises UsageError for drives that cannot be."""
+    with open_bus(VirtualLine().port, **conditions.facts) as bus:
+        return {drive: bus.drive(drive.protocol, drive.address, **drive.options).facts for drive in plan.drives}
+
+
+def _carried_out(plan: Plan, conditions: Conditions, duration_s: float) -> Iterator[tuple[int, PollResult]]:
+    """Yield results, each with the place of its read in the plan."""
+    with _line(plan, conditions, None) as bus:
+        items = plan.items(dict.fromkeys(plan.ports, bus))
+        places = {item: place for place, item in enumerate(items)}
+        for result in poll_bus(items, duration_s):
+            yield places[result.item], result
+
+
+def _line(plan: Plan, conditions: Conditions, trace: Callable[[TraceEvent], None] | None) -> Bus:
+    line = VirtualLine(_doubles(plan, conditions))
+    return open_bus(line.port, guard_s=conditions.guard_s, trace=trace, **conditions.facts)
+
+
+def _doubles(plan: Plan, conditions: Conditions) -> list[_Double]:
+    """Return a virtual drive for each drive of a plan, which holds all that the plan reads of it."""
+    facts = line_facts(plan, conditions)
+    made = []
+    for drive in plan.drives:
+        delay_s = conditions.reply_delay_s if drive.reply_delay_s is None else drive.reply_delay_s
+        reads = [read for read in plan.reads if read.drive == drive]
+        made.append(_Double(_virtual(drive, facts[drive], _model(drive, reads)), delay_s))
+    return made
+
+
+def _virtual(drive: PlannedDrive, facts: LineFacts, model: Model) -> VirtualDrive:
+    settings = facts.settings
+    options = {name: value for name, value in drive.options.items() if name != "model"}
+    options |= {"baudrate": settings.baudrate, "bytesize": settings.bytesize}
+    options |= {"parity": settings.parity, "stopbits": settings.stopbits, "gap_s": facts.gap_s}
+    return virtual_drive(drive.protocol, drive.address, model=model, **options)
+
+
+def _model(drive: PlannedDrive, reads: Sequence[PlannedRead]) -> Model:
+    """Return the drive's model, with the parameters that it lacks: without them a drive would refuse, not answer."""
+    plugin = installed[drive.protocol]
+    model = drive.options.get("model") or _default_model(drive.protocol)
+    model = load_model(plugin.package, drive.protocol, model)
+    readable = [info for info in model.parameters.values() if "r" in info.access]
+    added: dict[str, ParameterInfo] = {}
+    for read in reads:
+        address = read.parameter.partition("[")[0]
+        if readable and model.find(read.parameter) is None and model.find(address) is None:
+            one = ParameterInfo(
+                address=address, name=f"planned_{len(added)}", title=address, type=_type(readable, read)
+            )
+            if _can_hold(drive, model, one):
+                added[address] = one
+    return _extended(model, added)
+
+
+def _extended(model: Model, added: Mapping[str, ParameterInfo]) -> Model:
+    return replace(model, parameters={**model.parameters, **added})
+
+
+def _can_hold(drive: PlannedDrive, model: Model, parameter: ParameterInfo) -> bool:
+    """Tell whether a virtual drive can have this parameter; addresses that are none are left to the read."""
+    try:
+        virtual_drive(drive.protocol, drive.address, model=_extended(model, {parameter.address: parameter}))
+    except (ValueError, KeyError):
+        return False
+    return True
+
+
+@lru_cache
+def _default_model(protocol: str) -> Model:
+    plugin = installed[protocol]
+    return load_model(plugin.package, protocol, plugin.default_model)
+
+
+def _type(readable: Sequence[ParameterInfo], read: PlannedRead) -> str:
+    """Return the type that a parameter is given which the model does not know: the one asked for, or the commonest."""
+    given = read.options.get("type")
+    if isinstance(given, str) and given:
+        return given
+    return Counter(info.type for info in readable).most_common(1)[0][0]
+
+
+class _Double:
+    """A virtual drive that answers after a time of our choice."""
+
+    def __init__(self, drive: VirtualDrive, delay_s: float | None) -> None:
+        self.address = drive.address
+        self.settings = drive.settings
+        self.gap_s = drive.gap_s
+        self.motor = drive.motor
+        self._drive = drive
+        self._delay_s = delay_s
+
+    @property
+    def codec(self) -> Codec:
+        """The telegrams that the drive understands."""
+        return self._drive.codec
+
+    def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
+        """Let the drive answer, after that time."""
+        reply = self._drive.hear(find, now)
+        return reply if reply is None or self._delay_s is None else replace(reply, delay_s=self._delay_s)
+
+    def peek(self, parameter: str, now: float) -> int | str:
+        """Return what the drive holds."""
+        return self._drive.peek(parameter, now)
+
+    def poke(self, parameter: str, raw: int | str) -> None:
+        """Set what the drive holds."""
+        self._drive.poke(parameter, raw)
+
+    def trip(self, code: int, now: float) -> None:
+        """Make the drive trip."""
+        self._drive.trip(code, now)
+
+
+class _Ledger:
+    """Books what happens on a line to the items that cause it, from the bus's trace."""
+
+    def __init__(self) -> None:
+        self._events: list[TraceEvent] = []
+        self._quiet_s = 0.0
+
+    def note(self, event: TraceEvent) -> None:
+        """Take an event of the line."""
+        self._events.append(event)
+
+    def close(self, settings: LineSettings, ended_s: float) -> Shares:
+        """Return what the item took that has just ended; what it left on the wire is its own."""
+        wire = delay = pause = rest = 0.0
+        at, open_request = self._quiet_s, False
+        for event in self._events:
+            length = settings.wire_s(len(event.data))
+            if event.what == "sent":
+                if open_request:
+                    rest += event.time - at
+                else:
+                    pause += event.time - at
+                at, open_request = event.time + length, True
+            elif event.what == "received":
+                delay += event.time - length - at
+                at, open_request = event.time, False
+            else:
+                continue
+            wire += length
+        self._events.clear()
+        rest += max(0.0, ended_s - at)
+        self._quiet_s = max(at, ended_s)
+        return Shares(wire_s=wire, delay_s=delay, pause_s=pause, rest_s=rest)
+
+
+def _interval(times: Sequence[float]) -> float:
+    return (times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 0.0

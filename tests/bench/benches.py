@@ -1,0 +1,111 @@
+"""Benches for tests of the bus: drives that can be switched off, records of what was said, parameters to tell apart."""
+
+from __future__ import annotations
+
+import drivecomm
+from drivecomm.protocol import Framed, installed
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+PROTOCOLS = sorted(drivecomm.protocols())
+
+READABLE = {
+    "danfoss-fc": ("3-10[3]", "3-10[2]"),
+    "fuji": ("F03", "o05"),
+    "vabus": ("481", "482"),
+    "vlt3500": ("205", "206"),
+}
+"""Two parameters of each protocol that hold different values."""
+
+WRITABLE = {
+    "danfoss-fc": ("3-41", 10, 1000),
+    "fuji": ("S08", 7, 70),
+    "vabus": ("481", "12.34", "000004D2"),
+    "vlt3500": ("215", 3, "3.00"),
+}
+"""A parameter of each protocol, a value to write, and what the drive then holds."""
+
+ADDRESS = 3
+
+
+class Mortal:
+    """A virtual drive that can die, and that remembers the requests it was sent while it lived, and when."""
+
+    def __init__(self, protocol, address=ADDRESS):
+        self._made_of = protocol, address
+        self._drive = virtual_drive(protocol, address)
+        self.alive = True
+        self.heard = []
+
+    def __getattr__(self, name):
+        return getattr(self._drive, name)
+
+    def revive(self):
+        """Let it live, with everything forgotten, as when its mains are switched on."""
+        self._drive = virtual_drive(*self._made_of)
+        self.alive = True
+
+    def hear(self, find, now):
+        if not self.alive:
+            return None
+        answer = self._drive.hear(find, now)
+        if isinstance(find, Framed):
+            self.heard.append((now, find.message))
+        return answer
+
+
+class Recorder:
+    """What was traced, in the order in which it happened."""
+
+    def __init__(self):
+        self.events = []
+
+    def __call__(self, event):
+        self.events.append(event)
+
+    def sent(self, drive=None):
+        """Return the telegrams that were sent: to all, or to one drive."""
+        return [event for event in self.events if event.what == "sent" and drive in (None, event.drive)]
+
+    def of(self, what):
+        return [event for event in self.events if event.what == what]
+
+
+class Port:
+    """A port that hands on all that is asked of it; what `hooks` names is told the call before it is carried out."""
+
+    def __init__(self, port, **hooks):
+        self._port = port
+        self._hooks = hooks
+
+    def __getattr__(self, name):
+        value = getattr(self._port, name)
+        hook = self._hooks.get(name)
+        if hook is None:
+            return value
+
+        def call(*arguments):
+            hook(*arguments)
+            return value(*arguments)
+
+        return call
+
+
+def model_of(protocol):
+    return installed[protocol].default_model
+
+
+def bench(*protocols, **options):
+    """Return a line with one mortal drive of each protocol."""
+    return VirtualLine([Mortal(protocol) for protocol in protocols], **options)
+
+
+def running(line, virtual):
+    virtual.motor.advance(line.time)
+    return virtual.motor.running
+
+
+def set_reference(protocol, drive):
+    """Set what stands for half speed; to be awaited if the drive is to be."""
+    if protocol in ("danfoss-fc", "vlt3500"):
+        return drive.set_reference(percent=50)
+    return drive.set_reference(hz=25)

@@ -1,0 +1,534 @@
+"""The bus and its drives, over virtual lines."""
+
+import threading
+from dataclasses import replace
+from decimal import Decimal
+
+import pytest
+from benches import Port
+
+import drivecomm
+from drivecomm.errors import (
+    AddressError,
+    DriveCommError,
+    FileFormatError,
+    LinkDownError,
+    NoReplyError,
+    NotSupported,
+    ParameterAddressError,
+    PortError,
+    RefusedError,
+    UnknownProtocolError,
+    UsageError,
+    ValueRefusedError,
+)
+from drivecomm.plant import Fault, FaultPlan
+from drivecomm.protocol import LineSettings, Pause, Stop, installed
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+
+@pytest.fixture
+def line():
+    return VirtualLine([virtual_drive("vabus", 1), virtual_drive("vabus", 2)])
+
+
+@pytest.fixture
+def bus(line):
+    with drivecomm.open_bus(line.port) as opened:
+        yield opened
+
+
+# Making drives
+
+
+def test_a_drive_is_named_as_the_command_line_names_it(bus):
+    drive = bus.drive("vabus", 1)
+    assert drive.name == "vabus:1"
+    assert "vabus:1" in repr(drive)
+    assert drive.model is None
+    assert drive.facts == installed["vabus"].facts
+    assert Stop.RAMP in drive.capabilities.stops
+
+
+def test_a_drive_with_a_model_of_its_own(bus, tmp_path):
+    assert bus.drive("vabus", 1, model="act").model.name == "act"
+    path = tmp_path / "own.toml"
+    path.write_text('format = 1\nprotocol = "vabus"\nname = "own"\n', encoding="utf-8")
+    assert bus.drive("vabus", 1, model=path).model.name == "own"
+
+
+def test_options_come_from_model_bus_and_call_in_this_order(line, tmp_path):
+    path = tmp_path / "own.toml"
+    path.write_text(
+        'format = 1\nprotocol = "vabus"\nname = "own"\n'
+        "[options]\nbaudrate = 2400\nattempts = 7\nreply_timeout_s = 3.0\nram_datasets = false\n",
+        encoding="utf-8",
+    )
+    with drivecomm.open_bus(line.port, attempts=5, reply_timeout_s=2.0) as bus:
+        drive = bus.drive("vabus", 1, model=path, reply_timeout_s=1.0)
+        assert drive.facts.settings.baudrate == 2400
+        assert drive.facts.timing.attempts == 5
+        assert drive.facts.timing.reply_timeout_s == 1.0
+        assert not drive.capabilities.volatile_writes
+        assert bus.drive("vabus", 1, model=path, ram_datasets=True).capabilities.volatile_writes
+
+
+@pytest.mark.parametrize("name", ["baudrate", "bytesize", "parity", "stopbits", "reply_timeout_s", "attempts"])
+def test_what_open_bus_sets_for_all_drives(line, name):
+    value = {"baudrate": 2400, "bytesize": 8, "parity": "O", "stopbits": 2, "reply_timeout_s": 0.25, "attempts": 2}[
+        name
+    ]
+    with drivecomm.open_bus(line.port, **{name: value}) as bus:
+        facts = bus.drive("vabus", 1).facts
+    assert getattr(facts.settings, name, None) == value or getattr(facts.timing, name, None) == value
+
+
+@pytest.mark.parametrize("address", [0, 31, 32, -1, 999, "1", 1.0, True, None])
+def test_addresses_that_no_drive_has(bus, address):
+    with pytest.raises(AddressError, match=r"vabus has no drive at address .*; addresses are 1 to 30"):
+        bus.drive("vabus", address)
+
+
+def test_options_that_do_not_exist(bus):
+    with pytest.raises(UsageError, match=r"vabus drives have no option 'colour'; they have .*baudrate.*sys"):
+        bus.drive("vabus", 1, colour="red")
+    with pytest.raises(UsageError, match="vabus drives have no option 'colour'"):
+        bus.broadcast("vabus", colour="red")
+    with pytest.raises(UsageError, match="6 data bits are not possible"):
+        bus.drive("vabus", 1, bytesize=6)
+    with pytest.raises(UsageError, match="system-bus node 99"):
+        bus.drive("vabus", 1, sys=99)
+
+
+def test_a_model_with_an_option_that_does_not_exist(bus, tmp_path):
+    path = tmp_path / "own.toml"
+    path.write_text('format = 1\nprotocol = "vabus"\nname = "own"\n[options]\ncolour = "red"\n', encoding="utf-8")
+    with pytest.raises(UsageError, match="model own sets 'colour', which vabus does not have"):
+        bus.drive("vabus", 1, model=path)
+
+
+def test_names_that_nobody_knows(bus):
+    with pytest.raises(UnknownProtocolError):
+        bus.drive("modbus", 1)
+    with pytest.raises(UnknownProtocolError):
+        bus.broadcast("modbus")
+    with pytest.raises(UsageError, match="no model 'none'"):
+        bus.drive("vabus", 1, model="none")
+    with pytest.raises(FileFormatError):
+        bus.drive("vabus", 1, model="/nowhere.toml")
+
+
+# Verbs
+
+
+def test_reading_and_writing(bus, line):
+    drive = bus.drive("vabus", 1, model="agile")
+    reading = drive.read("fixed_frequency_2")
+    assert (reading.parameter, reading.value, reading.unit) == ("481", Decimal("10.00"), "Hz")
+    assert reading.time_s == bus.wall_time() == line.time > 0
+    assert drive.write("481", "12.34") is None
+    assert drive.read("481").value == Decimal("12.34")
+    assert line.drives[0].peek("481", line.time) == "000004D2"
+    assert bus.drive("vabus", 2, model="agile").read("481").value == Decimal("10.00")
+
+
+def test_nothing_is_sent_for_a_call_that_cannot_work(line):
+    events = []
+    with drivecomm.open_bus(line.port, trace=events.append) as bus:
+        drive = bus.drive("vabus", 1, model="agile")
+        for call, error in (
+            (lambda: drive.read("48x"), ParameterAddressError),
+            (lambda: drive.read("1600"), ParameterAddressError),
+            (lambda: drive.write("481", "1.234"), ValueRefusedError),
+            (lambda: drive.write("481", 1e9), ValueRefusedError),
+            (lambda: drive.write("481", "ten"), ValueRefusedError),
+            (lambda: drive.stop(Stop.DC_BRAKE), NotSupported),
+            (drive.jog, NotSupported),
+            (lambda: drive.set_reference(rpm=1, hz=1), UsageError),
+            (lambda: drive.read("481", colour="red"), UsageError),
+            (lambda: drive.write("481", 1, colour="red"), UsageError),
+            (drive.set_reference, UsageError),
+            (lambda: drive.set_reference(percent=1, hz=1), UsageError),
+        ):
+            with pytest.raises(error):
+                call()
+    assert not [event for event in events if event.what == "sent"]
+
+
+def test_unknown_options_of_a_verb_are_listed(bus):
+    with pytest.raises(UsageError, match="read has no option 'colour' here; it has type, dataset"):
+        bus.drive("vabus", 1).read("481", colour="red")
+
+
+def test_driving(bus, line):
+    drive = bus.drive("vabus", 1, model="agile")
+    drive.set_reference(hz=20)
+    drive.start()
+    assert drive.status().running
+    line.advance(30.0)
+    assert drive.status().at_reference
+    drive.set_reference(percent=0)
+    drive.stop()
+    line.advance(30.0)
+    assert not drive.status().running
+    assert not line.drives[1].motor.running
+    line.drives[0].trip(5, line.time)
+    assert drive.status().fault
+    line.advance(20.0)
+    drive.reset()
+    assert not drive.status().fault
+    drive.probe()
+    assert drive.identify()
+
+
+def test_a_drive_that_says_no(bus):
+    with pytest.raises(RefusedError) as caught:
+        bus.drive("vabus", 1).read("1599")
+    assert caught.value.parameter == "1599"
+    assert bus.drive("vabus", 1).read("481").raw
+
+
+def test_a_drive_that_is_not_there(bus):
+    with pytest.raises(NoReplyError, match="vabus:9 did not answer within 500 ms"):
+        bus.drive("vabus", 9).read("481")
+    assert bus.counters["vabus:9"]["timeouts"] == 3
+    assert bus.drive("vabus", 1).read("481").raw
+
+
+def test_broadcasts_reach_all_and_wait_for_nobody(bus, line):
+    everybody = bus.broadcast("vabus", model="agile")
+    before = line.time
+    everybody.write("481", "7.00")
+    assert line.time - before < 0.1
+    line.advance(0.1)
+    assert [drive.peek("481", line.time) for drive in line.drives] == ["000002BC"] * 2
+    for drive in (bus.drive("vabus", 1), bus.drive("vabus", 2)):
+        drive.start()
+    everybody.stop()
+    line.advance(30)
+    for drive in line.drives:
+        drive.motor.advance(line.time)
+        assert not drive.motor.running
+    assert "vabus:*" in bus.counters or bus.counters
+    with pytest.raises(UsageError):
+        everybody.write("481", "7.00", colour="red")
+
+
+# Scanning
+
+
+def test_a_scan_finds_who_is_there(bus):
+    progress = []
+    found = list(bus.scan(only=["vabus"], addresses=[0, 1, 2, 3, 99], progress=lambda *step: progress.append(step)))
+    assert [drive.name for drive in found] == ["vabus:1", "vabus:2"]
+    assert all(drive.sound and drive.identity for drive in found)
+    # Addresses that the protocol does not have are not asked.
+    assert progress == [("vabus", 0, 3), ("vabus", 1, 3), ("vabus", 2, 3), ("vabus", 3, 3)]
+
+
+def test_a_scan_of_everything():
+    plugins = list(installed.working())
+    line = VirtualLine([virtual_drive(plugin.name, plugin.addresses[1]) for plugin in plugins])
+    with drivecomm.open_bus(line.port) as bus:
+        wanted = {plugin.addresses[1] for plugin in plugins}
+        found = list(bus.scan(addresses=sorted(wanted), attempts=1))
+        expected = {f"{plugin.name}:{plugin.addresses[1]}" for plugin in plugins}
+        assert {drive.name for drive in found if drive.sound} == expected
+    assert not any(drive.motor.running for drive in line.drives)
+
+
+def test_a_scan_of_the_usual_addresses(bus):
+    found = list(bus.scan(only=["vabus"], reply_timeout_s=0.05))
+    assert [drive.address for drive in found] == [1, 2]
+
+
+def test_a_scan_for_nobody(bus):
+    assert list(bus.scan(only=["vabus"], addresses=[])) == []
+    assert list(bus.scan(only=["vabus"], addresses=[99], progress=lambda *_: None)) == []
+    with pytest.raises(UnknownProtocolError):
+        list(bus.scan(only=["modbus"]))
+
+
+def test_a_scan_meets_a_drive_that_answers_with_damage():
+    class Spoilt(FaultPlan):
+        def reply(self, data):
+            return [(0.0, data[:-1] + bytes([data[-1] ^ 1]))]
+
+    line = VirtualLine([virtual_drive("vabus", 1)], faults=Spoilt(rate=0.0))
+    with drivecomm.open_bus(line.port) as bus:
+        (found,) = bus.scan(only=["vabus"], addresses=[1])
+    assert not found.sound
+    assert found.identity == {}
+    assert "damaged" in found.detail
+
+
+def test_a_scan_meets_a_drive_that_stops_answering():
+    class Once(FaultPlan):
+        left = 1
+
+        def reply(self, data):
+            self.left -= 1
+            return [(0.0, data)] if self.left >= 0 else []
+
+    line = VirtualLine([virtual_drive("vabus", 1)], faults=Once(rate=0.0))
+    with drivecomm.open_bus(line.port) as bus:
+        (found,) = bus.scan(only=["vabus"], addresses=[1])
+    assert found.sound
+    assert found.identity == {}
+    assert "did not answer" in found.detail
+
+
+# Port and lock
+
+
+def test_a_closed_bus_says_so(line):
+    bus = drivecomm.open_bus(line.port)
+    drive = bus.drive("vabus", 1)
+    drive.probe()
+    bus.close()
+    bus.close()
+    with pytest.raises(UsageError, match="this bus is closed"):
+        drive.read("481")
+
+
+def test_leaving_the_context_closes_it_also_after_an_error(line):
+    with pytest.raises(ZeroDivisionError), drivecomm.open_bus(line.port) as bus:
+        raise ZeroDivisionError
+    with pytest.raises(UsageError):
+        bus.drive("vabus", 1).probe()
+
+
+def test_a_port_that_is_lost_is_opened_again(line):
+    opened, closed = [], []
+
+    def port():
+        opened.append(Port(line.port(), close=lambda: closed.append(line.time)))
+        return opened[-1]
+
+    with drivecomm.open_bus(port) as bus:
+        drive = bus.drive("vabus", 1)
+        drive.probe()
+        line.broken = True
+        for _ in range(3):
+            with pytest.raises(LinkDownError):
+                drive.read("481")
+        assert len(closed) == 1
+        line.broken = False
+        with pytest.raises(LinkDownError, match=r"opened again in 0\.5 s"):
+            drive.read("481")
+        line.advance(0.5)
+        assert drive.read("481").raw
+        assert len(opened) == 2
+
+
+def test_an_exchange_that_is_interrupted_is_closed_at_once(line):
+    closed = []
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    def exchange():
+        try:
+            yield Pause(seconds=1.0)
+        finally:
+            closed.append(True)
+
+    with drivecomm.open_bus(lambda: Port(line.port(), wait=interrupt)) as bus:
+        # Whoever catches it holds the traceback, and with it all that was under way.
+        with pytest.raises(KeyboardInterrupt) as caught:
+            bus.run(bus.drive("vabus", 1).party, exchange())
+        assert closed == [True]
+        assert caught.value.__traceback__ is not None
+
+
+def test_a_port_that_cannot_be_opened_again_is_tried_each_time(line):
+    answers = [line.port, None, line.port]
+
+    def port():
+        make = answers.pop(0)
+        if make is None:
+            raise PortError("in use")
+        return make()
+
+    with drivecomm.open_bus(port) as bus:
+        drive = bus.drive("vabus", 1)
+        line.broken = True
+        with pytest.raises(LinkDownError):
+            drive.probe()
+        line.broken = False
+        with pytest.raises(PortError):
+            drive.probe()
+        line.advance(0.5)
+        drive.probe()
+
+
+def test_a_port_that_cannot_be_opened_at_all():
+    def port():
+        raise PortError("the port does not exist")
+
+    with pytest.raises(PortError):
+        drivecomm.open_bus(port)
+
+
+def test_an_interrupted_exchange_leaves_the_bus_usable(line):
+    class Interrupting:
+        def __init__(self, port):
+            self._port = port
+            self.armed = False
+
+        def __getattr__(self, name):
+            return getattr(self._port, name)
+
+        def read(self, until, at_least):
+            if self.armed and until > self._port.now():
+                self.armed = False
+                raise KeyboardInterrupt
+            return self._port.read(until, at_least)
+
+    port = Interrupting(line.port())
+    with drivecomm.open_bus(lambda: port) as bus:
+        drive = bus.drive("vabus", 1, model="agile")
+        drive.probe()
+        port.armed = True
+        with pytest.raises(KeyboardInterrupt):
+            drive.read("481")
+        # The reply to the interrupted question is still under way.
+        assert drive.read("482").value == Decimal("25.00")
+        assert bus.counters["vabus:1"]["strays"] == 0
+        assert bus.counters["vabus:1"]["drained bytes"] > 0
+
+
+def test_threads_take_turns_on_one_bus():
+    line = VirtualLine([virtual_drive("vabus", address) for address in (1, 2, 3)])
+    events, wrong, done = [], [], []
+    with drivecomm.open_bus(line.port, trace=events.append) as bus:
+        expected = {}
+        for drive in line.drives:
+            drive.poke("481", 100 * drive.address)
+            expected[drive.address] = drive.peek("481", 0.0)
+
+        def work(address):
+            drive = bus.drive("vabus", address)
+            for _ in range(60):
+                try:
+                    reading = drive.read("481")
+                except DriveCommError as error:
+                    wrong.append(error)
+                else:
+                    if reading.raw != expected[address]:
+                        wrong.append(reading)
+            done.append(address)
+
+        threads = [threading.Thread(target=work, args=(address,)) for address in (1, 2, 3, 1, 2, 3)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(60)
+    assert sorted(done) == [1, 1, 2, 2, 3, 3]
+    assert wrong == []
+    # Nobody speaks between a question and its answer.
+    spoken = [(event.what, event.drive) for event in events if event.message is None or event.message.kind != "eot"]
+    assert len(spoken) == 2 * 6 * 60
+    for (first, asked), (second, answered) in zip(spoken[::2], spoken[1::2], strict=True):
+        assert (first, second, asked) == ("sent", "received", answered)
+
+
+def test_drives_with_other_settings_share_a_line():
+    line = VirtualLine([virtual_drive("vabus", 1, baudrate=9600), virtual_drive("vabus", 2)])
+    configured = []
+
+    class Port:
+        def __init__(self, port):
+            self._port = port
+
+        def __getattr__(self, name):
+            return getattr(self._port, name)
+
+        def configure(self, settings):
+            configured.append(settings.baudrate)
+            return self._port.configure(settings)
+
+    with drivecomm.open_bus(lambda: Port(line.port())) as bus:
+        slow, fast = bus.drive("vabus", 1, baudrate=9600), bus.drive("vabus", 2)
+        assert slow.facts.settings == LineSettings(baudrate=9600, bytesize=7, parity="E")
+        for drive in (slow, slow, fast, fast, slow):
+            drive.probe()
+    assert configured == [9600, 19200, 9600]
+
+
+def test_an_adapter_that_echoes_needs_the_option():
+    line = VirtualLine([virtual_drive("vabus", 1)], echo=True)
+    with drivecomm.open_bus(line.port, echo=True) as bus:
+        assert bus.drive("vabus", 1).read("481").raw
+        assert bus.counters["vabus:1"]["echo bytes"] > 0
+
+
+def test_a_drive_that_answers_garbage_for_ever():
+    class Garbage(FaultPlan):
+        def reply(self, data):
+            return [(0.0, b"\x41\x02\x30\x7f" * 5000)] if self.rate else [(0.0, data)]
+
+    plan = Garbage(rate=1.0)
+    line = VirtualLine([virtual_drive("vabus", 1), virtual_drive("vabus", 2)], faults=plan)
+    with drivecomm.open_bus(line.port) as bus:
+        with pytest.raises(DriveCommError):
+            bus.drive("vabus", 1, attempts=1).read("481")
+        assert line.time < 5.0
+        plan.rate = 0.0
+        line.advance(60.0)
+        assert bus.drive("vabus", 2).read("481").raw
+
+
+def test_a_bad_drive_does_not_spoil_the_line():
+    line = VirtualLine(
+        [virtual_drive("vabus", 1), virtual_drive("vabus", 2)],
+        faults=FaultPlan(rate=1.0, kinds=[Fault.DROP], requests=False),
+    )
+    with drivecomm.open_bus(line.port) as bus:
+        with pytest.raises(NoReplyError):
+            bus.drive("vabus", 1).read("481")
+        line.faults = FaultPlan(rate=0.0)
+        assert bus.drive("vabus", 2).read("481").raw
+        assert bus.counters["vabus:2"]["retries"] == 0
+
+
+def test_verbs_of_one_protocol_only(line):
+    calls = []
+
+    def jog(*, number):
+        calls.append(number)
+        return "jogging"
+        yield
+
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive("vabus", 1)
+        with pytest.raises(NotSupported, match="vabus:1 has no verb 'dance'; it has "):
+            drive.call("dance")
+        operations = type("Operations", (), {"extra": {"jog": jog}})()
+        jogging = drivecomm.Drive(bus, drive._party, operations, None)
+        assert jogging.call("jog", number=2) == "jogging"
+        with pytest.raises(NotSupported, match="it has jog"):
+            jogging.call("dance")
+        with pytest.raises(UsageError, match="jog has no option 'speed' here; it has number"):
+            jogging.call("jog", speed=2)
+        with pytest.raises(UsageError, match="jog needs number"):
+            jogging.call("jog")
+    assert calls == [2]
+
+
+def test_a_protocol_without_broadcast(bus):
+    take_away = installed.register(replace(installed["vabus"], name="lonely", broadcast_address=None))
+    try:
+        with pytest.raises(NotSupported, match="lonely has no broadcast"):
+            bus.broadcast("lonely")
+        assert bus.drive("lonely", 1).name == "lonely:1"
+    finally:
+        take_away()
+
+
+def test_line_facts_for_all_drives(line):
+    with drivecomm.open_bus(line.port, turnaround_s=0.2, gap_s=None) as bus:
+        assert bus.drive("vabus", 1).facts.turnaround_s == 0.2
+        assert bus.drive("vabus", 1).facts.gap_s == 0.05
+    with pytest.raises(UsageError, match="turnaround_s"):
+        drivecomm.open_bus(line.port, turnround_s=0.2)

@@ -1,0 +1,352 @@
+"""Cut off at every step: whatever an exchange was doing, the next one gets its own answer."""
+
+import asyncio
+
+import pytest
+from benches import ADDRESS, PROTOCOLS, READABLE, WRITABLE, Mortal, Port, model_of, running, set_reference
+
+import drivecomm
+from drivecomm.errors import NoReplyError
+from drivecomm.link import Arrival, Configure, Link, Party, Receive, Send
+from drivecomm.protocol import LineFacts, LineSettings, Timing
+from drivecomm.virtual import VirtualLine
+from drivecomm_vabus.telegrams import Ack, Select, VabusCodec, mismatch
+
+EACH_PROTOCOL = pytest.mark.parametrize("protocol", PROTOCOLS)
+VERBS = {
+    "read": lambda protocol, drive: drive.read(READABLE[protocol][0]),
+    "write": lambda protocol, drive: drive.write(*WRITABLE[protocol][:2]),
+    "start": lambda _, drive: drive.start(),
+    "stop": lambda _, drive: drive.stop(),
+    "status": lambda _, drive: drive.status(),
+    "reference": set_reference,
+}
+EACH_VERB = pytest.mark.parametrize("verb", VERBS)
+MOST_STEPS = 400
+
+
+class Site:
+    """A line with one drive, and what it holds."""
+
+    def __init__(self, protocol):
+        self.protocol = protocol
+        self.virtual = Mortal(protocol)
+        self.line = VirtualLine([self.virtual])
+
+    def expected(self):
+        return [self.virtual.peek(parameter, self.line.time) for parameter in READABLE[self.protocol]]
+
+
+# Tasks: the virtual time runner lets others go on between any two effects
+
+
+async def cut_off(call, steps, times=1):
+    """Start a call, let it make so many steps, cancel it; returns whether it had come to its end by then."""
+    task = asyncio.create_task(call)
+    for _ in range(steps):
+        await asyncio.sleep(0)
+        if task.done():
+            break
+    over = task.done()
+    for _ in range(times):
+        task.cancel()
+        if times > 1:
+            await asyncio.sleep(0)
+    try:
+        await task
+    except asyncio.CancelledError:
+        assert not over
+        return False
+    return True
+
+
+@EACH_VERB
+@EACH_PROTOCOL
+def test_a_task_is_cancelled_at_every_step(protocol, verb):
+    async def main():
+        site = Site(protocol)
+        async with drivecomm.open_bus_async(site.line.port) as bus:
+            drive = bus.drive(protocol, ADDRESS, model=model_of(protocol))
+            if verb in ("start", "stop"):
+                await set_reference(protocol, drive)
+            for steps in range(MOST_STEPS):
+                if verb == "stop":
+                    await drive.start()
+                over = await cut_off(VERBS[verb](protocol, drive), steps)
+                read = [(await drive.read(parameter)).raw for parameter in READABLE[protocol]]
+                assert read == site.expected(), f"cancelled after {steps} steps"
+                assert bus.counters[drive.name]["timeouts"] == 0, f"cancelled after {steps} steps"
+                if over:
+                    break
+                if verb == "start":
+                    before = running(site.line, site.virtual)
+                    site.line.advance(1.0)
+                    await drive.status()
+                    await drive.read(READABLE[protocol][0])
+                    site.line.advance(1.0)
+                    # What was not sent is not made up for by asking; a stop that held before may be repeated.
+                    assert before or not running(site.line, site.virtual)
+                    await drive.stop()
+                    site.line.advance(5.0)
+            assert over
+            assert steps >= 4
+
+    asyncio.run(main())
+
+
+@EACH_PROTOCOL
+def test_a_start_that_was_cancelled_before_it_was_sent_moves_nothing(protocol):
+    async def main():
+        moved = []
+        for steps in range(MOST_STEPS):
+            site = Site(protocol)
+            async with drivecomm.open_bus_async(site.line.port) as bus:
+                drive = bus.drive(protocol, ADDRESS, model=model_of(protocol))
+                await set_reference(protocol, drive)
+                over = await cut_off(drive.start(), steps)
+                site.line.advance(1.0)
+                at_once = running(site.line, site.virtual)
+                for _ in range(3):
+                    await drive.status()
+                    await drive.read(READABLE[protocol][0])
+                    site.line.advance(1.0)
+                # Danfoss FC repeats the word that held before, which stops.
+                assert at_once or not running(site.line, site.virtual), f"cancelled after {steps} steps"
+                moved.append(at_once)
+            if over:
+                break
+        # Not before its first steps, and in the end it does.
+        assert moved[0] is False
+        assert moved[-1] is True
+        assert moved == sorted(moved)
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("verb", ["read", "write"])
+@EACH_PROTOCOL
+def test_cancelled_twice(protocol, verb):
+    async def main():
+        site = Site(protocol)
+        async with drivecomm.open_bus_async(site.line.port) as bus:
+            drive = bus.drive(protocol, ADDRESS, model=model_of(protocol))
+            for steps in range(MOST_STEPS):
+                over = await cut_off(VERBS[verb](protocol, drive), steps, times=2)
+                assert [(await drive.read(parameter)).raw for parameter in READABLE[protocol]] == site.expected()
+                if over:
+                    return
+        raise AssertionError("it never comes to its end")
+
+    asyncio.run(main())
+
+
+@EACH_PROTOCOL
+def test_others_who_wait_get_their_turn_when_one_is_cancelled(protocol):
+    async def main():
+        site = Site(protocol)
+        async with drivecomm.open_bus_async(site.line.port) as bus:
+            drive = bus.drive(protocol, ADDRESS, model=model_of(protocol))
+            for steps in range(1, 12):
+                parameters = [*READABLE[protocol]] * 3
+                first = asyncio.create_task(VERBS["write"](protocol, drive))
+                others = [asyncio.create_task(drive.read(parameter)) for parameter in parameters]
+                for _ in range(steps):
+                    await asyncio.sleep(0)
+                first.cancel()
+                others[2].cancel()
+                results = await asyncio.gather(first, *others, return_exceptions=True)
+                for place, result in enumerate(results[1:]):
+                    if place != 2:
+                        assert result.raw == site.expected()[place % 2]
+                assert isinstance(results[3], asyncio.CancelledError)
+
+    asyncio.run(main())
+
+
+# Ctrl-C: the blocking runner is interrupted before or after any call of the port
+
+
+class Interrupting:
+    """A port that is interrupted once, at its call with this number, before or after it is carried out."""
+
+    def __init__(self, port, *, after):
+        self._port = port
+        self._after = after
+        self.left = None
+        self.paced = port.paced
+        self.real_time = port.real_time
+        self.descriptor = port.descriptor
+
+    def _carry_out(self, name, *arguments):
+        if self.left is not None:
+            self.left -= 1
+        if self.left == 0 and not self._after:
+            raise KeyboardInterrupt
+        result = getattr(self._port, name)(*arguments)
+        if self.left == 0 and self._after:
+            raise KeyboardInterrupt
+        return result
+
+    def now(self):
+        return self._carry_out("now")
+
+    def wall_time(self):
+        return self._carry_out("wall_time")
+
+    def configure(self, settings):
+        return self._carry_out("configure", settings)
+
+    def write(self, data):
+        return self._carry_out("write", data)
+
+    def read(self, until, at_least):
+        return self._carry_out("read", until, at_least)
+
+    def wait(self, until):
+        return self._carry_out("wait", until)
+
+    def close(self):
+        self._port.close()
+
+
+@pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
+@EACH_VERB
+@EACH_PROTOCOL
+def test_ctrl_c_at_every_call_of_the_port(protocol, verb, after):
+    site = Site(protocol)
+    port = Interrupting(site.line.port(), after=after)
+    with drivecomm.open_bus(lambda: port) as bus:
+        drive = bus.drive(protocol, ADDRESS, model=model_of(protocol))
+        if verb in ("start", "stop"):
+            set_reference(protocol, drive)
+        for call in range(1, MOST_STEPS):
+            port.left = call
+            try:
+                VERBS[verb](protocol, drive)
+            except KeyboardInterrupt:
+                over = False
+            else:
+                over = True
+            port.left = None
+            assert not bus._turns._is_taken()
+            read = [drive.read(parameter).raw for parameter in READABLE[protocol]]
+            assert read == site.expected(), f"interrupted at call {call}"
+            assert bus.counters[drive.name]["timeouts"] == 0
+            if over:
+                break
+            if verb == "start":
+                drive.stop()
+                site.line.advance(5.0)
+        assert over
+        assert call > 8
+
+
+def test_ctrl_c_while_a_drive_is_silent_counts_for_nothing():
+    virtual = Mortal("vabus")
+    line = VirtualLine([virtual])
+
+    def interrupt(until, _):
+        if until > line.time:
+            raise KeyboardInterrupt
+
+    with drivecomm.open_bus(lambda: Port(line.port(), read=interrupt)) as bus:
+        drive = bus.drive("vabus", ADDRESS)
+        virtual.alive = False
+        for _ in range(10):
+            with pytest.raises(KeyboardInterrupt):
+                drive.read("481")
+        assert not bus.health[drive.name].given_up
+
+
+# The link by hand: a reply that does not say what it answers
+
+
+CODEC = VabusCodec()
+PARTY = Party(
+    name="vabus:1",
+    codec=CODEC,
+    facts=LineFacts(
+        settings=LineSettings(baudrate=9600),
+        timing=Timing(reply_timeout_s=0.1, gap_s=0.02, turnaround_s=0.0, broadcast_pause_s=0.0, late_s=2.0, attempts=1),
+    ),
+    mismatch=mismatch,
+)
+
+
+class Clock:
+    """Walks a link's steps by hand, until one that a test wants to stop at; what arrives when is a list."""
+
+    def __init__(self, link):
+        self.link = link
+        self.time = 0.0
+        self.arrivals = []
+
+    def walk(self, exchange, stop=lambda _: False):
+        """Carry out the steps; returns the result, or closes them at the first effect to stop at and returns None."""
+        steps = self.link.run(PARTY, exchange)
+        effect = next(steps)
+        try:
+            while not stop(effect):
+                effect = steps.send(self.carry_out(effect))
+        except StopIteration as finished:
+            return finished.value
+        steps.close()
+        return None
+
+    def carry_out(self, effect):
+        came = b""
+        if isinstance(effect, Receive):
+            while self.arrivals and self.arrivals[0][0] <= effect.until and len(came) < effect.at_least:
+                time, data = self.arrivals.pop(0)
+                self.time = max(self.time, time)
+                came += data
+            if len(came) < effect.at_least:
+                self.time = max(self.time, effect.until)
+        elif not isinstance(effect, Send | Configure):
+            self.time = max(self.time, effect.until)
+        return Arrival(self.time, came)
+
+
+def select(parameter):
+    message = Select(address=1, dataset=5, parameter=parameter, data="00000001")
+    return (yield drivecomm.exchange.Ask(message=message, nameless=True, acts=True))
+
+
+def waits_long(clock):
+    def stop(effect):
+        return not isinstance(effect, Send | Configure | Receive) and effect.until > clock.time + 0.5
+
+    return stop
+
+
+def test_a_late_confirmation_is_not_taken_for_another_one():
+    clock = Clock(Link())
+    with pytest.raises(NoReplyError):
+        clock.walk(select(481))
+    late = clock.time + 0.5
+    clock.arrivals = [(late, CODEC.encode(Ack(address=1)))]
+    # Nobody answers the second select; the confirmation of the first one comes while it would be under way.
+    with pytest.raises(NoReplyError):
+        clock.walk(select(482))
+
+
+def test_nor_when_whoever_waited_for_it_was_cut_off():
+    clock = Clock(Link())
+    with pytest.raises(NoReplyError):
+        clock.walk(select(481))
+    assert clock.walk(select(482), stop=waits_long(clock)) is None
+    clock.arrivals = [(clock.time + 0.1, CODEC.encode(Ack(address=1)))]
+    with pytest.raises(NoReplyError):
+        clock.walk(select(483))
+
+
+def test_nor_when_the_first_one_was_cut_off():
+    clock = Clock(Link())
+
+    def waits_for_the_reply(effect):
+        return isinstance(effect, Receive) and effect.until > clock.time
+
+    assert clock.walk(select(481), stop=waits_for_the_reply) is None
+    clock.arrivals = [(clock.time + 0.5, CODEC.encode(Ack(address=1)))]
+    with pytest.raises(NoReplyError):
+        clock.walk(select(482))

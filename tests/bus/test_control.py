@@ -1,0 +1,272 @@
+"""Verbs that mean the same everywhere, waiting, reading back, and the guard of stored writes."""
+
+from decimal import Decimal
+
+import pytest
+
+import drivecomm
+from drivecomm.bus import Drive, Waiting, is_stored
+from drivecomm.errors import NotSupported, StateError, UsageError, ValueRefusedError
+from drivecomm.models import load_model
+from drivecomm.protocol import DriveState, DriveStatus, installed
+from drivecomm.virtual import VirtualLine, virtual_drive
+from drivecomm_vabus.options import VabusOptions
+
+DRIVES = {
+    "vabus": {"model": "agile"},
+    "danfoss-fc": {"model": "fc300"},
+    "vlt3500": {"model": "vlt3500"},
+    "fuji": {"model": "frenic"},
+}
+
+
+@pytest.fixture(params=DRIVES)
+def virtual(request):
+    return virtual_drive(request.param, 1, **DRIVES[request.param])
+
+
+@pytest.fixture
+def drive(virtual):
+    protocol = next(name for name in DRIVES if virtual.codec.__class__.__module__.split(".")[0].endswith(_module(name)))
+    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+        yield bus.drive(protocol, 1, **DRIVES[protocol])
+
+
+def _module(name):
+    return name.replace("-", "_")
+
+
+def test_run_turn_round_stop(drive, virtual):
+    virtual.motor.ramp_up_s = virtual.motor.ramp_down_s = 2
+    drive.set_reference(percent=30)
+    drive.start()
+    status = drive.wait_for("at_reference")
+    assert status.running
+    assert virtual.motor.output_hz > 0
+    drive.reverse()
+    drive.wait_for("at_reference")
+    assert virtual.motor.output_hz < 0
+    drive.start()
+    drive.wait_for("at_reference")
+    assert virtual.motor.output_hz > 0
+    drive.stop()
+    assert not drive.wait_for(DriveState.READY).running
+    assert virtual.motor.target_hz == 0
+
+
+@pytest.mark.parametrize("protocol", ["danfoss-fc", "fuji"])
+def test_a_reference_of_zero_is_one(protocol):
+    virtual, bus = one(protocol, **DRIVES[protocol])
+    with bus:
+        drive = bus.drive(protocol, 1, **DRIVES[protocol])
+        drive.set_reference(percent=30)
+        drive.start()
+        drive.set_reference(percent=0)
+        drive.wait_for("at_reference")
+        assert virtual.motor.output_hz == 0
+
+
+def test_waiting_leaves_the_line_to_others(drive, virtual):
+    virtual.motor.ramp_up_s = 4
+    drive.set_reference(percent=50)
+    drive.start()
+    before = drive.bus.counters[drive.name]["requests"]
+    began = drive.bus.now()
+    drive.wait_for("at_reference")
+    asked = drive.bus.counters[drive.name]["requests"] - before
+    assert asked <= (drive.bus.now() - began) / 0.1 + 2
+
+
+def test_waiting_ends_in_time_and_at_a_fault(drive, virtual):
+    began = drive.bus.now()
+    with pytest.raises(StateError, match=r"did not come to 'running' within 1 s; it is (not_)?ready"):
+        drive.wait_for(DriveState.RUNNING, timeout_s=1)
+    assert drive.bus.now() - began < 1.5
+    virtual.trip(4, drive.bus.now())
+    with pytest.raises(StateError, match=r"has a fault( 4.*)? and will not come to 'running'; reset it first"):
+        drive.wait_for(DriveState.RUNNING, timeout_s=100)
+    assert drive.wait_for(DriveState.FAULT).fault
+
+
+def told(**facts):
+    return DriveStatus(**{"word": 0, "state": DriveState.READY, "running": False, "fault": False, **facts})
+
+
+def test_a_motor_that_stands_is_at_no_reference():
+    waiting = Waiting("fan", "at_reference", 10.0, now=0.0)
+    assert not waiting.over(told(at_reference=True), 1.0)
+    assert waiting.over(told(at_reference=True, running=True), 1.0)
+
+
+def test_a_status_without_the_reference_cannot_be_waited_for():
+    waiting = Waiting("fan", "at_reference", 10.0, now=0.0)
+    assert not waiting.over(told(at_reference=None), 1.0)
+    with pytest.raises(NotSupported, match="does not say whether the reference is reached"):
+        waiting.over(told(at_reference=None, running=True), 1.0)
+
+
+@pytest.mark.parametrize(("goal", "seconds"), [("somewhere", 1), (DriveState.READY, -1), ("at_reference", "soon")])
+def test_what_cannot_be_waited_for(drive, goal, seconds):
+    with pytest.raises((UsageError, TypeError)):
+        drive.wait_for(goal, timeout_s=seconds)
+
+
+def test_capabilities_say_which_common_verbs_there_are(drive):
+    for verb, arguments in {
+        "jog": {},
+        "hold": {},
+        "select_setup": {"number": 1},
+        "set_relay": {"number": 1, "on": True},
+    }.items():
+        if verb not in drive.capabilities.verbs:
+            with pytest.raises(NotSupported, match=f"cannot {verb}; of the common verbs it has"):
+                getattr(drive, verb)(**arguments)
+
+
+def one(protocol, **options):
+    virtual = virtual_drive(protocol, 1, **options)
+    return virtual, drivecomm.open_bus(VirtualLine([virtual]).port)
+
+
+def test_jog_hold_and_set_up_of_an_fc():
+    virtual, bus = one("danfoss-fc", model="fc300")
+    with bus:
+        drive = bus.drive("danfoss-fc", 1, model="fc300")
+        drive.set_reference(percent=50)
+        drive.start()
+        drive.wait_for("at_reference", timeout_s=20)
+        drive.hold()
+        assert virtual.motor.command.value == "hold"
+        drive.jog()
+        drive.select_preset(1)
+        drive.select_setup(2)
+        drive.set_relay(2, on=True)
+        with pytest.raises(ValueRefusedError, match="relay 3 does not exist"):
+            drive.set_relay(3, on=True)
+
+
+def test_a_value_is_written_by_its_text_and_read_back():
+    _, bus = one("vabus", model="agile")
+    with bus:
+        drive = bus.drive("vabus", 1, model="agile")
+        held = drive.write_and_read("10", "9600 baud")
+        assert (held.value, held.text) == (3, "9600 baud")
+        assert drive.write_and_read("481", 12.5).value == Decimal("12.50")
+        with pytest.raises(ValueRefusedError, match="is no number"):
+            drive.write("10", "9601 baud")
+
+
+def test_the_text_of_an_option_is_found_in_any_capitals_and_never_guessed(tmp_path):
+    own = tmp_path / "own.toml"
+    own.write_text(
+        'format = 1\nprotocol = "vabus"\nname = "own"\nextends = "agile"\n'
+        '[[parameter]]\naddress = "11"\nname = "twofold"\ntype = "uint"\nvalues = { 1 = "on", 2 = "on" }\n',
+        encoding="utf-8",
+    )
+    _, bus = one("vabus", model="agile")
+    with bus:
+        drive = bus.drive("vabus", 1, model=str(own))
+        assert drive.write_and_read("baud_rate", "9600 BAUD").value == 3
+        with pytest.raises(ValueRefusedError, match="is no number"):
+            drive.check_write("twofold", "on")
+
+
+class Deaf:
+    """A drive's operations whose writes are confirmed and forgotten."""
+
+    def __init__(self, inner):
+        self._inner = inner
+
+    def __getattr__(self, name):
+        return getattr(self._inner, name)
+
+    def write(self, _parameter, _value, **_options):
+        yield from ()
+
+
+def test_a_drive_that_holds_something_else_is_told_from_one_that_obeys():
+    model = load_model("drivecomm_vabus", "vabus", "agile")
+    virtual, bus = one("vabus", model="agile")
+    with bus:
+        drive = bus.drive("vabus", 1, model=model)
+        deaf = Drive(bus, drive.party, Deaf(installed["vabus"].operations(1, VabusOptions(), model)), model)
+        with pytest.raises(StateError, match=r"481 was written as 17\.5 and holds .* Hz; see the limits"):
+            deaf.write_and_read("481", 17.5)
+        assert virtual.peek("481", 0)
+
+
+def test_stored_writes_in_a_cycle_are_refused_and_nothing_is_sent():
+    _, bus = one("vabus", model="agile")
+    with bus:
+        drive = bus.drive("vabus", 1, model="agile")
+        began = bus.now()
+        for value in range(10):
+            drive.write("481", value, store=True)
+            drive.write("481", value)
+        sent = bus.counters["vabus:1"]["requests"]
+        with pytest.raises(UsageError, match="481 of vabus:1 was stored 10 times within an hour"):
+            drive.write("fixed_frequency_2", 3, store=True)
+        assert bus.counters["vabus:1"]["requests"] == sent
+        drive.write("482", 3, store=True)
+        bus.sleep_until(began + 3599)
+        with pytest.raises(UsageError, match="within an hour"):
+            drive.write("481", 3, store=True)
+        bus.sleep_until(bus.now() + 3600)
+        drive.write("481", 3, store=True)
+
+
+def test_what_a_drive_always_stores_counts_too(tmp_path):
+    own = tmp_path / "own.toml"
+    own.write_text(
+        'format = 1\nprotocol = "vlt3500"\nname = "own"\n'
+        '[[parameter]]\naddress = "215"\nname = "ramp_up_time"\nstorage = "stored"\n'
+        '[[parameter]]\naddress = "216"\nname = "ramp_down_time"\n',
+        encoding="utf-8",
+    )
+    _, bus = one("vlt3500", model="vlt3500")
+    with bus:
+        drive = bus.drive("vlt3500", 1, model=str(own))
+        for _ in range(10):
+            drive.write("215", 5)
+            drive.write("216", 5)
+        drive.write("216", 5)
+        with pytest.raises(UsageError, match="215 of vlt3500:1 was stored"):
+            drive.write("215", 5)
+        assert is_stored(drive.capabilities, drive.model, "215[2]", store=False), "an element of it is, too"
+        assert not is_stored(drive.capabilities, drive.model, "216[2]", store=False)
+
+
+def test_stored_writes_are_counted_for_each_drive():
+    line = VirtualLine([virtual_drive("vabus", address, model="agile") for address in (1, 2)])
+    with drivecomm.open_bus(line.port, stored_writes_per_hour=1) as bus:
+        for address in (1, 2):
+            drive = bus.drive("vabus", address, model="agile")
+            drive.write("481", 5, store=True)
+            with pytest.raises(UsageError, match=f"481 of vabus:{address} was stored 1 times"):
+                drive.write("481", 5, store=True)
+
+
+def test_a_reference_in_revolutions(tmp_path):
+    own = tmp_path / "own.toml"
+    own.write_text(
+        'format = 1\nprotocol = "vabus"\nname = "own"\nextends = "agile"\n[quantities]\n'
+        'motor_rated_frequency = "375"\nmotor_rated_speed = "372"\n',
+        encoding="utf-8",
+    )
+    virtual, bus = one("vabus", model="agile")
+    with bus:
+        drive = bus.drive("vabus", 1, model=str(own))
+        drive.write("375", 50)
+        drive.write("372", 1460)
+        drive.set_reference(rpm=1200)
+        assert virtual.peek("480", 0) == f"{4000:08X}"
+        with pytest.raises(NotSupported, match="without motor_rated_frequency in its model"):
+            bus.drive("vabus", 1).set_reference(rpm=1200)
+        with pytest.raises(UsageError, match="one of them"):
+            drive.set_reference(rpm=1200, hz=40)
+        drive.write("372", 0)
+        with pytest.raises(UsageError, match="no name plate"):
+            drive.set_reference(rpm=1200)
+        drive.write("372", 3600)
+        with pytest.raises(UsageError, match="has no pole pairs; correct its name plate"):
+            drive.set_reference(rpm=1200)

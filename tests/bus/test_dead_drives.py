@@ -1,0 +1,182 @@
+"""A line full of drives of which nearly all are dead: what the live ones get, and how soon a dead one is used again.
+
+All with the default line facts of each protocol, in virtual time. Every drive is asked on and on, as a loop does that
+knows nothing of the health of drives; refusing a dead one costs the line nothing.
+"""
+
+from dataclasses import dataclass
+
+import pytest
+from benches import PROTOCOLS, Mortal
+
+import drivecomm
+from drivecomm.errors import NoReplyError
+from drivecomm.protocol import installed
+from drivecomm.virtual import VirtualLine
+
+DRIVES = 31
+LIVE = 3
+FIRST_MINUTE_S = 60.0
+LEAST_SHARE = 0.95
+
+RETURN_S = {"vabus": 10.0, "danfoss-fc": 10.0, "fuji": 22.0, "vlt3500": 25.0}
+"""How soon a drive is used again with 28 dead ones on the line.
+
+At 9600 baud a probe and its reply take some 50 ms on the wire for fuji and vlt3500, so that asking 28 dead drives once
+in ten seconds alone needs more than the 5 % of the line that they may have; there the limit is longer, and with half as
+many dead ones it is twelve seconds.
+"""
+MANY, FEW = 28, 14
+RETURNING = 3
+
+
+def addresses(protocol):
+    """Return as many as there are, 31 at most: VABus has 30."""
+    return list(installed[protocol].addresses)[:DRIVES]
+
+
+class Site:
+    """A line with drives of one protocol, some of them dead, and the objects for all that are configured.
+
+    Those of the dead that may return are on the line, mute; the others are not there at all.
+    """
+
+    def __init__(self, protocol, *, dead, returning=0):
+        places = addresses(protocol)[: LIVE + dead]
+        # The live ones are spread over the addresses.
+        self.live = [places[index * (len(places) - 1) // (LIVE - 1)] for index in range(LIVE)]
+        self.dead = [address for address in places if address not in self.live]
+        self.returning = self.dead[:: max(1, len(self.dead) // max(1, returning))][:returning]
+        self.virtual = {address: Mortal(protocol, address) for address in sorted([*self.live, *self.returning])}
+        for address in self.returning:
+            self.virtual[address].alive = False
+        self.line = VirtualLine(self.virtual.values())
+        self.bus = drivecomm.open_bus(self.line.port)
+        self.drives = {address: self.bus.drive(protocol, address) for address in places}
+
+    def ask(self, address):
+        """Ask one drive; returns whether it answered."""
+        try:
+            self.drives[address].status()
+        except NoReplyError:
+            return False
+        return True
+
+    def round(self):
+        """Ask all; returns how many answered."""
+        return sum([self.ask(address) for address in self.drives])
+
+    def rate(self, seconds):
+        """Ask all on and on; returns how many answers there were in a second."""
+        began, answers = self.line.time, 0
+        while self.line.time < began + seconds:
+            answers += self.round()
+        return answers / (self.line.time - began)
+
+    def probes(self):
+        """Return how often each dead drive was probed."""
+        return [self.bus.counters[self.drives[address].name]["probes"] for address in self.dead]
+
+    def time_to_return(self, address):
+        """Let a drive live, and ask all until it answers; returns how long that took."""
+        began = self.line.time
+        self.virtual[address].alive = True
+        while not self.ask(address):
+            self.round()
+            if self.line.time > began + 60:
+                return float("inf")
+        return self.line.time - began
+
+
+@dataclass
+class Story:
+    """What came of a site: rates in answers a second, probes of each dead drive in 30 s, times to return in seconds."""
+
+    dead: int
+    alone: float
+    first_minute: float
+    afterwards: float
+    probes: list
+    returns: list
+    trouble: int
+
+
+def tell(protocol, dead):
+    alone = Site(protocol, dead=0)
+    alone.rate(2.0)
+    site = Site(protocol, dead=dead, returning=RETURNING)
+    first_minute = site.rate(FIRST_MINUTE_S)
+    before = site.probes()
+    trouble = [site.bus.counters[site.drives[address].name] for address in site.live]
+    story = Story(
+        dead=len(site.dead),
+        alone=alone.rate(5.0),
+        first_minute=first_minute,
+        afterwards=site.rate(30.0),
+        probes=[after - then for then, after in zip(before, site.probes(), strict=True)],
+        returns=[],
+        trouble=sum(counters["timeouts"] + counters["retries"] + counters["damaged"] for counters in trouble),
+    )
+    for address in site.returning:
+        # Each returns at another moment of its pause, long after the one before it.
+        story.returns.append(site.time_to_return(address))
+        site.virtual[address].alive = False
+        site.rate(10.7)
+    return story
+
+
+@pytest.fixture(scope="module", params=PROTOCOLS)
+def protocol(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def story(protocol):
+    return tell(protocol, MANY)
+
+
+def test_the_live_ones_get_nearly_all_of_the_line(story, protocol):
+    """31 drives of which 28 are dead: after the first minute at least 95 % of the rate without them."""
+    assert story.dead == min(MANY, len(addresses(protocol)) - LIVE)
+    assert LEAST_SHARE <= story.afterwards / story.alone <= 1.0
+    assert story.trouble == 0
+
+
+def test_the_first_minute_has_one_call_or_two_to_each_and_no_more(story, protocol):
+    timing = installed[protocol].facts.timing
+    # A call that takes less than a second is made twice before a drive is given up.
+    call = timing.attempts * (timing.reply_timeout_s + 0.05)
+    calls = story.dead * call * (1 if call > 1 else 2)
+    assert story.first_minute >= LEAST_SHARE * story.alone * (FIRST_MINUTE_S - calls) / FIRST_MINUTE_S
+    assert story.first_minute < story.afterwards
+
+
+def test_every_dead_drive_is_asked_again_and_again(story):
+    assert min(story.probes) >= 1
+    assert max(story.probes) <= 3 * min(story.probes)
+
+
+def test_a_drive_that_comes_back_is_used_again(story, protocol):
+    """Within 10 s; with 28 dead drives at 9600 baud and long telegrams within 20 s (see RETURN_S)."""
+    assert len(story.returns) == RETURNING
+    assert max(story.returns) <= RETURN_S[protocol], [f"{each:.1f} s" for each in story.returns]
+
+
+@pytest.mark.parametrize("slow", [name for name, limit in RETURN_S.items() if limit > 10])
+def test_among_half_as_many_it_takes_twelve_seconds_everywhere(slow):
+    story = tell(slow, FEW)
+    assert story.afterwards >= LEAST_SHARE * story.alone
+    assert max(story.returns) <= 12.0, [f"{each:.1f} s" for each in story.returns]
+
+
+def test_all_that_come_back_at_once_are_used_as_soon_as_one(protocol):
+    """Such as all drives of a cabinet whose mains is switched on again."""
+    site = Site(protocol, dead=MANY, returning=MANY)
+    site.rate(35.0)
+    for drive in site.virtual.values():
+        drive.alive = True
+    began = site.line.time
+    while (used := site.round()) < len(site.drives):
+        took = site.line.time - began
+        # With all of them back a round takes more than a second of its own.
+        assert took <= RETURN_S[protocol] + 1.5, f"{used} of {len(site.drives)} are used after {took:.0f} s"

@@ -1,0 +1,322 @@
+"""How long a call may take in all, and the pauses that a drive or a line asks for."""
+
+import threading
+import time
+from itertools import pairwise
+
+import pytest
+from benches import ADDRESS, PROTOCOLS, Mortal, Port, Recorder
+
+import drivecomm
+from drivecomm.bus import Rank
+from drivecomm.errors import DeadlineError, NoReplyError, ReplyError
+from drivecomm.protocol import Ask, Pause
+from drivecomm.virtual import VirtualLine
+from drivecomm_vabus.telegrams import Enquiry
+
+ENQUIRY = Enquiry(address=ADDRESS, parameter=481)
+
+
+@pytest.fixture
+def virtual():
+    return Mortal("vabus")
+
+
+@pytest.fixture
+def line(virtual):
+    return VirtualLine([virtual])
+
+
+@pytest.fixture
+def recorder():
+    return Recorder()
+
+
+@pytest.fixture
+def bus(line, recorder):
+    with drivecomm.open_bus(line.port, trace=recorder) as opened:
+        yield opened
+
+
+def sent_at(recorder):
+    return [event.time for event in recorder.sent() if event.message.kind != "eot"]
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+@pytest.mark.parametrize("deadline_s", [0.3, 1.0, 4.0])
+def test_a_call_ends_in_its_time_whatever_the_attempts(protocol, deadline_s, recorder):
+    line = VirtualLine([])
+    with drivecomm.open_bus(line.port, trace=recorder) as bus:
+        drive = bus.drive(protocol, ADDRESS, attempts=100, deadline_s=deadline_s)
+        with pytest.raises((DeadlineError, NoReplyError)):
+            drive.status()
+        # A request that was begun in time is sent to its end.
+        assert deadline_s - 0.26 <= line.time <= deadline_s + 0.03
+        assert all(event.time < deadline_s for event in recorder.sent())
+
+
+def test_between_attempts(line, virtual, bus, recorder):
+    virtual.alive = False
+    drive = bus.drive("vabus", ADDRESS, attempts=100, reply_timeout_s=0.1, deadline_s=1.0)
+    with pytest.raises((DeadlineError, NoReplyError)):
+        drive.read("481")
+    assert line.time <= 1.001
+    assert 8 <= len(sent_at(recorder)) <= 10
+
+
+def test_a_stop_ends_in_its_time_too(line, virtual, bus, recorder):
+    virtual.alive = False
+    drive = bus.drive("vabus", ADDRESS, attempts=100, reply_timeout_s=0.1, deadline_s=1.0)
+    with pytest.raises((DeadlineError, NoReplyError)):
+        drive.stop()
+    assert line.time <= 1.05
+    assert sent_at(recorder)
+
+
+def test_a_reply_time_that_was_cut_short_is_not_called_silence(line, virtual, bus):
+    """Nobody waited for the 500 ms that a message about them would speak of, and the drive may be there."""
+    virtual.alive = False
+    drive = bus.drive("vabus", ADDRESS, deadline_s=0.05)
+    with pytest.raises(DeadlineError, match=r"vabus:3 did not answer before the call's time \(0\.05 s\) was over"):
+        drive.read("481")
+    assert line.time == pytest.approx(0.05, abs=0.001)
+    assert not bus.health[drive.name].given_up
+
+
+def test_in_a_pause_of_an_exchange(line, bus):
+    drive = bus.drive("vabus", ADDRESS, deadline_s=2.0)
+    reached = []
+
+    def exchange():
+        yield Ask(message=ENQUIRY)
+        try:
+            yield Pause(seconds=60)
+        except ReplyError as error:
+            reached.append((line.time, error))
+            raise
+
+    with pytest.raises(DeadlineError, match="the call's time"):
+        bus.run(drive.party, exchange())
+    ((when, error),) = reached
+    assert when == line.time == pytest.approx(2.0, abs=0.001)
+    assert isinstance(error, TimeoutError)
+
+
+def test_an_exchange_that_goes_on_after_its_deadline_sends_nothing(line, bus, recorder):
+    drive = bus.drive("vabus", ADDRESS, deadline_s=2.0)
+
+    def stubborn():
+        for _ in range(5):
+            try:
+                yield Pause(seconds=60)
+            except ReplyError:
+                continue
+        return (yield Ask(message=ENQUIRY))
+
+    with pytest.raises(DeadlineError):
+        bus.run(drive.party, stubborn())
+    assert line.time == pytest.approx(2.0, abs=0.001)
+    assert sent_at(recorder) == []
+
+
+def test_an_exchange_of_many_telegrams_has_one_deadline(line, bus, recorder):
+    drive = bus.drive("vabus", ADDRESS, deadline_s=0.1)
+
+    def many():
+        for _ in range(100):
+            yield Ask(message=ENQUIRY)
+
+    with pytest.raises((DeadlineError, NoReplyError)):
+        bus.run(drive.party, many())
+    # The reply that was cut off is let to its end: the drive's gap.
+    assert line.time <= 0.1 + drive.facts.gap_s + 0.003
+    assert 3 <= len(sent_at(recorder)) <= 5
+    # The next call has its own.
+    assert drive.read("481").raw == "000003E8"
+
+
+def test_a_request_interval_longer_than_the_deadline(line, bus, recorder):
+    drive = bus.drive("vabus", ADDRESS, request_interval_s=5.0, deadline_s=1.0)
+    drive.read("481")
+    before, sent = line.time, len(sent_at(recorder))
+    with pytest.raises(DeadlineError):
+        drive.read("481")
+    assert line.time - before <= 1.001
+    assert len(sent_at(recorder)) == sent
+
+
+def test_a_late_reply_that_is_waited_for_longer_than_the_deadline(line, virtual, bus, recorder):
+    drive = bus.drive("vabus", ADDRESS, model="agile", late_s=5.0, deadline_s=1.0, attempts=1)
+    drive.read("481")
+    virtual.alive = False
+    with pytest.raises(NoReplyError):
+        drive.write("481", 1)
+    virtual.alive = True
+    before, sent = line.time, len(sent_at(recorder))
+    with pytest.raises(DeadlineError):
+        drive.write("481", 2)
+    assert line.time - before <= 1.001
+    assert len(sent_at(recorder)) == sent
+    # What could still come is not forgotten for that.
+    began = line.time
+    while True:
+        try:
+            drive.write("481", 3)
+        except DeadlineError:
+            continue
+        break
+    assert line.time - began >= 5.0 - 1.001 - 0.6 - 0.1
+
+
+def test_each_drive_has_its_own_deadline(line, virtual, bus):
+    virtual.alive = False
+    for deadline_s in (0.4, 1.2):
+        drive = bus.drive("vabus", ADDRESS, deadline_s=deadline_s, attempts=100, reply_timeout_s=0.05)
+        before = line.time
+        with pytest.raises(ReplyError):
+            drive.probe()
+        bus.drive("vabus", 5)
+        assert line.time - before <= deadline_s + 0.001
+
+
+def test_the_default_is_long(bus):
+    assert bus.drive("vabus", ADDRESS).facts.timing.deadline_s == 30.0
+    with pytest.raises(drivecomm.UsageError, match="deadline_s of -1 is negative"):
+        bus.drive("vabus", ADDRESS, deadline_s=-1)
+
+
+def test_while_waiting_for_the_turn(line):
+    """Somebody else keeps the line; the time of the world counts here."""
+    entered, leave = threading.Event(), threading.Event()
+
+    def hold(*_):
+        entered.set()
+        assert leave.wait(10)
+
+    hooks = {}
+    with drivecomm.open_bus(lambda: Port(line.port(), **hooks)) as bus:
+        drive = bus.drive("vabus", ADDRESS)
+        hooks["write"] = hold
+        bus._port._hooks["write"] = hold
+        thread = threading.Thread(target=drive.read, args=("481",))
+        thread.start()
+        assert entered.wait(10)
+        patient = bus.drive("vabus", ADDRESS, deadline_s=0.05)
+        began = time.monotonic()
+        for verb in (patient.status, patient.stop, lambda: patient.read("481")):
+            with pytest.raises(DeadlineError, match=r"vabus:3: the line was busy with others for 0\.05 s"):
+                verb()
+        assert 0.15 <= time.monotonic() - began < 2.0
+        del bus._port._hooks["write"]
+        leave.set()
+        thread.join(10)
+        assert not thread.is_alive()
+        # Who gave up waiting is not called any more.
+        assert drive.read("481").raw == "000003E8"
+        assert not bus._turns._is_taken()
+
+
+def test_time_spent_waiting_for_the_turn_counts(line, recorder):
+    """A call that gets the line when its time is over sends nothing, and the drive is not blamed."""
+    with drivecomm.open_bus(line.port, trace=recorder) as bus:
+        drive = bus.drive("vabus", ADDRESS, deadline_s=1.0)
+        drive.read("481")
+        before = len(sent_at(recorder))
+        take = bus._turns.take
+
+        def slow_take(rank: Rank, seconds: float) -> bool:
+            line.advance(1.5)
+            return take(rank, seconds)
+
+        bus._turns.take = slow_take
+        for _ in range(5):
+            with pytest.raises(DeadlineError, match="the call's time"):
+                drive.read("481")
+        bus._turns.take = take
+        assert len(sent_at(recorder)) == before
+        assert not bus.health[drive.name].given_up
+        assert bus.health[drive.name].failed_calls == 0
+
+
+# Pauses
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_a_request_interval(protocol, recorder):
+    """From the start of one request to the start of the next; a telegram that only ends an exchange is none."""
+    line = VirtualLine([Mortal(protocol)])
+    with drivecomm.open_bus(line.port, trace=recorder) as bus:
+        drive = bus.drive(protocol, ADDRESS, request_interval_s=1.0)
+        for _ in range(5):
+            drive.status()
+    times = sent_at(recorder)
+    assert [later - earlier for earlier, later in pairwise(times)] == pytest.approx([1.0] * 4)
+
+
+def test_a_request_interval_counts_repetitions_and_other_objects(virtual, bus, recorder):
+    virtual.alive = False
+    first = bus.drive("vabus", ADDRESS, request_interval_s=0.3, reply_timeout_s=0.05)
+    second = bus.drive("vabus", ADDRESS, request_interval_s=0.3, reply_timeout_s=0.05)
+    with pytest.raises(NoReplyError):
+        first.probe()
+    with pytest.raises(NoReplyError):
+        second.stop()
+    times = sent_at(recorder)
+    assert len(times) >= 3
+    assert min(later - earlier for earlier, later in pairwise(times)) >= 0.3 - 1e-9
+
+
+def test_a_request_interval_holds_nobody_else_up(recorder):
+    line = VirtualLine([Mortal("vabus", address) for address in (3, 4)])
+    with drivecomm.open_bus(line.port, trace=recorder) as bus:
+        slow = bus.drive("vabus", 3, request_interval_s=2.0)
+        quick = bus.drive("vabus", 4)
+        slow.read("481")
+        before = line.time
+        for _ in range(10):
+            quick.read("481")
+        assert line.time - before < 0.4
+        slow.read("481")
+        assert line.time >= 2.0
+
+
+def test_nobody_speaks_in_the_pause_after_a_broadcast(line, recorder):
+    with drivecomm.open_bus(line.port, trace=recorder, broadcast_pause_s=0.7) as bus:
+        drive = bus.drive("vabus", ADDRESS)
+        everybody = bus.broadcast("vabus", model="agile")
+        drive.read("481")
+        everybody.write("481", 1)
+        returned = line.time
+        drive.read("481")
+        broadcast, after = sent_at(recorder)[-2:]
+        (told,) = recorder.sent("vabus:*")
+        assert after - broadcast >= 0.7 + drive.facts.settings.wire_s(len(told.data)) - 1e-9
+        # Only who comes next waits for it.
+        assert returned - broadcast < 0.1
+        assert drive.read("481").raw == "00000064"
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_a_reply_that_begins_in_time_is_heard_to_its_end(protocol):
+    """The reply time is that of its first character; from then on only the gap between two of them counts."""
+    line = VirtualLine([Mortal(protocol)])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive(protocol, ADDRESS)
+        drive.probe()
+        quickest = bus.statistics[drive.name].reply_times.shortest_s
+        # As short as can be: from a time in which nothing comes to one in which all does, in tenths of a character.
+        step = drive.facts.settings.character_s / 10
+        outcomes = []
+        for number in range(1, 1 + int(quickest / step) + 20):
+            hasty = bus.drive(protocol, ADDRESS, attempts=1, reply_timeout_s=number * step)
+            try:
+                hasty.probe()
+            except ReplyError:
+                outcomes.append(False)
+            else:
+                outcomes.append(True)
+            line.advance(3.0)
+    first = outcomes.index(True)
+    assert all(outcomes[first:])
+    # The first character alone decides, though the last one comes long after.
+    assert first * step < quickest - 4 * drive.facts.settings.character_s

@@ -1,0 +1,378 @@
+"""After a stop that returned no motor runs until somebody starts it: calls in every order, on virtual time.
+
+The first call goes its way on the line; at one of its steps (whatever it does with the port) the second is called, from
+another thread or task, and at a step of either the third. All steps are tried. What another master does, a dip of the
+mains and a lost port count as calls, too. Whatever the calls return, the motor must stand at the end if the last that
+was asked for was to stop it; and nothing that only asks may have made it run.
+"""
+
+import asyncio
+import contextlib
+import itertools
+import os
+import random
+import threading
+import time
+from functools import cache
+
+import pytest
+
+import drivecomm
+from drivecomm.bus import open_bus_async
+from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
+from drivecomm.protocol import Framed, Stop
+from drivecomm.virtual import VirtualLine, drive_type
+
+ADDRESS = 3
+PROTOCOLS = sorted(drivecomm.protocols())
+READABLE = {"vabus": "411", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09"}
+SET_UP = {"vabus": {"481": 7}, "danfoss-fc": {"3-41": 5}, "vlt3500": {"215": 6}, "fuji": {"S05": 20}}
+LONG = bool(os.environ.get("DRIVECOMM_LONG"))
+MOST_STEPS = 40
+
+STARTS = ("start", "start by another object")
+STOPS = ("stop", "stop by another object", "stop all")
+ASKS = ("read", "status", "status by another object", "reference", "function", "set-up", "lost port")
+OUTSIDE = ("another master's stop", "dip")
+REPEATS = ("status", "status by another object", "reference", "function")
+"""What may send a command again, right after a status that allows it."""
+HAPPENS = (*OUTSIDE, "lost port")
+CALLS = (*STARTS, *STOPS, *ASKS, *OUTSIDE)
+
+
+@cache
+def kind_of_drive(protocol):
+    return drive_type(protocol, ADDRESS, options={})
+
+
+class SteppedPort:
+    """A port of a virtual line that tells before each of its steps."""
+
+    def __init__(self, port, step):
+        self._port, self._step = port, step
+        self.paced, self.real_time, self.descriptor = port.paced, port.real_time, port.descriptor
+        self.now, self.wall_time, self.hold_back, self.close = port.now, port.wall_time, port.hold_back, port.close
+
+    def configure(self, settings):
+        self._step()
+        return self._port.configure(settings)
+
+    def write(self, data):
+        self._step()
+        self._port.write(data)
+
+    def read(self, until, at_least):
+        self._step()
+        return self._port.read(until, at_least)
+
+    def take(self):
+        return self._port.take()
+
+    def wait(self, until):
+        self._step()
+        self._port.wait(until)
+
+
+class Story:
+    """What was called, in order, and how it ended: who may expect what of the motor."""
+
+    def __init__(self, running):
+        self.events = ["start called", "start done"] if running else []
+        self.repeating = 0
+
+    def called(self, name):
+        self.repeating += name in REPEATS
+        self.events.append(f"{kind_of(name)} called")
+        return len(self.events) - 1
+
+    def done(self, name, place):
+        self.over(name)
+        self.events.append(f"{kind_of(name)} done")
+        if kind_of(name) == "stop":
+            self.events[place] = "confirmed stop called"
+
+    def over(self, name):
+        self.repeating -= name in REPEATS
+
+    def happened(self):
+        """Take note of what happens outside; nobody can see it between a status and the command that it allows."""
+        self.events.append("outside, unseen" if self.repeating else "outside done")
+
+    @property
+    def must_stand(self):
+        """Whether a stop was called after the last start was; what happens outside comes when it comes."""
+        started = max((at for at, event in enumerate(self.events) if event == "start called"), default=-1)
+        finished = max((at for at, event in enumerate(self.events) if event == "start done"), default=-1)
+        stopped = max((at for at, event in enumerate(self.events) if event == "confirmed stop called"), default=-1)
+        outside = max((at for at, event in enumerate(self.events) if event == "outside done"), default=-1)
+        open_start = started > finished
+        return started < 0 or stopped > started or (outside > max(started, finished) and not open_start)
+
+
+def refusals(name):
+    """What a call may raise; a function of the control word is for those only who command the drive already."""
+    return (DriveError, LinkError, ReplyError, *([UsageError] if name == "function" else []))
+
+
+def kind_of(name):
+    return "start" if name in STARTS else "stop" if name in STOPS else "outside" if name in OUTSIDE else "asking"
+
+
+class Scene:
+    """A virtual drive on a line, and another master that now and then stops it."""
+
+    def __init__(self, protocol, step):
+        self.protocol = protocol
+        self.virtual = kind_of_drive(protocol).new()
+        # A stop shows in the status at once; how a motor is known that ramps down is the packages' own test.
+        self.virtual.motor.ramp_down_s = 0.0
+        self.line = VirtualLine([self.virtual])
+        self.step = step
+
+    def port(self):
+        return SteppedPort(self.line.port(), self.next_step)
+
+    def next_step(self):
+        self.step()
+
+    def another_masters_stop(self):
+        plugin = drivecomm.registry.installed[self.protocol]
+        exchange = plugin.operations(ADDRESS, plugin.options(), None).stop(Stop.RAMP)
+        command = next(exchange)
+        while command is not None:
+            request = command.message
+            data = self.virtual.codec.encode(request)
+            reply = self.virtual.hear(Framed(data, self.virtual.codec.decode(data, "request")), self.line.time)
+            try:
+                message = None if reply is None else self.virtual.codec.decode(reply.data, "reply")
+                command = exchange.send(message)
+            except StopIteration:
+                return
+
+    def happen(self, name):
+        if name == "another master's stop":
+            self.another_masters_stop()
+        elif name == "dip":
+            self.line.power_off(self.virtual)
+            self.line.power_on(self.virtual)
+        else:
+            self.line.broken = True
+
+    def runs(self):
+        self.line.broken = False
+        self.line.advance(60)
+        self.virtual.motor.advance(self.line.time)
+        return self.virtual.motor.running or self.virtual.motor.output_hz > 0
+
+
+def objects(bus, protocol):
+    """Three objects for the drive; the last one sets it up after it was away."""
+    model = kind_of_drive(protocol).model
+    first, second = (bus.drive(protocol, ADDRESS, model=model) for _ in range(2))
+    return first, second, bus.drive(protocol, ADDRESS, model=model, set_up=SET_UP[protocol])
+
+
+def set_reference(protocol, drive):
+    return drive.set_reference(**({"percent": 50} if protocol in ("danfoss-fc", "vlt3500") else {"hz": 25}))
+
+
+def switch_a_function(protocol, drive):
+    """Switch what goes out in the same telegram as the run command."""
+    if protocol == "vabus":
+        return drive.status()
+    if protocol == "fuji":
+        return drive.call("terminals", X1=True)
+    return drive.select_setup(1)
+
+
+def verbs(protocol, first, second, third, everybody):
+    """The calls on these objects for the drive; each may have to be awaited."""
+    return {
+        "start": first.start,
+        "start by another object": second.start,
+        "stop": first.stop,
+        "stop by another object": second.stop,
+        "stop all": everybody.stop,
+        "read": lambda: first.read(READABLE[protocol]),
+        "status": first.status,
+        "status by another object": second.status,
+        "reference": lambda: set_reference(protocol, first),
+        "function": lambda: switch_a_function(protocol, first),
+        "set-up": lambda: third.read(READABLE[protocol]),
+    }
+
+
+AFTERWARDS = ("read", "status", "status by another object", "set-up")
+
+
+def by_threads(protocol, running, plan):
+    """Carry out a plan of (call, step at which it is called); returns the story, and whether the motor runs."""
+    waiting = list(plan)
+    taken = [0]
+    threads = []
+
+    def step():
+        scene.line.broken = False
+        while waiting and waiting[0][1] <= taken[0]:
+            begin(waiting.pop(0)[0])
+        taken[0] += 1
+
+    def begin(name):
+        if name in HAPPENS:
+            scene.happen(name)
+            if name in OUTSIDE:
+                story.happened()
+            return
+        place = story.called(name)
+
+        def work():
+            try:
+                calls[name]()
+            except refusals(name):
+                story.over(name)
+                return
+            finally:
+                over.set()
+            story.done(name, place)
+
+        over, queued = threading.Event(), len(bus._turns._waiting)
+        threads.append(threading.Thread(target=work))
+        threads[-1].start()
+        # Whoever waits for the line has begun; without anybody on the line it is over at once.
+        until = time.monotonic() + 10
+        while not over.is_set() and len(bus._turns._waiting) <= queued:
+            assert time.monotonic() < until
+            time.sleep(0)
+
+    scene = Scene(protocol, lambda: None)
+    with drivecomm.open_bus(scene.port) as bus:
+        first, second, third = objects(bus, protocol)
+        set_reference(protocol, first)
+        if running:
+            first.watched(60)
+            first.start()
+            first.status()
+        calls = verbs(protocol, first, second, third, bus.broadcast(protocol))
+        story = Story(running)
+        name, _ = waiting.pop(0)
+        scene.step = step
+        place = story.called(name)
+        try:
+            calls[name]()
+        except refusals(name):
+            story.over(name)
+        else:
+            story.done(name, place)
+        steps = taken[0]
+        while waiting:
+            taken[0] = max(taken[0], waiting[0][1])
+            begin(waiting.pop(0)[0])
+        for thread in threads:
+            thread.join(10)
+            assert not thread.is_alive()
+        scene.step = lambda: None
+        scene.line.broken = False
+        for name in AFTERWARDS:
+            with contextlib.suppress(*refusals(name)):
+                calls[name]()
+        return story, scene.runs(), steps
+
+
+def by_tasks(protocol, running, plan):
+    return asyncio.run(_by_tasks(protocol, running, plan))
+
+
+async def _by_tasks(protocol, running, plan):
+    waiting = list(plan)
+    taken = [0]
+    tasks = []
+
+    def step():
+        scene.line.broken = False
+        while waiting and waiting[0][1] <= taken[0]:
+            begin(waiting.pop(0)[0])
+        taken[0] += 1
+
+    def begin(name):
+        if name in HAPPENS:
+            scene.happen(name)
+            if name in OUTSIDE:
+                story.happened()
+        else:
+            tasks.append(asyncio.create_task(carry_out(name, story.called(name))))
+
+    async def carry_out(name, place):
+        try:
+            await calls[name]()
+        except refusals(name):
+            story.over(name)
+            return
+        story.done(name, place)
+
+    scene = Scene(protocol, lambda: None)
+    async with open_bus_async(scene.port) as bus:
+        first, second, third = objects(bus, protocol)
+        await set_reference(protocol, first)
+        if running:
+            first.watched(60)
+            await first.start()
+            await first.status()
+        calls = verbs(protocol, first, second, third, bus.broadcast(protocol))
+        story = Story(running)
+        name, _ = waiting.pop(0)
+        scene.step = step
+        await carry_out(name, story.called(name))
+        steps = taken[0]
+        while waiting:
+            taken[0] = max(taken[0], waiting[0][1])
+            begin(waiting.pop(0)[0])
+        while not all(task.done() for task in tasks):
+            await asyncio.gather(*tasks)
+        scene.step = lambda: None
+        scene.line.broken = False
+        for name in AFTERWARDS:
+            with contextlib.suppress(*refusals(name)):
+                await calls[name]()
+        return story, scene.runs(), steps
+
+
+def check(face, protocol, running, plan):
+    story, runs, steps = face(protocol, running, plan)
+    assert not (runs and story.must_stand), (protocol, "running" if running else "standing", plan, story.events)
+    return steps
+
+
+def worth_trying(names, running):
+    """Whether something stops, and something could make the motor run."""
+    kinds = {kind_of(name) for name in names}
+    return kinds & {"stop", "outside"} and (running or "start" in kinds)
+
+
+@pytest.mark.parametrize("face", [by_threads, by_tasks])
+@pytest.mark.parametrize("running", [False, True], ids=["standing", "running"])
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_two_calls_in_every_order(protocol, running, face):
+    tried, chance = 0, random.Random(protocol)
+    for names in itertools.product(CALLS, repeat=2):
+        if names[0] in HAPPENS or not worth_trying(names, running):
+            continue
+        # Threads take some time to begin, so of their steps some are chosen; tasks go through all of them.
+        every = 1 if LONG or face is by_tasks else chance.randrange(2, 5)
+        for at in range(chance.randrange(every), MOST_STEPS, every):
+            tried += 1
+            if check(face, protocol, running, [(names[0], 0), (names[1], at)]) <= at:
+                break
+    assert tried > 50
+
+
+@pytest.mark.parametrize("face", [by_threads, by_tasks])
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_three_calls_in_many_orders(protocol, face):
+    chance = random.Random(protocol)
+    for _ in range(20_000 if LONG else 150):
+        running = chance.random() < 0.5
+        names = [chance.choice(CALLS) for _ in range(3)]
+        if names[0] in HAPPENS or not worth_trying(names, running):
+            continue
+        places = sorted(chance.randrange(12) for _ in range(2))
+        check(face, protocol, running, [(names[0], 0), (names[1], places[0]), (names[2], places[1])])

@@ -1,0 +1,592 @@
+"""Keeping a drive in hand: the watchdog fed, the motor stopped on every way out, and nothing swallowed."""
+
+import asyncio
+import threading
+import time
+from contextlib import ExitStack, contextmanager
+
+import pytest
+
+import drivecomm
+from drivecomm.bus import keep, keep_async, read_watchdog, set_watchdog
+from drivecomm.errors import NoReplyError, NotSupported, RefusedError, ReplyError, StateError, UsageError
+from drivecomm.protocol import DriveState, Stop
+from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
+
+EVERYBODY = [("vabus", "agile", "trip"), ("danfoss-fc", "fc300", "ramp"), ("fuji", "frenic", "trip")]
+
+
+class Bench:
+    def __init__(self, protocol="danfoss-fc", model="fc300"):
+        self.virtual = virtual_drive(protocol, 2, model=model)
+        self.line = VirtualLine([self.virtual])
+        self.bus = drivecomm.open_bus(self.line.port)
+        self.drive = self.bus.drive(protocol, 2, model=model)
+        self.drive.set_reference(percent=50)
+
+    def after(self, seconds):
+        self.line.advance(seconds)
+        self.virtual.follow(self.line.time)
+        motor = self.virtual.motor
+        return motor.running, round(motor.output_hz, 2), bool(motor.fault)
+
+    @contextmanager
+    def line_cut(self):
+        hear, self.virtual.hear = self.virtual.hear, lambda *_: None
+        try:
+            yield
+        finally:
+            self.virtual.hear = hear
+
+
+@pytest.mark.parametrize(("protocol", "model", "policy"), EVERYBODY)
+def test_the_motor_turns_as_long_as_the_block_lasts(protocol, model, policy):
+    bench = Bench(protocol, model)
+    statuses = []
+    with keep(bench.drive, policy, watchdog_s=3, on_status=statuses.append) as kept:
+        assert (kept.watchdog.policy, kept.watchdog.time_s) == (policy, 3)
+        bench.drive.start()
+        kept.sleep(60)
+        assert bench.after(0)[0]
+        assert 59 <= len(statuses) <= 60, "three times in its time"
+        assert statuses[-1].state is DriveState.RUNNING
+    assert bench.after(30) == (False, 0, False)
+    assert read_watchdog(bench.drive).time_s is None, "as it was before"
+
+
+@pytest.mark.parametrize(("protocol", "model", "policy"), EVERYBODY)
+def test_silence_is_for_the_drive(protocol, model, policy):
+    bench = Bench(protocol, model)
+    with keep(bench.drive, policy, watchdog_s=3):
+        bench.drive.start()
+        bench.line.advance(2)
+        bench.drive.status()
+        assert bench.after(2)[0], "the time counts from the last telegram"
+        running, _, fault = bench.after(15)
+        assert not running
+        assert fault is (policy == "trip")
+
+
+@pytest.mark.parametrize("policy", ["ramp", "trip"])
+def test_a_watchdog_that_is_set_long_after_the_last_command_does_not_act_at_once(policy):
+    bench = Bench()
+    other = bench.bus.drive("danfoss-fc", 2, model="fc300")
+    other.start()
+    other.stop()
+    bench.line.advance(1000)
+    fresh = bench.bus.drive("danfoss-fc", 2, model="fc300")
+    with keep(fresh, policy, watchdog_s=3) as kept:
+        kept.sleep(10)
+        assert not fresh.status().fault
+        fresh.start()
+        kept.sleep(10)
+        assert bench.after(0)[0]
+
+
+def test_a_motor_that_turns_already_is_not_stopped_by_entering():
+    bench = Bench("vabus", "agile")
+    bench.drive.start()
+    bench.line.advance(20)
+    with keep(bench.drive, "trip", watchdog_s=3) as kept:
+        kept.sleep(10)
+        assert bench.after(0)[:2] == (True, 25)
+
+
+def test_a_drive_that_has_tripped_is_let_in_and_refuses_the_start():
+    bench = Bench()
+    bench.virtual.trip(13, bench.line.time)
+    with pytest.raises(StateError, match="reset it first"), keep(bench.drive, "ramp"):
+        bench.drive.start()
+
+
+def test_a_drive_that_has_tripped_is_told_nothing_by_entering():
+    bench = Bench()
+    bench.virtual.trip(13, bench.line.time)
+    stops = []
+    bench.drive.stop = stops.append
+    with keep(bench.drive, "ramp"):
+        assert stops == []
+
+
+def test_what_was_set_before_is_set_again():
+    bench = Bench()
+    earlier = set_watchdog(bench.drive, "trip", 30)
+    with keep(bench.drive, "ramp", watchdog_s=3):
+        pass
+    assert read_watchdog(bench.drive) == earlier
+
+
+def test_an_error_in_the_block_stops_the_motor_too():
+    bench = Bench()
+
+    def program():
+        with keep(bench.drive, "ramp"):
+            bench.drive.start()
+            bench.line.advance(10)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        program()
+    assert bench.after(30) == (False, 0, False)
+
+
+@pytest.mark.parametrize(
+    ("policy", "on_leaving", "expected"),
+    [
+        ("ramp", None, "ramps"),
+        ("trip", None, "ramps"),
+        ("ramp", "coast", "off"),
+        ("trip", "coast", "off"),
+        ("ramp", "hold", "runs"),
+        ("hold", None, "runs"),
+        ("hold", "ramp", "ramps"),
+    ],
+)
+def test_what_is_done_on_leaving(policy, on_leaving, expected):
+    bench = Bench()
+    with keep(bench.drive, policy, on_leaving=on_leaving):
+        bench.drive.start()
+        bench.line.advance(4)
+    running, hz, _ = bench.after(1)
+    assert {"ramps": 0 < hz < 25, "off": not running, "runs": hz == 25}[expected], (running, hz)
+    if expected != "runs":
+        bench.line.advance(60)
+        assert not bench.drive.status().running
+    else:
+        assert bench.after(1000)[0]
+
+
+def test_hold_makes_sure_that_the_watchdog_is_off():
+    bench = Bench()
+    set_watchdog(bench.drive, "ramp", 7)
+    with pytest.raises(StateError, match=r"on .ramp after 7.0 s., which is not hold"), keep(bench.drive, "hold"):
+        pytest.fail("the block was entered")
+
+
+@pytest.mark.parametrize(("protocol", "model"), [("vabus", None), ("vlt3500", "vlt3500"), ("fuji", "g11s")])
+def test_hold_without_a_known_watchdog_looks_at_nothing(protocol, model):
+    line = VirtualLine([])
+    with drivecomm.open_bus(line.port) as bus, keep(bus.drive(protocol, 2, model=model), "hold") as kept:
+        assert kept.watchdog is None
+    assert line.time == 0
+
+
+@pytest.mark.parametrize(
+    ("drive", "options", "error", "sentence"),
+    [
+        (("vabus", "agile"), {"policy": "jump"}, UsageError, "'jump' is no policy; write one of hold, ramp"),
+        (("vabus", "agile"), {"policy": "ramp"}, NotSupported, "cannot ramp; it can hold or trip"),
+        (("vabus", None), {"policy": "trip"}, UsageError, "has no model"),
+        (("fuji", "frenic"), {"policy": "trip", "on_leaving": "coast"}, NotSupported, "it can by ramp"),
+        (("fuji", "frenic"), {"policy": "trip", "on_leaving": "fall"}, UsageError, "'fall' is no policy"),
+        (("vabus", "agile"), {"policy": "trip", "watchdog_s": 0.5}, UsageError, "steps of 1 s"),
+        (("vabus", "agile"), {"policy": "trip", "watchdog_s": "x"}, UsageError, "no number"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_is_sent(drive, options, error, sentence):
+    line = VirtualLine([])
+    protocol, model = drive
+    with drivecomm.open_bus(line.port) as bus:
+        one = bus.drive(protocol, 2, model=model)
+        with pytest.raises(error, match=sentence), keep(one, **options):
+            pytest.fail("the block was entered")
+    assert line.time == 0
+
+
+def test_a_failed_refresh_is_raised_at_the_end_and_the_motor_is_stopped_all_the_same():
+    bench = Bench()
+
+    def program():
+        with keep(bench.drive, "ramp", watchdog_s=60) as kept:
+            bench.drive.start()
+            with bench.line_cut():
+                kept._pass(20.5)
+            kept._pass(1)
+
+    with pytest.raises(NoReplyError, match=r"1 of 1 refreshes of danfoss-fc:2 failed .* may have acted; the first"):
+        program()
+    assert bench.after(60) == (False, 0, False)
+
+
+def test_sleep_raises_it_as_soon_as_it_is_known_and_once():
+    bench = Bench()
+    with keep(bench.drive, "ramp", watchdog_s=60) as kept:
+        with bench.line_cut(), pytest.raises(NoReplyError, match="1 of 1 refreshes"):
+            kept.sleep(20.5)
+        kept.sleep(1)
+
+
+def test_a_callback_is_told_at_once_and_nothing_is_raised():
+    bench = Bench()
+    failures = []
+    with keep(bench.drive, "ramp", watchdog_s=6, on_failure=failures.append) as kept:
+        with bench.line_cut():
+            kept.sleep(3.9)
+        kept.sleep(6)
+    assert [type(failure) for failure in failures] == [NoReplyError]
+
+
+def test_what_a_callback_raises_is_not_swallowed():
+    def fall(_):
+        raise ZeroDivisionError
+
+    bench = Bench()
+
+    def program():
+        with keep(bench.drive, "ramp", watchdog_s=3, on_status=fall) as kept:
+            bench.drive.start()
+            kept._pass(10)
+            assert bench.after(0)[0], "the drive is spoken to all the same"
+
+    with pytest.raises(ZeroDivisionError):
+        program()
+    assert not bench.after(60)[0]
+
+
+def test_what_a_callback_raises_does_not_end_the_feeding():
+    told = []
+
+    def fall(_):
+        told.append(True)
+        raise ZeroDivisionError
+
+    bench = Bench()
+    with keep(bench.drive, "ramp", watchdog_s=3, on_status=fall) as kept:
+        bench.drive.start()
+        with pytest.raises(ZeroDivisionError):
+            kept.sleep(10)
+        assert len(told) >= 9
+        assert bench.after(0)[0]
+
+    async def awaited():
+        async with drivecomm.open_bus_async(bench.line.port) as bus:
+            drive = bus.drive("danfoss-fc", 2, model="fc300")
+            async with keep_async(drive, "ramp", watchdog_s=3, on_status=fall) as kept:
+                with pytest.raises(ZeroDivisionError):
+                    await kept.sleep(10)
+
+    told.clear()
+    asyncio.run(awaited())
+    assert len(told) >= 9
+
+
+def test_an_error_of_the_block_goes_before_one_of_a_refresh():
+    bench = Bench()
+
+    def program():
+        with keep(bench.drive, "ramp", watchdog_s=60) as kept:
+            with bench.line_cut():
+                kept._pass(20.5)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        program()
+
+
+def test_a_motor_that_the_watchdog_has_stopped_is_not_started_again_by_a_repeated_command():
+    bench = Bench()
+    failures = []
+    with keep(bench.drive, "ramp", watchdog_s=3, on_failure=failures.append) as kept:
+        bench.drive.start()
+        kept.sleep(20)
+        bench.line.advance(3.5)
+        assert bench.after(0)[1] < 25
+        kept.sleep(60)
+        assert bench.after(0) == (False, 0, False)
+        assert [type(failure) for failure in failures] == [StateError]
+        assert "not spoken to for 3.6 s" in str(failures[0])
+        bench.drive.start()
+        kept.sleep(60)
+        assert bench.after(0)[:2] == (True, 25), "until somebody starts it"
+
+
+def test_a_stop_without_an_answer_is_tried_again():
+    bench = Bench()
+    asked = []
+    stop = bench.drive.stop
+
+    def deaf(how):
+        asked.append(how)
+        if len(asked) < 3:
+            raise ReplyError("nothing")
+        stop(how)
+
+    with keep(bench.drive, "ramp", watchdog_s=3):
+        bench.drive.start()
+        bench.drive.stop = deaf
+    assert asked == [Stop.RAMP] * 3
+
+
+def test_a_stop_that_fails_leaves_the_motor_to_the_watchdog():
+    bench = Bench()
+
+    def program():
+        with keep(bench.drive, "trip", watchdog_s=3):
+            bench.drive.start()
+            bench.line.advance(2)
+            cut.enter_context(bench.line_cut())
+
+    with ExitStack() as cut, pytest.raises(NoReplyError):
+        program()
+    assert bench.after(60) == (False, 0, True), "it is for the watchdog then"
+
+
+def test_a_stop_that_is_not_confirmed_leaves_the_watchdog_on():
+    bench = Bench()
+
+    def deaf(_):
+        raise NoReplyError("nothing came")
+
+    def program():
+        with keep(bench.drive, "trip", watchdog_s=3):
+            bench.drive.start()
+            bench.drive.stop = deaf
+
+    with pytest.raises(NoReplyError):
+        program()
+    assert read_watchdog(bench.drive).policy == "trip"
+    assert bench.after(60) == (False, 0, True)
+
+
+def test_awaited_a_stop_that_is_not_confirmed_leaves_the_watchdog_on():
+    bench = Bench()
+
+    async def deaf(_):
+        raise NoReplyError("nothing came")
+
+    async def program():
+        async with drivecomm.open_bus_async(bench.line.port) as bus:
+            drive = bus.drive("danfoss-fc", 2, model="fc300")
+            async with keep_async(drive, "trip", watchdog_s=3):
+                await drive.start()
+                drive.stop = deaf
+
+    with pytest.raises(NoReplyError):
+        asyncio.run(program())
+    assert read_watchdog(bench.drive).policy == "trip"
+    assert bench.after(60) == (False, 0, True)
+
+
+def test_whoever_cancels_a_second_time_does_not_keep_the_motor_from_being_stopped():
+    bench = Bench()
+
+    async def program():
+        async with drivecomm.open_bus_async(bench.line.port) as bus:
+            drive = bus.drive("danfoss-fc", 2, model="fc300")
+            stop, started, stopping, go_on = drive.stop, asyncio.Event(), asyncio.Event(), asyncio.Event()
+
+            async def slow(how):
+                stopping.set()
+                await asyncio.wait_for(go_on.wait(), 5)
+                await stop(how)
+
+            async def keeping():
+                async with keep_async(drive, "ramp", watchdog_s=3):
+                    await drive.start()
+                    drive.stop = slow
+                    started.set()
+                    await asyncio.Event().wait()
+
+            task = asyncio.create_task(keeping())
+            await started.wait()
+            assert bench.after(1)[0]
+            task.cancel()
+            await stopping.wait()
+            task.cancel()
+            await asyncio.sleep(0)
+            go_on.set()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            for _ in range(1000):
+                await asyncio.sleep(0)
+
+    asyncio.run(program())
+    assert bench.after(60) == (False, 0, False)
+    assert read_watchdog(bench.drive).time_s is None, "as it was before"
+
+
+def test_a_drive_that_refuses_its_watchdog_is_not_started():
+    bench = Bench()
+    bench.virtual.store.factory_set_up = True
+    with pytest.raises(RefusedError), keep(bench.drive, "ramp"):
+        pytest.fail("the block was entered")
+
+
+def test_until_an_event_is_set():
+    bench = Bench()
+    done = threading.Event()
+    bench.line.call_at(bench.line.time + 30, done.set)
+    with keep(bench.drive, "ramp", watchdog_s=3) as kept:
+        bench.drive.start()
+        kept.until(done)
+    assert 30 < bench.line.time < 40
+
+
+# In real time: a thread, a task
+
+
+@pytest.fixture
+def served(monkeypatch):
+    """A drive behind a port, whose watchdog counts in tenths of a second."""
+    monkeypatch.setattr("drivecomm.virtual.serving._TICK_S", 0.01)
+    virtual = virtual_drive("danfoss-fc", 2, model="fc300")
+    stop = threading.Event()
+    with Server([virtual], parse_listen("tcp:127.0.0.1:0")) as server:
+        thread = threading.Thread(target=server.run, args=(stop,))
+        thread.start()
+        yield virtual, "socket://" + server.address.partition(":")[2].removeprefix("//")
+        stop.set()
+        thread.join()
+
+
+def test_a_thread_feeds_it(served):
+    virtual, port = served
+    statuses = []
+    with drivecomm.open_bus(port) as bus:
+        drive = bus.drive("danfoss-fc", 2, model="fc300")
+        drive.set_reference(percent=50)
+        with keep(drive, "ramp", watchdog_s=0.6, on_status=statuses.append) as kept:
+            drive.start()
+            time.sleep(1.2)
+            kept.sleep(0.3)
+            done = threading.Event()
+            threading.Timer(0.1, done.set).start()
+            kept.until(done)
+            assert virtual.motor.target_hz == 25
+            assert not virtual.machine.timed_out
+        assert len(statuses) >= 4
+    assert threading.active_count() == 2, "the server's and this one"
+    assert virtual.motor.target_hz == 0
+
+
+def test_a_thread_goes_on_feeding_whatever_a_callback_raises(served):
+    virtual, port = served
+    told, late, often = [], [], threading.Event()
+
+    def fall(_):
+        told.append(True)
+        if len(told) == 4:
+            often.set()
+        raise ZeroDivisionError
+
+    with drivecomm.open_bus(port) as bus:
+        drive = bus.drive("danfoss-fc", 2, model="fc300")
+
+        def program():
+            # On a busy machine a refresh may be late; that is not what is asked here.
+            with keep(drive, "ramp", watchdog_s=0.6, on_status=fall, on_failure=late.append):
+                assert often.wait(5), "the thread has ended"
+
+        with pytest.raises(ZeroDivisionError):
+            program()
+    assert virtual.peek("8-04", 0) == 0
+
+
+def test_the_block_does_not_end_before_its_thread(served):
+    _, port = served
+    entered, go_on, told, late = threading.Event(), threading.Event(), [], []
+
+    def slow(_):
+        entered.set()
+        assert go_on.wait(5)
+        told.append(True)
+
+    with drivecomm.open_bus(port) as bus:
+        drive = bus.drive("danfoss-fc", 2, model="fc300")
+        with keep(drive, "ramp", watchdog_s=0.6, on_status=slow, on_failure=late.append):
+            assert entered.wait(5)
+            threading.Timer(0.1, go_on.set).start()
+        assert told == [True]
+
+
+def test_a_thread_tells_what_fails(served):
+    virtual, port = served
+    with drivecomm.open_bus(port, reply_timeout_s=0.05, attempts=1) as bus:
+        drive = bus.drive("danfoss-fc", 2, model="fc300")
+        with keep(drive, "ramp", watchdog_s=3) as kept:
+            drive.start()
+            hear, virtual.hear = virtual.hear, lambda *_: None
+            began = time.monotonic()
+            with pytest.raises(NoReplyError, match="1 of 1 refreshes"):
+                kept.sleep(30)
+            assert time.monotonic() - began < 10
+            virtual.hear = hear
+
+
+def test_a_task_feeds_it(served):
+    virtual, port = served
+    statuses = []
+
+    async def program():
+        async with drivecomm.open_bus_async(port) as bus:
+            drive = bus.drive("danfoss-fc", 2, model="fc300")
+            await drive.set_reference(percent=50)
+            async with keep_async(drive, "ramp", watchdog_s=0.6, on_status=statuses.append) as kept:
+                assert kept.watchdog.policy == "ramp"
+                await drive.start()
+                await asyncio.sleep(1.0)
+                await kept.sleep(0.3)
+                assert not virtual.machine.timed_out
+                assert virtual.motor.target_hz == 25
+            assert (await drive.read("8-04")).raw == 0
+
+    asyncio.run(program())
+    assert len(statuses) >= 4
+    assert virtual.motor.target_hz == 0
+
+
+def test_a_task_that_is_cancelled_stops_the_motor(served):
+    virtual, port = served
+
+    async def program():
+        async with drivecomm.open_bus_async(port) as bus:
+            drive = bus.drive("danfoss-fc", 2, model="fc300")
+
+            started = asyncio.Event()
+
+            async def keeping():
+                async with keep_async(drive, "ramp", watchdog_s=3):
+                    await drive.set_reference(percent=50)
+                    await drive.start()
+                    started.set()
+                    await asyncio.sleep(60)
+
+            task = asyncio.create_task(keeping())
+            await started.wait()
+            assert virtual.motor.target_hz == 25
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+
+    asyncio.run(program())
+    assert virtual.motor.target_hz == 0
+    assert virtual.peek("8-04", 0) == 0
+
+
+def test_awaited_on_a_virtual_line():
+    bench = Bench()
+
+    async def cut_off(drive):
+        async with keep_async(drive, "ramp", watchdog_s=3) as kept:
+            await drive.set_reference(percent=50)
+            await drive.start()
+            await kept.sleep(60)
+            assert bench.after(0)[:2] == (True, 25)
+            with bench.line_cut():
+                await kept._pass(1)
+
+    async def wrong(drive):
+        async with keep_async(drive, "hold", on_leaving="ramp") as kept:
+            await kept.sleep(1)
+            raise ZeroDivisionError
+
+    async def program():
+        async with drivecomm.open_bus_async(bench.line.port) as bus:
+            drive = bus.drive("danfoss-fc", 2, model="fc300")
+            with pytest.raises(NoReplyError, match="of danfoss-fc:2 failed"):
+                await cut_off(drive)
+            with pytest.raises(ZeroDivisionError):
+                await wrong(drive)
+
+    asyncio.run(program())
+    assert not bench.after(60)[0]

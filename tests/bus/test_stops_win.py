@@ -1,0 +1,363 @@
+"""A stop goes before all else, what it replaces is never brought back, and what is old is not believed."""
+
+import asyncio
+import threading
+import time
+from contextlib import suppress
+
+import pytest
+from benches import Mortal, Recorder
+
+import drivecomm
+from drivecomm.bus import keep, keep_async, open_bus_async
+from drivecomm.errors import CommandCancelledError, DriveCommError, NoReplyError, OvertakenError, StateError, UsageError
+from drivecomm.virtual import Server, VirtualLine, virtual_drive
+from drivecomm.virtual.serving import parse_listen
+
+
+@pytest.fixture
+def served():
+    """A Danfoss drive behind a raw TCP port, in real time."""
+    virtual = virtual_drive("danfoss-fc", 2, model="fc300")
+    stop = threading.Event()
+    with Server([virtual], parse_listen("tcp:127.0.0.1:0")) as server:
+        thread = threading.Thread(target=server.run, args=(stop,))
+        thread.start()
+        yield virtual, "socket://" + server.address.partition(":")[2].removeprefix("//")
+        stop.set()
+        thread.join()
+
+
+def raised_by(call):
+    try:
+        call()
+    except DriveCommError as error:
+        return error
+    return None
+
+
+class TestInterrupting:
+    """A drive is slow, or not there; the stop of another one does not wait for it."""
+
+    def test_a_thread_that_waits_for_a_reply(self, served):
+        virtual, port = served
+        with drivecomm.open_bus(port) as bus:
+            fan = bus.drive("danfoss-fc", 2, model="fc300")
+            fan.set_reference(percent=50)
+            fan.start()
+            dead = bus.drive("danfoss-fc", 9, reply_timeout_s=8.0, attempts=3)
+            raised = []
+            waiting = threading.Thread(
+                target=lambda: raised.append(raised_by(lambda: dead.read("16-13", type="int32")))
+            )
+            waiting.start()
+            time.sleep(0.1)
+            began = time.monotonic()
+            fan.stop()
+            assert time.monotonic() - began < 0.5
+            waiting.join(5)
+            assert isinstance(raised[0], OvertakenError)
+            assert "a stop went first" in str(raised[0])
+            assert bus.health["danfoss-fc:9"].failed_calls == 0, "it was not given the time to answer"
+        assert virtual.motor.target_hz == 0
+
+    def test_a_task_that_waits_for_a_reply(self, served):
+        virtual, port = served
+
+        async def program():
+            async with open_bus_async(port) as bus:
+                fan = bus.drive("danfoss-fc", 2, model="fc300")
+                await fan.set_reference(percent=50)
+                await fan.start()
+                dead = bus.drive("danfoss-fc", 9, reply_timeout_s=8.0, attempts=3)
+                waiting = asyncio.create_task(dead.read("16-13", type="int32"))
+                await asyncio.sleep(0.1)
+                began = time.monotonic()
+                await fan.stop()
+                assert time.monotonic() - began < 0.5
+                with pytest.raises(OvertakenError):
+                    await waiting
+
+        asyncio.run(program())
+        assert virtual.motor.target_hz == 0
+
+    def test_a_wait_between_two_attempts(self, served):
+        _, port = served
+        with drivecomm.open_bus(port) as bus:
+            slow = bus.drive("danfoss-fc", 2, model="fc300", request_interval_s=8.0)
+            slow.status()
+            raised = []
+            waiting = threading.Thread(target=lambda: raised.append(raised_by(slow.status)))
+            waiting.start()
+            time.sleep(0.1)
+            began = time.monotonic()
+            bus.broadcast("danfoss-fc").stop()
+            assert time.monotonic() - began < 0.5
+            waiting.join(5)
+            assert isinstance(raised[0], OvertakenError)
+
+    def test_whoever_answers_in_time_is_heard(self):
+        """A reading that is on the wire while a stop is called gets its value, where its drive is as quick as usual."""
+        line = VirtualLine([Mortal("danfoss-fc", 1)])
+        sent = []
+        with drivecomm.open_bus(line.port, trace=lambda event: sent.append(event.what)) as bus:
+            first = bus.drive("danfoss-fc", 1)
+            first.probe()
+            bus._roster.link.stop_waits = lambda: sent[-1] == "sent"
+            assert first.status().word
+
+
+class TestCancelling:
+    def test_a_start_that_waits_for_its_turn(self, served):
+        virtual, port = served
+        with drivecomm.open_bus(port) as bus:
+            fan = bus.drive("danfoss-fc", 2, model="fc300")
+            fan.set_reference(percent=50)
+            dead = bus.drive("danfoss-fc", 9, reply_timeout_s=3.0, attempts=1)
+            raised = []
+            threads = []
+            for call in (lambda: dead.read("16-13", type="int32"), fan.start):
+                threads.append(threading.Thread(target=lambda call=call: raised.append(raised_by(call))))
+                threads[-1].start()
+                time.sleep(0.1)
+            fan.stop()
+            for thread in threads:
+                thread.join(5)
+            assert {type(error) for error in raised} == {OvertakenError, CommandCancelledError}
+            assert not fan.status().running
+        assert virtual.motor.target_hz == 0
+
+    def test_a_task_that_was_made_before_and_has_not_begun(self, served):
+        virtual, port = served
+
+        async def program():
+            async with open_bus_async(port) as bus:
+                fan = bus.drive("danfoss-fc", 2, model="fc300")
+                await fan.set_reference(percent=50)
+                starting = asyncio.create_task(fan.start())
+                await fan.stop()
+                with pytest.raises((CommandCancelledError, OvertakenError)):
+                    await starting
+                assert not (await fan.status()).running
+
+        asyncio.run(program())
+        assert virtual.motor.target_hz == 0
+
+    def test_commands_for_other_drives_go_on(self):
+        line = VirtualLine([Mortal("danfoss-fc", 1), Mortal("danfoss-fc", 2)])
+        with drivecomm.open_bus(line.port) as bus:
+            first, second = bus.drive("danfoss-fc", 1), bus.drive("danfoss-fc", 2)
+            waiting = bus.command(second.party)
+            everybody = bus.command(bus.broadcast("danfoss-fc").party)
+            first.stop()
+            assert not waiting.cancelled
+            assert everybody.cancelled, "it would reach the drive that was stopped"
+            bus.broadcast("vabus").stop()
+            assert not waiting.cancelled
+            bus.broadcast("danfoss-fc").stop()
+            assert waiting.cancelled
+
+
+class Bench:
+    def __init__(self, model="fc300", **options):
+        self.virtual = virtual_drive("danfoss-fc", 2, model=model)
+        self.line = VirtualLine([self.virtual])
+        self.recorder = Recorder()
+        self.bus = drivecomm.open_bus(self.line.port, trace=self.recorder)
+        self.drive = self.bus.drive("danfoss-fc", 2, model=model, **options)
+
+    def words(self):
+        """The valid control words that were sent so far."""
+        messages = [event.message for event in self.recorder.events if event.what == "sent"]
+        return [message.control_word for message in messages if message.control_word & 0x0400]
+
+    def run(self, for_s=10.0):
+        self.drive.set_reference(percent=50)
+        self.drive.start()
+        self.line.advance(for_s)
+        assert self.drive.status().running
+
+    def hz(self, after_s=10):
+        self.line.advance(after_s)
+        self.virtual.peek("16-13", self.line.time)
+        return self.virtual.motor.output_hz
+
+
+class TestNothingIsBroughtBack:
+    @pytest.mark.parametrize("watched", [None, 20.0])
+    @pytest.mark.parametrize("dip_s", [0.5, 5.0])
+    def test_a_dip_of_the_mains_between_two_readings(self, watched, dip_s):
+        bench = Bench()
+        bench.drive.watched(watched)
+        bench.run()
+        bench.line.power_off(bench.virtual)
+        bench.line.advance(dip_s)
+        bench.line.power_on(bench.virtual)
+        bench.drive.read("16-13")
+        bench.drive.status()
+        bench.drive.status()
+        assert bench.hz() == 0
+
+    def test_a_refresh_that_comes_after_the_watchdog_has_acted(self):
+        """It was asked for in time, and waited for the line; the motor still ramps down, so its status says running."""
+        bench = Bench()
+        failures = []
+        with keep(bench.drive, "ramp", watchdog_s=1, on_failure=failures.append) as kept:
+            bench.run(0.5)
+            bench.line.advance(1.5)
+            before = bench.words()
+            kept.sleep(0.5)
+            assert bench.words() == before
+            assert bench.hz() == 0
+        assert any("longer than its watchdog waits" in str(failure) for failure in failures)
+
+    def test_a_reference_for_a_motor_whose_watchdog_has_acted(self):
+        bench = Bench()
+        drivecomm.set_watchdog(bench.drive, "ramp", 1)
+        bench.drive.stop()
+        bench.run(0.5)
+        bench.line.advance(1.5)
+        with pytest.raises(DriveCommError):
+            bench.drive.set_reference(percent=80)
+        assert bench.hz() == 0
+
+    def test_a_read_only_drive_is_sent_no_word_of_a_refused_verb(self):
+        bench = Bench(read_only="only looked at")
+        for verb, arguments in (
+            ("control_word", {"word": 0x0474}),
+            ("relays", {"relay_1": True}),
+            ("preset", {"number": 2}),
+            ("ramp", {"number": 2}),
+        ):
+            with pytest.raises(UsageError):
+                bench.drive.call(verb, **arguments)
+            bench.drive.status()
+            bench.drive.read("16-13")
+        assert bench.words() == []
+        bench.drive.stop()
+        for verb, arguments in (("relays", {"relay_1": True}), ("set_up", {"number": 2}), ("preset", {"number": 2})):
+            with pytest.raises(UsageError):
+                bench.drive.call(verb, **arguments)
+        bench.drive.status()
+        bench.drive.read("16-13")
+        assert bench.words() == [0x043C], "nor is its stop repeated, with which another master's motor would be stopped"
+
+    def test_what_another_master_has_stopped_stays_so(self):
+        """We set a reference and never start; somebody else starts and stops; then we ask, and choose a set-up."""
+        bench = Bench()
+        bench.drive.set_reference(percent=50)
+        other = drivecomm.open_bus(bench.line.port).drive("danfoss-fc", 2, model="fc300")
+        other.start()
+        bench.line.advance(10)
+        bench.drive.identify()
+        bench.drive.status()
+        other.stop()
+        bench.line.advance(10)
+        bench.drive.identify()
+        with suppress(StateError, UsageError):
+            bench.drive.select_setup(2)
+        assert bench.hz() == 0
+
+
+class TestLateReplies:
+    def test_a_write_is_not_confirmed_by_the_reply_to_one_that_a_trace_function_broke_off(self):
+        drive = Mortal("vabus")
+        line = VirtualLine([drive])
+        broken = []
+
+        def trace(event):
+            if event.what == "sent" and not broken and getattr(event.message, "parameter", 0) == 481:
+                broken.append(True)
+                raise ZeroDivisionError
+
+        with drivecomm.open_bus(line.port, trace=trace) as bus:
+            pump = bus.drive("vabus", 3, model="agile")
+            with pytest.raises(ZeroDivisionError):
+                pump.write("481", 12)
+            events = []
+            bus._roster.link._trace = events.append
+            pump.write("480", 3)
+            received = [event for event in events if event.what == "received" and event.message.kind == "ack"]
+            noise = [event for event in events if event.what == "noise"]
+            assert len(received) == 1
+            assert noise, "the confirmation of the first write was thrown away"
+            assert (drive.peek("481", 0), drive.peek("480", 0)) == ("000004B0", "0000012C")
+
+    def test_the_surplus_reply_of_a_repetition_does_not_answer_the_next_question(self):
+        """A drive that is slower than its reply time, and quicker than late replies are waited for."""
+        line = VirtualLine([Mortal("vabus")])
+        with drivecomm.open_bus(line.port) as bus:
+            slow = bus.drive("vabus", 3, reply_timeout_s=0.05, late_s=1.0, model="agile")
+            slow.read("481")
+            line.faults = Delayed(0.12)
+            first = slow.read("481")
+            line.drives[0].poke("481", 2500)
+            assert slow.read("481").value == 25, f"not {first}, which an earlier attempt had asked for"
+
+    def test_what_was_not_waited_for_confirms_nothing_else(self):
+        """Overtaken while its confirmation was under way: the next write to that drive lets it pass."""
+        line = VirtualLine([Mortal("vabus"), Mortal("vabus", 4)])
+        with drivecomm.open_bus(line.port) as bus:
+            first = bus.drive("vabus", 3, model="agile", reply_timeout_s=2.0)
+            line.faults = Delayed(3.0)
+            bus._roster.link.stop_waits = lambda: line.time > 0.05
+            with pytest.raises(OvertakenError, match="whether the drive acted on it is not known"):
+                first.write("481", 12)
+            bus._roster.link.stop_waits = lambda: False
+            line.faults = Delayed(0.0)
+            began = line.time
+            first.write("480", 3)
+            assert line.time - began > 0.9
+
+
+class Delayed:
+    """Faults that do nothing but to hold replies back."""
+
+    rate = 0.0
+
+    def __init__(self, delay_s):
+        self._delay_s = delay_s
+
+    def request(self, data):
+        return [(0.0, data)]
+
+    def reply(self, data):
+        return [(self._delay_s, data)]
+
+
+def test_a_task_that_is_cancelled_has_left_before_the_bus_is_closed(served):
+    virtual, port = served
+    unhandled = []
+
+    async def program():
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: unhandled.append(context))
+
+        async def kept():
+            async with open_bus_async(port) as bus:
+                fan = bus.drive("danfoss-fc", 2, model="fc300")
+                await fan.set_reference(percent=50)
+                async with keep_async(fan, "ramp", watchdog_s=2):
+                    await fan.start()
+                    await asyncio.sleep(60)
+
+        task = asyncio.create_task(kept())
+        await asyncio.sleep(0.5)
+        for _ in range(3):
+            task.cancel()
+            await asyncio.sleep(0)
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        await asyncio.sleep(0.05)
+
+    asyncio.run(program())
+    assert unhandled == []
+    assert virtual.motor.target_hz == 0
+
+
+def test_a_drive_that_was_given_up_is_stopped_all_the_same():
+    line = VirtualLine([])
+    with drivecomm.open_bus(line.port) as bus:
+        fan = bus.drive("danfoss-fc", 2)
+        for _ in range(6):
+            with pytest.raises(NoReplyError):
+                fan.stop()

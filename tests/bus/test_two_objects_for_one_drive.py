@@ -1,0 +1,150 @@
+"""What one object commands, another one must not bring back."""
+
+import asyncio
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import StateError
+from drivecomm.protocol import Stop
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+PROTOCOLS = sorted(drivecomm.protocols())
+SOMETHING = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09"}
+
+
+@pytest.fixture(params=PROTOCOLS)
+def line(request):
+    return request.param, VirtualLine([virtual_drive(request.param, 3)])
+
+
+def running(line):
+    line.drives[0].motor.advance(line.time)
+    return line.drives[0].motor.running
+
+
+def set_off(bus, protocol):
+    drive = bus.drive(protocol, 3)
+    if protocol in ("danfoss-fc", "vlt3500"):
+        drive.set_reference(percent=50)
+    else:
+        drive.set_reference(hz=25)
+    drive.start()
+    return drive
+
+
+def read_something(drive, protocol):
+    drive.read(SOMETHING[protocol])
+    drive.status()
+
+
+@pytest.mark.parametrize("how", [Stop.RAMP, Stop.COAST])
+def test_a_stop_by_another_object_is_not_undone_by_reading(line, how):
+    protocol, virtual = line
+    with drivecomm.open_bus(virtual.port) as bus:
+        first = set_off(bus, protocol)
+        second = bus.drive(protocol, 3)
+        if how not in second.capabilities.stops:
+            how = Stop.RAMP
+        second.stop(how)
+        virtual.advance(20)
+        assert not running(virtual)
+        read_something(first, protocol)
+        virtual.advance(5)
+        assert not running(virtual)
+
+
+def test_a_broadcast_stop_is_not_undone_by_reading(line):
+    protocol, virtual = line
+    with drivecomm.open_bus(virtual.port) as bus:
+        first = set_off(bus, protocol)
+        bus.broadcast(protocol).stop()
+        virtual.advance(20)
+        assert not running(virtual)
+        read_something(first, protocol)
+        virtual.advance(5)
+        assert not running(virtual)
+
+
+@pytest.mark.parametrize("who", ["another object", "all"])
+def test_awaited_a_stop_by_another_is_not_undone_by_reading(line, who):
+    protocol, virtual = line
+
+    async def program():
+        async with drivecomm.open_bus_async(virtual.port) as bus:
+            first, second = bus.drive(protocol, 3), bus.drive(protocol, 3)
+            if protocol in ("danfoss-fc", "vlt3500"):
+                await first.set_reference(percent=50)
+            else:
+                await first.set_reference(hz=25)
+            await first.start()
+            assert running(virtual)
+            await (second if who == "another object" else bus.broadcast(protocol)).stop()
+            virtual.advance(20)
+            assert not running(virtual)
+            await first.read(SOMETHING[protocol])
+            await first.status()
+            if protocol == "fuji":
+                await first.call("terminals", X1=True)
+            virtual.advance(5)
+            assert not running(virtual)
+
+    asyncio.run(program())
+
+
+@pytest.mark.parametrize("who", ["another object", "all"])
+def test_a_stop_that_is_written_as_a_parameter_is_not_undone(who):
+    virtual = VirtualLine([virtual_drive("fuji", 3)])
+    with drivecomm.open_bus(virtual.port) as bus:
+        first = set_off(bus, "fuji")
+        assert running(virtual)
+        (bus.drive("fuji", 3) if who == "another object" else bus.broadcast("fuji")).write("S06", 0)
+        virtual.advance(20)
+        assert not running(virtual)
+        first.call("terminals", X1=True)
+        virtual.advance(5)
+        assert not running(virtual)
+
+
+def test_awaited_a_stop_that_is_written_as_a_parameter_is_not_undone():
+    virtual = VirtualLine([virtual_drive("fuji", 3)])
+
+    async def program(who):
+        async with drivecomm.open_bus_async(virtual.port) as bus:
+            first, second = bus.drive("fuji", 3), bus.drive("fuji", 3)
+            await first.set_reference(hz=25)
+            await first.start()
+            assert running(virtual)
+            await (second if who == "another object" else bus.broadcast("fuji")).write("S06", 0)
+            virtual.advance(20)
+            assert not running(virtual)
+            await first.call("terminals", X1=True)
+            virtual.advance(5)
+            assert not running(virtual)
+
+    asyncio.run(program("another object"))
+    asyncio.run(program("all"))
+
+
+def test_a_second_program_starts_with_the_reference_that_is_set(line):
+    protocol, virtual = line
+    with drivecomm.open_bus(virtual.port) as bus:
+        percent = protocol in ("danfoss-fc", "vlt3500")
+        bus.drive(protocol, 3).set_reference(**({"percent": 50} if percent else {"hz": 25}))
+    with drivecomm.open_bus(virtual.port) as bus:
+        bus.drive(protocol, 3).start()
+        virtual.advance(20)
+        virtual.drives[0].motor.advance(virtual.time)
+        assert virtual.drives[0].motor.output_hz == pytest.approx(25, abs=0.1)
+    with drivecomm.open_bus(virtual.port) as bus:
+        third = bus.drive(protocol, 3)
+        if protocol == "danfoss-fc":
+            # Its reference goes out with a control word, and no word is sent that was not commanded by who sends it.
+            with pytest.raises(StateError, match="did not give"):
+                third.set_reference(percent=20)
+            third.start()
+            third.status()
+        third.set_reference(**({"percent": 20} if percent else {"hz": 10}))
+        virtual.advance(20)
+        virtual.drives[0].motor.advance(virtual.time)
+        assert virtual.drives[0].motor.output_hz == pytest.approx(10, abs=0.1)

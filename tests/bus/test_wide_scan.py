@@ -1,0 +1,258 @@
+"""A wide scan: drives at settings that nobody expected are found, the likely first, and no motor moves."""
+
+import asyncio
+import dataclasses
+
+import pytest
+
+import drivecomm
+from drivecomm.bus import Asking, Found, LineChoices, Search, likely_settings
+from drivecomm.commissioning import forecast_scan
+from drivecomm.errors import UsageError
+from drivecomm.models import load_model
+from drivecomm.plant import FaultPlan
+from drivecomm.protocol import LineSettings, installed
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+ODD = {
+    "danfoss-fc": (7, LineSettings(baudrate=38400, bytesize=8, parity="N")),
+    "fuji": (2, LineSettings(baudrate=4800, bytesize=7, parity="E")),
+    "vabus": (5, LineSettings(baudrate=9600, bytesize=7, parity="E")),
+    "vlt3500": (1, LineSettings(baudrate=2400, bytesize=8, parity="N")),
+}
+
+
+def odd_drive(protocol, address, settings):
+    return virtual_drive(
+        protocol,
+        address,
+        baudrate=settings.baudrate,
+        bytesize=settings.bytesize,
+        parity=settings.parity,
+        stopbits=settings.stopbits,
+    )
+
+
+def odd_line(**options):
+    return VirtualLine([odd_drive(name, address, settings) for name, (address, settings) in ODD.items()], **options)
+
+
+class Sent:
+    """Keeps what is sent, and whose telegram it is."""
+
+    def __init__(self):
+        self.events = []
+
+    def __call__(self, event):
+        if event.what == "sent":
+            self.events.append(event)
+
+
+def test_four_makers_at_odd_settings_are_found_and_nothing_moves():
+    line, sent = odd_line(), Sent()
+    before = [dataclasses.replace(drive.settings) for drive in line.drives]
+    with drivecomm.open_bus(line.port, trace=sent) as bus:
+        found = list(bus.scan(addresses=range(1, 8), choices=LineChoices()))
+    assert {(one.protocol, one.address): one.settings for one in found if one.sound} == {
+        (name, address): settings for name, (address, settings) in ODD.items()
+    }
+    assert [drive.settings for drive in line.drives] == before
+    assert not any(drive.motor.running or drive.motor.output_hz for drive in line.drives)
+    assert len(sent.events) > 1000
+    for event in sent.events:
+        assert installed[event.drive.partition(":")[0]].only_asks(event.message), event
+
+
+def test_what_was_found_can_be_spoken_to():
+    line = odd_line()
+    with drivecomm.open_bus(line.port) as bus:
+        wanted = LineChoices(baudrates=(38400,), parities=("N",))
+        (found,) = bus.scan(["danfoss-fc"], choices=wanted)
+        drive = bus.drive(found.protocol, found.address, **found.options)
+        assert not drive.status().running
+        assert drive.facts.settings == ODD["danfoss-fc"][1]
+
+
+def test_awaited_it_finds_the_same():
+    async def scan(line):
+        async with drivecomm.open_bus_async(line.port) as bus:
+            return [one async for one in bus.scan(["vabus", "fuji"], range(1, 6), choices=LineChoices())]
+
+    def blocking(line):
+        with drivecomm.open_bus(line.port) as bus:
+            return list(bus.scan(["vabus", "fuji"], range(1, 6), choices=LineChoices()))
+
+    assert asyncio.run(scan(odd_line())) == blocking(odd_line())
+
+
+def test_the_usual_settings_come_first():
+    order = [(asking.protocol, asking.settings) for asking in Search(choices=LineChoices())]
+    first = list(dict.fromkeys(order))[: len(installed)]
+    assert first == [(name, installed[name].facts.settings) for name in installed]
+
+
+def test_the_likely_settings_of_all_come_before_the_unlikely_of_one():
+    search = Search(choices=LineChoices())
+    place = {}
+    for number, asking in enumerate(search):
+        place.setdefault((asking.protocol, asking.settings), number)
+    for name in installed:
+        own = [number for (protocol, _), number in place.items() if protocol == name]
+        for other in installed:
+            theirs = [number for (protocol, _), number in place.items() if protocol == other]
+            # Everybody's third-best setting comes before anybody's tenth.
+            assert sorted(own)[2] < sorted(theirs)[9]
+
+
+def test_speeds_that_a_model_names_come_before_those_that_nobody_names():
+    plugin = installed["vabus"]
+    models = [packaged_model("vabus", "agile")]
+    rates = list(dict.fromkeys(each.settings.baudrate for each in likely_settings(plugin, models)))
+    assert rates[0] == 19200
+    assert set(rates[1:4]) == {9600, 4800, 2400}
+    assert {38400, 57600, 115200} <= set(rates[4:])
+
+
+def packaged_model(protocol, name):
+    return load_model(installed[protocol].package, protocol, name)
+
+
+def test_seven_bits_are_not_tried_where_telegrams_have_eight():
+    sizes = {
+        name: {asking.settings.bytesize for asking in Search([name], [1], LineChoices())}
+        for name in ("danfoss-fc", "vabus", "fuji")
+    }
+    assert sizes == {"danfoss-fc": {8}, "vabus": {7, 8}, "fuji": {7, 8}}
+
+
+def test_only_the_chosen_settings_are_tried():
+    choices = LineChoices(baudrates=(9600, 300), parities=("E", "M"))
+    tried = {(each.settings.baudrate, each.settings.parity) for each in Search(["vabus"], [1], choices)}
+    assert tried == {(9600, "E"), (300, "E"), (9600, "M"), (300, "M")}
+    with pytest.raises(UsageError, match="parity 'X'"):
+        LineChoices(parities=("X",))
+    with pytest.raises(UsageError, match="baud rate of 3"):
+        LineChoices(baudrates=(9600, 3))
+
+
+def test_who_answers_brings_its_like_forward():
+    search = Search(["vabus", "fuji"], range(1, 8), LineChoices())
+    met = LineSettings(baudrate=4800, bytesize=7, parity="E")
+    asked = []
+    for asking in search:
+        asked.append(asking)
+        there = asking.settings == met and asking.protocol == "vabus" and asking.address == 2
+        search.heard(asking, Found(protocol="vabus", address=2, sound=True, settings=met) if there else None)
+        if there:
+            break
+    first = [next(iter(search)) for _ in range(5)]
+    assert {(each.protocol, each.settings) for each in first} == {("vabus", met)}
+    left = search.left
+    assert (left[0].settings, left[0].protocol) == (met, "fuji")
+    assert not any(each.protocol == "vabus" and each.address == 2 for each in left)
+    assert len({(each.protocol, each.address, each.settings) for each in [*asked, *first, *left]}) == len(
+        [*asked, *first, *left]
+    )
+
+
+def test_damage_brings_the_other_settings_of_that_address_forward_and_is_told_at_the_end():
+    search = Search(["vabus"], [1, 2], LineChoices())
+    first = next(iter(search))
+    spoilt = Found(protocol="vabus", address=first.address, sound=False, detail="checksum")
+    assert search.heard(first, spoilt) is None
+    assert next(iter(search)).address == first.address
+    assert search.damaged() == [spoilt]
+    met = Found(protocol="vabus", address=first.address, sound=True)
+    assert search.heard(Asking(protocol="vabus", address=first.address), met) is met
+    assert search.damaged() == []
+
+
+def test_a_drive_that_always_answers_with_damage_is_told_of():
+    class Spoilt(FaultPlan):
+        def reply(self, data):
+            return [(0.0, data[:-1] + bytes([data[-1] ^ 1]))]
+
+    line = VirtualLine([virtual_drive("vabus", 1)], faults=Spoilt(rate=0.0))
+    with drivecomm.open_bus(line.port) as bus:
+        (found,) = bus.scan(["vabus"], [1, 2], choices=LineChoices(baudrates=(9600, 19200)))
+    assert not found.sound
+    assert found.name == "vabus:1"
+
+
+class TestIdentification:
+    def found(self, identity):
+        return Found(protocol="danfoss-fc", address=1, identity=identity, sound=True)
+
+    def search(self, *models):
+        search = Search([], [])
+        search._models["danfoss-fc"] = list(models)
+        return search
+
+    def model(self, name, **rules):
+        plain = packaged_model("danfoss-fc", "fc101")
+        return dataclasses.replace(plain, name=name, identified_by=rules)
+
+    def test_the_model_that_knows_itself_is_named(self):
+        search = self.search(self.model("one", plate="FC-1.*"), self.model("two", plate="FC-2.*"), self.model("none"))
+        assert search.model_of(self.found({"plate": "FC-202"})).model == "two"
+        assert search.model_of(self.found({"plate": "FC-302"})).model == ""
+        assert search.model_of(self.found({})).model == ""
+
+    def test_two_that_know_themselves_are_none(self):
+        search = self.search(self.model("one", plate="FC.*"), self.model("two", plate="FC-2.*"))
+        assert search.model_of(self.found({"plate": "FC-202"})).model == ""
+
+    def test_a_model_file_that_is_none_does_not_end_a_scan(self, tmp_path, monkeypatch):
+        folder = tmp_path / "vabus"
+        folder.mkdir()
+        (folder / "broken.toml").write_text("format = 9")
+        monkeypatch.setenv("DRIVECOMM_MODELS", str(tmp_path))
+        line = VirtualLine([virtual_drive("vabus", 1)])
+        with drivecomm.open_bus(line.port) as bus:
+            assert [one.name for one in bus.scan(["vabus"], [1])] == ["vabus:1"]
+
+    @pytest.mark.parametrize("model", ["fc101", "fc102", "fc202", "fc302", "vlt5000", "vlt6000"])
+    def test_drives_with_a_name_plate(self, model):
+        line = VirtualLine([virtual_drive("danfoss-fc", 3, model=model)])
+        with drivecomm.open_bus(line.port) as bus:
+            (found,) = bus.scan(["danfoss-fc"], [3])
+        assert found.model == model
+        assert found.options["model"] == model
+
+    def test_a_model_of_the_users_own(self, tmp_path, monkeypatch):
+        # A name plate that no packaged model knows.
+        folder = tmp_path / "danfoss-fc"
+        folder.mkdir()
+        (folder / "mine.toml").write_text(
+            'format = 1\nprotocol = "danfoss-fc"\nname = "mine"\nextends = "fc101"\n'
+            '[identified_by]\n"FC type" = "FC-99."\n'
+        )
+        monkeypatch.setenv("DRIVECOMM_MODELS", str(tmp_path))
+        drive = virtual_drive("danfoss-fc", 3, model="fc101")
+        drive.poke("15-40", "FC-999")
+        with drivecomm.open_bus(VirtualLine([drive]).port) as bus:
+            (found,) = bus.scan(["danfoss-fc"], [3])
+        assert found.model == "mine"
+
+
+class TestForecast:
+    @pytest.mark.parametrize("choices", [None, LineChoices(baudrates=(9600, 19200), parities=("E", "N"))])
+    @pytest.mark.parametrize("protocol", sorted(installed))
+    def test_a_scan_for_nobody_takes_as_long_as_foretold(self, protocol, choices):
+        line = VirtualLine([])
+        forecast = forecast_scan([protocol], range(1, 9), choices)
+        asked = []
+        with drivecomm.open_bus(line.port) as bus:
+            began = bus.now()
+            assert not list(
+                bus.scan([protocol], range(1, 9), choices=choices, progress=lambda *step: asked.append(step))
+            )
+            took = bus.now() - began
+        assert forecast.questions == len(asked) - 1
+        assert took == pytest.approx(forecast.seconds, rel=0.02)
+
+    def test_facts_for_all_count(self):
+        quick = forecast_scan(["vabus"], [1, 2, 3], reply_timeout_s=0.05)
+        slow = forecast_scan(["vabus"], [1, 2, 3], reply_timeout_s=0.5)
+        assert slow.seconds - quick.seconds == pytest.approx(3 * 0.45)
+        assert quick.settings == 1

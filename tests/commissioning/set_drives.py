@@ -1,0 +1,90 @@
+"""Virtual drives of every model of every installed protocol, with settings that somebody has changed."""
+
+import string
+from contextlib import suppress
+from decimal import Decimal
+
+from drivecomm.commissioning.parameter_sets import part_of
+from drivecomm.errors import DriveCommError, NotSupported
+from drivecomm.models import load_model, model_names
+from drivecomm.protocol import installed
+from drivecomm.virtual import carry_out, drive_type
+
+# Of an inverter whose rating is not known, nobody knows the scale of its currents.
+OPTIONS = {"fuji": {"rating_hp": 10}}
+
+
+class Case:
+    """One model of one protocol."""
+
+    def __init__(self, protocol, model):
+        self.plugin = installed[protocol]
+        self.model = load_model(self.plugin.package, protocol, model)
+        self.options = OPTIONS.get(protocol, {})
+        self.type = drive_type(protocol, 1, model=self.model, options=self.options)
+        self.operations = self.plugin.operations(1, self.type.options, self.model)
+        self.codec = self.plugin.codec(self.type.options)
+
+    def __repr__(self):
+        return f"{self.plugin.name}/{self.model.name}"
+
+    @property
+    def settings(self):
+        """What a backup holds, by address of each value."""
+        return [
+            (address, info)
+            for info in self.model.parameters.values()
+            if part_of(info) == "settings" and "r" in info.access
+            for address in self.plugin.element_addresses(info, self.type.options)
+        ]
+
+    def new(self):
+        """Return a drive in its factory state."""
+        return self.type.new()
+
+    def drive(self, bus):
+        """Return the master's side of it."""
+        return bus.drive(self.plugin.name, 1, model=self.model, **self.options)
+
+    def held(self, virtual):
+        """Return what a drive holds, as its telegrams would carry it."""
+        return {address: virtual.peek(address, 0.0) for address, _ in self.settings}
+
+    def change(self, virtual, random, share=0.5):
+        """Change some settings, as a master that stores them would; return how many took another value."""
+        before = self.held(virtual)
+        for address, info in self.settings:
+            if random.random() < share:
+                with suppress(DriveCommError):
+                    self._write(virtual, address, _another(info, random))
+        return sum(value != before[address] for address, value in self.held(virtual).items())
+
+    def _write(self, virtual, address, value):
+        try:
+            exchange = self.operations.write(address, value, store=True)
+        except NotSupported:
+            exchange = self.operations.write(address, value)
+        carry_out(exchange, virtual, self.codec, 0.0)
+
+
+def cases():
+    """Return all there are."""
+    return [
+        Case(plugin.name, model) for plugin in installed.working() for model in model_names(plugin.package, plugin.name)
+    ]
+
+
+def _another(info, random):
+    """Return a value near the one that a parameter starts with."""
+    if info.type in ("text", "string"):
+        return "".join(random.choices(string.ascii_uppercase + " ", k=random.randint(1, 12))).strip() or "X"
+    start = info.start if isinstance(info.start, Decimal) else Decimal(0)
+    if info.values:
+        return random.choice(list(info.values)) * info.factor
+    step = max(
+        info.factor if info.factor != 1 else Decimal((0, (1,), int(start.as_tuple().exponent))), Decimal("0.0001")
+    )
+    value = start + step * random.randint(-20, 20)
+    low, high = info.minimum, info.maximum
+    value = value if low is None else max(low, value)
+    return value if high is None else min(high, value)

@@ -1,0 +1,134 @@
+"""Backup, factory reset, restore with the line cut at any moment and resumed, compare: the same bytes, on every model.
+
+DRIVECOMM_RESTORE_SEEDS=1000 plays a thousand courses; a few of each model are played otherwise.
+"""
+
+import os
+from collections import Counter
+from dataclasses import replace
+from random import Random
+
+import pytest
+from set_drives import cases
+
+import drivecomm
+from drivecomm.commissioning.parameter_sets import (
+    back_up,
+    carry_out_plan,
+    compare,
+    entries_text,
+    found_journal,
+    journal_path,
+    new_journal,
+    plan_restore,
+    read_set,
+    text_of,
+    write_set,
+)
+from drivecomm.errors import LinkError, ReplyError
+from drivecomm.plant import UNDISTURBED, Fault, FaultPlan
+from drivecomm.virtual import VirtualLine
+
+CASES = cases()
+CUTS = Counter()
+"""How often each way of cutting a line was played, by the time at which somebody asks."""
+SEEDS = int(os.environ.get("DRIVECOMM_RESTORE_SEEDS", "0")) or 2 * len(CASES)
+
+
+class KilledError(BaseException):
+    """The program ends without being asked."""
+
+
+class Cut:
+    """Cuts a line when so many telegrams were on it, in one of the ways in which lines are cut."""
+
+    WAYS = ("unplugged", "wire", "power", "killed")
+
+    def __init__(self, line, way, after):
+        self.line, self.way, self.left = line, way, after
+        self.happened = False
+        line.monitor = self
+
+    def __call__(self, _):
+        self.left -= 1
+        if self.left:
+            return
+        self.happened = True
+        if self.way == "unplugged":
+            self.line.broken = True
+        elif self.way == "wire":
+            self.line.faults = FaultPlan(rate=1.0, kinds=[Fault.DROP])
+        elif self.way == "power":
+            self.line.power_off(self.line.drives[0])
+        else:
+            raise KilledError
+
+    def mend(self):
+        self.line.monitor = None
+        self.line.broken = False
+        self.line.faults = UNDISTURBED
+        if not self.line.has_power(self.line.drives[0]):
+            self.line.power_on(self.line.drives[0])
+        self.line.advance(10.0)
+
+
+def restored(case, line, path, random):
+    """Restore, cut up to three times; return every parameter that was confirmed, in order."""
+    confirmed = []
+    for attempt in range(5):
+        cut = None
+        if attempt < 3 and random.random() < (1.0, 0.5, 0.5)[attempt]:
+            cut = Cut(line, random.choice(Cut.WAYS), random.randint(1, 500))
+        known = read_set(path)
+        at = journal_path(path, known.drive)
+        try:
+            with drivecomm.open_bus(line.port) as bus:
+                journal = found_journal(at, known, known.drive) if attempt else new_journal(at, known, known.drive)
+                before = journal.written
+                drive = case.drive(bus)
+                done = carry_out_plan(drive, plan_restore(drive, known), journal)
+                confirmed += done.written
+                assert done.complete, done.refused
+                assert not at.exists()
+                if cut:
+                    cut.mend()
+                CUTS["courses"] += 1
+                return confirmed
+        except (LinkError, ReplyError, KilledError):
+            assert cut is not None
+            assert cut.happened
+            CUTS[cut.way, "while writing" if journal.written else "before"] += 1
+            cut.mend()
+            confirmed += journal.written - before
+    raise AssertionError
+
+
+@pytest.mark.parametrize("seed", range(SEEDS), ids=lambda seed: f"{CASES[seed % len(CASES)]}-{seed}")
+def test_the_same_bytes(seed, tmp_path):
+    case, random, path = CASES[seed % len(CASES)], Random(seed), tmp_path / "drive.toml"
+    virtual = case.new()
+    assert case.change(virtual, random), "a drive as new tests nothing"
+    held = case.held(virtual)
+    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+        first = back_up(case.drive(bus))
+    write_set(path, first)
+    # Factory settings, and not all of them: somebody has begun to set it up again.
+    line = VirtualLine([case.new()])
+    case.change(line.drives[0], random, share=0.1)
+    confirmed = restored(case, line, path, random)
+    with drivecomm.open_bus(line.port) as bus:
+        second = back_up(case.drive(bus))
+    assert case.held(line.drives[0]) == held
+    assert entries_text(second) == entries_text(first) == entries_text(read_set(path))
+    assert text_of(replace(second, time=None)) == text_of(replace(first, time=None))
+    assert compare(first, second).same
+    assert len(confirmed) == len(set(confirmed)), "nothing is written twice"
+
+
+def test_lines_were_cut_in_all_ways_and_at_all_times():
+    if CUTS["courses"] < SEEDS:
+        pytest.skip("only some courses were played")
+    assert CUTS.total() - CUTS["courses"] >= SEEDS / 4
+    for way in Cut.WAYS:
+        assert CUTS[way, "while writing"] >= SEEDS // 50
+        assert CUTS[way, "before"] >= SEEDS // 50

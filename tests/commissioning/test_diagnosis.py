@@ -1,0 +1,288 @@
+"""What a diagnosis measures and finds, on virtual lines whose trouble is known."""
+
+import math
+
+import pytest
+
+from drivecomm.commissioning.doctor import arrival_grid_s, examine, harmless_bytes, judge
+from drivecomm.errors import LinkDownError, UnknownProtocolError
+from drivecomm.plant import Fault, FaultPlan
+from drivecomm.protocol import Framed, Framer, installed
+from drivecomm.transport import PortReport, UsbIdentity
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+SERIAL = PortReport(
+    url="/dev/ttyUSB0",
+    kind="serial port",
+    driver="ftdi_sio",
+    usb=UsbIdentity(vendor=0x0403, product=0x6001, name="FT232R"),
+    stable_name="/dev/serial/by-id/usb-FTDI",
+    low_latency="on",
+    latency_timer_ms=1,
+)
+
+
+def diagnose(line, report=SERIAL, *, port=None, **options):
+    options = {"only": ["vabus"], "addresses": [1, 2], **options}
+    examination = examine(port or line.port(), **options)
+    return examination, judge(examination, report)
+
+
+def problems(findings):
+    return [(one.about, one.text) for one in findings if one.weight == "problem"]
+
+
+def only(findings, about):
+    (found,) = [one for one in findings if one.about == about and one.weight == "problem"]
+    assert found.remedy
+    return found
+
+
+class OnTicks:
+    """The port of a virtual line behind an adapter that hands bytes over at the ticks of its latency timer."""
+
+    paced, real_time, descriptor = True, False, None
+
+    def __init__(self, line, tick_s):
+        self._port = line.port()
+        self._tick_s = tick_s
+        self._held = b""
+        for name in ("now", "wall_time", "configure", "write", "wait", "hold_back", "close"):
+            setattr(self, name, getattr(self._port, name))
+
+    def take(self):
+        return self.read(self.now(), 1)
+
+    def read(self, until, at_least):
+        while len(self._held) < at_least:
+            tick = (math.floor(self.now() / self._tick_s + 1e-6) + 1) * self._tick_s
+            if tick > until:
+                self.wait(until)
+                break
+            self.wait(tick)
+            self._held += self._port.take()
+        data, self._held = self._held, b""
+        return data
+
+
+def test_a_line_without_trouble():
+    line = VirtualLine([virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 2), virtual_drive("fuji", 2)])
+    examination, findings = diagnose(line, only=None)
+    assert problems(findings) == []
+    assert [one.name for one in examination.found] == ["danfoss-fc:2", "fuji:2", "vabus:1"]
+    assert {str(one.settings) for one in examination.noise} == {"9600 8E1", "9600 8N1", "19200 7E1"}
+    for one in examination.replies:
+        assert len(one.times_s) == one.asked
+        assert all(delay > 0 for delay in one.delays_s)
+    text = " ".join(one.text for one in findings)
+    for part in ("ftdi_sio", "0403:6001", "by-id", "the line is quiet", "hands nothing back", "vabus:1 is done"):
+        assert part in text
+
+
+@pytest.mark.parametrize("said", ["off", "expect", "auto"])
+def test_echo(said):
+    line = VirtualLine([virtual_drive("vabus", 1)], echo=True)
+    examination, findings = diagnose(line, echo=said)
+    assert [trial.kind for trial in examination.echo] == ["whole"] * 3
+    assert [one.name for one in examination.found] == ["vabus:1"], "what was seen counts, not what was said"
+    assert len(examination.replies[0].times_s) == 24
+    if said == "off":
+        assert "--echo expect" in only(findings, "echo").remedy
+    assert (problems(findings) == []) == (said != "off")
+
+
+def test_an_echo_that_is_said_and_not_there():
+    _, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)]), echo="expect")
+    (found,) = [one for one in findings if one.about == "echo"]
+    assert (found.weight, found.remedy) == ("note", "leave --echo out")
+
+
+def test_a_disturbed_echo():
+    class Disturbed(VirtualLine):
+        def receive(self, until, at_least):
+            return bytes(byte ^ 1 for byte in super().receive(until, at_least))
+
+    examination, findings = diagnose(Disturbed(echo=True))
+    assert {trial.kind for trial in examination.echo} == {"changed"}
+    assert "two transmitters" in only(findings, "echo").remedy
+
+
+def test_an_echo_that_is_not_always_whole():
+    class Fickle(VirtualLine):
+        sent = 0
+
+        def transmit(self, data):
+            self.sent += 1
+            self.echo = self.sent != 2
+            super().transmit(data)
+
+    examination, findings = diagnose(Fickle(), echo="auto")
+    assert [trial.kind for trial in examination.echo] == ["whole", "none", "whole"]
+    assert "not always whole (2 of 3 times)" in " ".join(one.text for one in findings)
+
+
+def test_noise_and_what_it_may_be():
+    class Noisy(VirtualLine):
+        noise = b""
+
+        def receive(self, until, at_least):
+            if until - self.time > 0.9:
+                self.inject(self.noise)
+            return super().receive(until, at_least)
+
+    line = Noisy([virtual_drive("vabus", 1)])
+    line.noise = b"\xfe\x13\x77" * 7
+    assert "0 V" in only(diagnose(line, probes=2)[1], "noise").remedy
+    line.noise = bytes(8)
+    assert "swapped" in only(diagnose(line, probes=2)[1], "noise").remedy
+    line.noise = bytes.fromhex("04 41 30 30 34 38 31 05")
+    examination, findings = diagnose(line, probes=2, only=["vabus"])
+    assert examination.noise[0].telegrams["vabus"] >= 1
+    assert "other master" in only(findings, "noise").remedy
+
+
+def test_nobody_there():
+    examination, findings = diagnose(VirtualLine())
+    assert (examination.found, examination.replies, examination.elsewhere) == ([], [], [])
+    assert "nobody answers at 2 addresses (vabus at 19200 7E1)" in only(findings, "drives").text
+
+
+@pytest.mark.parametrize("rate", [9600, 38400])
+def test_a_drive_at_another_baud_rate(rate):
+    line = VirtualLine([virtual_drive("vabus", 1, baudrate=rate)])
+    examination, findings = diagnose(line)
+    assert [(found.name, settings.baudrate) for found, settings in examination.elsewhere] == [("vabus:1", rate)]
+    assert any(f"--baudrate {rate}" in one.remedy for one in findings)
+    told, _ = diagnose(line, baudrate=rate)
+    assert [one.name for one in told.found] == ["vabus:1"]
+    unsought, _ = diagnose(line, search=False)
+    assert unsought.elsewhere == []
+
+
+def test_a_drive_that_answers_only_sometimes():
+    faults = FaultPlan(rate=0.3, seed=2, kinds=[Fault.DROP], requests=False)
+    examination, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)], faults=faults))
+    answered = len(examination.replies[0].times_s)
+    assert 5 < answered < 24
+    assert f"answered {answered} of 24 times" in only(findings, "time").text
+
+
+def test_a_drive_that_is_always_damaged():
+    faults = FaultPlan(rate=1, seed=1, kinds=[Fault.CORRUPT], requests=False, bits=1)
+    line = VirtualLine([virtual_drive("danfoss-fc", 1)], faults=faults)
+    examination, findings = diagnose(line, only=["danfoss-fc"], addresses=[1])
+    assert [(one.name, one.sound) for one in examination.found] == [("danfoss-fc:1", False)]
+    assert examination.replies == []
+    assert "answers, but damaged" in only(findings, "drives").text
+
+
+def test_an_adapter_with_a_latency_timer():
+    line = VirtualLine([virtual_drive("vabus", 1)])
+    examination, findings = diagnose(line, port=OnTicks(line, 0.016))
+    assert arrival_grid_s(examination.replies[0].arrivals_s) == 0.016
+    assert "steps of 16 ms" in only(findings, "time").text
+    quick = VirtualLine([virtual_drive("vabus", 1)])
+    assert problems(diagnose(quick, port=OnTicks(quick, 0.001))[1]) == []
+
+
+def test_a_slow_drive_is_no_latency_timer():
+    """A drive that takes exactly 16 ms keeps its time when it is asked at uneven ones."""
+    arrivals, now = [], 0.0
+    for number in range(24):
+        now += 0.016 + (0.0, 0.005, 0.011, 0.003, 0.007, 0.013, 0.002, 0.009)[number % 8]
+        arrivals.append(now)
+    assert arrival_grid_s(arrivals) is None
+    assert arrival_grid_s(arrivals[:3]) is None
+
+
+def test_a_reply_time_close_to_the_limit():
+    line = VirtualLine([virtual_drive("vabus", 1)])
+    limit = examine(line.port(), only=["vabus"], addresses=[1]).replies[0]
+    close = max(limit.delays_s) * 1.2
+    _, findings = diagnose(line, addresses=[1], reply_timeout_s=close)
+    assert any(one.weight == "note" and "--timeout" in one.remedy for one in findings)
+
+
+@pytest.mark.parametrize(
+    ("report", "part"),
+    [
+        (None, "nothing is known"),
+        (PortReport(url="line", kind="pseudo-terminal", stable_name="line"), "cannot be known from here"),
+        (
+            PortReport(url="socket://h:1", kind="raw TCP", stable_name="socket://h:1"),
+            "settings are those of the server",
+        ),
+        (PortReport(url="rfc2217://h:1", kind="RFC 2217", stable_name="rfc2217://h:1"), "an RFC 2217 connection"),
+    ],
+)
+def test_what_cannot_be_known_is_said(report, part):
+    _, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)]), report)
+    assert problems(findings) == []
+    assert any(part in one.text for one in findings if one.about == "port")
+
+
+def test_a_slow_adapter_by_its_own_account():
+    slow = PortReport(
+        url="/dev/ttyUSB0",
+        kind="serial port",
+        usb=SERIAL.usb,
+        stable_name="/dev/ttyUSB0",
+        low_latency="off",
+        latency_timer_ms=16,
+        notes=("the adapter holds received bytes back for up to 16 ms; low-latency mode is not on", "something else"),
+    )
+    _, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)]), slow)
+    assert "up to 16 ms" in only(findings, "port").text
+    assert any(one.text == "something else" for one in findings)
+
+
+def test_an_adapter_that_does_not_tell_its_latency():
+    dumb = PortReport(url="COM3", kind="serial port", usb=SERIAL.usb, stable_name="COM3")
+    _, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)]), dumb)
+    assert any("does not show; see the reply times" in one.text for one in findings)
+
+
+def test_an_address_that_one_of_the_protocols_does_not_have():
+    examination, _ = diagnose(VirtualLine(), only=["vabus", "danfoss-fc"], addresses=[31], listen_s=0.1)
+    assert examination.addresses == 1
+    assert examination.elsewhere == []
+
+
+def test_a_protocol_that_finds_telegrams_everywhere(monkeypatch):
+    monkeypatch.setattr("drivecomm.commissioning.doctor.diagnosis._finds", lambda *_: [Framed(b"?", None)])
+    assert harmless_bytes() == b""
+    examination, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)]), probes=1)
+    assert (examination.echo, [one for one in findings if one.about == "echo"]) == ([], [])
+
+
+def test_a_line_that_goes_down_is_an_error():
+    line = VirtualLine([virtual_drive("vabus", 1)])
+    port = line.port()
+    with pytest.raises(LinkDownError):
+        examine(port, only=["vabus"], progress=lambda *_: setattr(line, "broken", True))
+
+
+def test_an_unknown_protocol():
+    with pytest.raises(UnknownProtocolError):
+        examine(VirtualLine().port(), only=["modbus"])
+
+
+@pytest.mark.parametrize("way", ["request", "reply"])
+def test_what_is_sent_for_an_echo_is_no_telegram(way):
+    for plugin in installed.working():
+        framer = Framer(plugin.codec(plugin.options()), way)
+        finds = [*framer.feed(harmless_bytes()), *framer.flush()]
+        assert not any(isinstance(find, Framed) for find in finds)
+    assert all(byte < 0x80 for byte in harmless_bytes()), "seven data bits carry it too"
+
+
+def test_no_drive_acts_on_what_is_sent():
+    drives = [virtual_drive(name, 1) for name in installed]
+    line = VirtualLine(drives)
+    port = line.port()
+    for drive in drives:
+        port.configure(drive.settings)
+        port.write(harmless_bytes())
+        assert port.read(port.now() + 2, 1) == b""
+    examine(port, addresses=[1], listen_s=0.1)
+    assert not any(drive.motor.running for drive in drives)

@@ -1,0 +1,86 @@
+"""The journal of a restore: begun with the first write, gone at the end, and good after a power failure."""
+
+import pytest
+
+from drivecomm.commissioning.parameter_sets import Entry, ParameterSet, found_journal, journal_path, new_journal
+from drivecomm.errors import FileFormatError, UsageError
+
+
+def a_set(value=1):
+    entries = {"481": Entry(address="481", value=value)}
+    return ParameterSet(protocol="vabus", drive="vabus:1", model="agile", entries=entries)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return journal_path(tmp_path / "pump.toml", "vabus:1")
+
+
+def test_it_stands_beside_the_set(path):
+    assert path.name == "pump.toml.vabus-1.journal"
+
+
+def test_it_begins_with_the_first_write_and_goes_with_the_last(path):
+    journal = new_journal(path, a_set(), "vabus:1")
+    assert not path.exists()
+    journal.wrote("481")
+    assert journal.written == {"481"}
+    with pytest.raises(UsageError, match="was cut off; go on with it"):
+        new_journal(path, a_set(), "vabus:1")
+    journal.over()
+    assert not path.exists()
+    journal.over()
+
+
+def test_it_goes_on(path):
+    assert found_journal(path, a_set(), "vabus:1").written == frozenset()
+    new_journal(path, a_set(), "vabus:1").wrote("480")
+    again = found_journal(path, a_set(), "vabus:1")
+    assert again.written == {"480"}
+    again.wrote("481")
+    assert found_journal(path, a_set(), "vabus:1").written == {"480", "481"}
+    assert path.read_text().count("restores") == 1
+
+
+def test_a_line_that_was_cut_counts_as_not_written(path):
+    journal = new_journal(path, a_set(), "vabus:1")
+    journal.wrote("480")
+    journal.wrote("481")
+    whole = path.read_bytes()
+    for length in range(whole.index(b"\n") + 1, len(whole)):
+        path.write_bytes(whole[:length])
+        found = found_journal(path, a_set(), "vabus:1")
+        assert found.written == ({"480"} if whole[:length].count(b"\n") > 1 else frozenset())
+        found.wrote("482")
+        assert found_journal(path, a_set(), "vabus:1").written == found.written
+
+
+def test_a_head_that_was_cut_is_a_journal_that_was_not_begun(path):
+    new_journal(path, a_set(), "vabus:1").wrote("480")
+    head = path.read_bytes().split(b"\n")[0]
+    for length in range(len(head)):
+        path.write_bytes(head[:length])
+        found = found_journal(path, a_set(), "vabus:1")
+        assert found.written == frozenset()
+        found.wrote("480")
+        assert found_journal(path, a_set(), "vabus:1").written == {"480"}
+
+
+@pytest.mark.parametrize(("known", "drive"), [(a_set(2), "vabus:1"), (a_set(), "vabus:2")])
+def test_that_of_another_restore(path, known, drive):
+    new_journal(path, a_set(), "vabus:1").wrote("481")
+    with pytest.raises(FileFormatError, match="of another parameter set or drive, or the set was changed since"):
+        found_journal(path, known, drive)
+
+
+@pytest.mark.parametrize("text", ["what is this\n", "[]\n", '{"restores": 1}\n', "\udcff\n", "[" * 100_000 + "\n"])
+def test_a_file_that_is_none(path, text):
+    path.write_bytes(text.encode("utf-8", "surrogateescape"))
+    with pytest.raises(FileFormatError, match="journal"):
+        found_journal(path, a_set(), "vabus:1")
+
+
+def test_a_place_where_it_cannot_be_written(tmp_path):
+    journal = new_journal(tmp_path / "nowhere" / "x.journal", a_set(), "vabus:1")
+    with pytest.raises(UsageError, match="the journal cannot be written"):
+        journal.wrote("481")

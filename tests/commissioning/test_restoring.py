@@ -1,0 +1,423 @@
+"""Restoring: the order, what a drive refuses at first, what it changes by itself, and what is never written."""
+
+from decimal import Decimal
+from random import Random
+from types import SimpleNamespace
+
+import pytest
+from set_drives import cases
+
+import drivecomm
+from drivecomm.commissioning.parameter_sets import Entry, ParameterSet, Wishes, back_up, carry_out_plan, plan_restore
+from drivecomm.errors import NoReplyError, ReadOnlyError, RefusedError, StateError, UsageError, ValueRefusedError
+from drivecomm.protocol import Model, ParameterInfo, Reading
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+INFOS = [
+    ("101", "profile", "", {}),
+    ("102", "minimum_frequency", "Hz", {}),
+    ("103", "maximum_frequency", "Hz", {}),
+    ("104", "fixed_frequency", "Hz", {}),
+    ("105", "rated_power", "kW", {}),
+    ("106", "baud_rate", "", {"kind": "communication"}),
+    ("107", "reset", "", {"kind": "command"}),
+    ("108", "output_current", "A", {"access": "r"}),
+    ("109", "bus_reference", "%", {"storage": "volatile"}),
+    ("110", "password", "", {"access": "w"}),
+    ("100", "data_lock", "", {}),
+]
+MODEL = Model(
+    protocol="vabus",
+    name="own",
+    title="",
+    source="",
+    parameters={
+        address: ParameterInfo(address=address, name=name, title=name, type="int", unit=unit, **extra)
+        for address, name, unit, extra in INFOS
+    },
+    faults={},
+    options={},
+    quantities={"minimum_frequency": "102", "maximum_frequency": "103", "motor_rated_power": "105"},
+)
+
+
+class Drive:
+    """A drive whose maximum is never below its minimum, and whose frequencies stay between them."""
+
+    name = "vabus:1"
+    model = MODEL
+    capabilities = SimpleNamespace(stored_writes=True, volatile_writes=False)
+
+    def __init__(self, **held):
+        self.held = {
+            "100": 0,
+            "101": 0,
+            "102": 0,
+            "103": 50,
+            "104": 10,
+            "105": 4,
+            "106": 4,
+            "107": 0,
+            "108": 1,
+            "109": 0,
+        }
+        self.held |= {address.strip("_"): value for address, value in held.items()}
+        self.writes = []
+        self.identity = {"serial number": "1"}
+        self.running = False
+        self.effects = {}
+
+    def read(self, parameter):
+        address = MODEL.quantities.get(parameter, parameter)
+        info = MODEL.parameters[address]
+        return Reading(
+            parameter=address, name=info.name, value=self.held[address], raw=self.held[address], unit=info.unit
+        )
+
+    def write(self, parameter, value, *, store):
+        assert store
+        self.writes.append(parameter)
+        address = MODEL.quantities.get(parameter, parameter)
+        after = {**self.held, address: value}
+        if self.held["100"] and address != "100":
+            raise RefusedError(address, 4, "locked")
+        if not after["102"] <= after["104"] <= after["103"]:
+            raise RefusedError(address, 1, "value not permitted")
+        self.held = after
+        self.effects.get(address, lambda _: None)(value)
+
+    def check_write(self, _parameter, value, *, store):
+        assert store
+        if not isinstance(value, int | Decimal) or value > 1000:
+            raise ValueRefusedError(f"{value} is outside 0 to 1000")
+
+    def status(self):
+        return SimpleNamespace(running=self.running)
+
+    def identify(self):
+        return self.identity
+
+
+def a_set(**values):
+    saved = back_up(Drive())
+    entries = dict(saved.entries)
+    for key, value in values.items():
+        address = key.strip("_")
+        entries[address] = Entry(address=address, value=value, name=entries[address].name, unit=entries[address].unit)
+    return ParameterSet(
+        protocol="vabus", drive="vabus:1", model="own", entries=entries, identity={"serial number": "1"}
+    )
+
+
+def restore(drive, known, **wishes):
+    return carry_out_plan(drive, plan_restore(drive, known, Wishes(**wishes)))
+
+
+def test_a_backup_holds_what_can_be_restored():
+    saved = back_up(Drive())
+    assert list(saved.entries) == ["100", "101", "102", "103", "104", "105", "106"]
+    assert saved.not_read == {"110": "it can only be written"}
+    assert {entry.common for entry in saved.entries.values()} == {
+        "", "minimum_frequency", "maximum_frequency", "motor_rated_power",
+    }  # fmt: skip
+    assert list(back_up(Drive(), ["measured"]).entries) == ["108", "109"]
+
+
+def test_what_others_depend_on_goes_first():
+    drive = Drive()
+    restore(drive, a_set(_101=1, _102=5, _103=60, _104=55, _105=7))
+    assert drive.writes == ["101", "105", "102", "103", "104"]
+
+
+def test_a_lock_is_closed_last_and_opened_all_the_same():
+    drive = Drive()
+    assert restore(drive, a_set(_100=1, _101=1, _104=20)).complete
+    assert drive.writes == ["101", "104", "100"]
+    assert restore(drive, a_set(_100=0, _101=2, _104=30)).complete
+    assert (drive.held["100"], drive.held["101"], drive.held["104"]) == (0, 2, 30)
+
+
+def test_limits_that_stand_in_each_others_way():
+    drive = Drive()
+    done = restore(drive, a_set(_102=60, _103=100, _104=80))
+    assert done.complete
+    assert (drive.held["102"], drive.held["103"], drive.held["104"]) == (60, 100, 80)
+    down = restore(drive, a_set(_102=0, _103=20, _104=10))
+    assert down.complete
+    assert (drive.held["102"], drive.held["103"], drive.held["104"]) == (0, 20, 10)
+
+
+def test_what_a_later_write_changes_is_written_again():
+    drive = Drive()
+    drive.effects["104"] = lambda _: drive.held.update({"101": 0})
+    done = restore(drive, a_set(_101=1, _104=20))
+    assert done.complete
+    assert drive.writes == ["101", "104", "101"]
+    assert done.written == ("101", "104")
+
+
+def test_what_never_holds_is_said_and_not_written_for_ever():
+    drive = Drive()
+    drive.effects["101"] = lambda _: drive.held.update({"101": 0})
+    done = restore(drive, a_set(_101=1, _104=20))
+    assert not done.complete
+    assert done.refused == {"101": "1 was written, and it is 0"}
+    assert drive.writes.count("101") == 2, "once more, since another one was written in between"
+
+
+def test_two_that_change_each_other_come_to_an_end():
+    drive = Drive()
+    drive.effects["101"] = lambda _: drive.held.update({"105": 0})
+    drive.effects["105"] = lambda _: drive.held.update({"101": 0})
+    done = restore(drive, a_set(_101=1, _105=7))
+    assert not done.complete
+    assert len(drive.writes) < 20
+
+
+def test_what_is_refused_for_good_has_the_drives_reason():
+    drive = Drive()
+    done = restore(drive, a_set(_104=99))
+    assert list(done.refused) == ["104"]
+    assert "value not permitted" in done.refused["104"]
+    assert drive.held["104"] == 10
+
+
+def test_equal_values_are_not_written():
+    drive = Drive()
+    assert restore(drive, a_set()).complete
+    assert drive.writes == []
+
+
+def test_what_is_left_alone_and_why():
+    known = a_set(_106=1)
+    extra = {"999": Entry(address="999", value=1), "104": Entry(address="104", value=1, name="another", unit="Hz")}
+    extra |= {"107": Entry(address="107", value=1), "108": Entry(address="108", value=1, unit="A")}
+    extra |= {"109": Entry(address="109", value=1, unit="%"), "103": Entry(address="103", value=20)}
+    known = ParameterSet(protocol="vabus", drive="vabus:1", model="own", entries={**known.entries, **extra})
+    drive = Drive()
+    plan = plan_restore(drive, known)
+    assert {item.address: item.reason.partition(" (")[0] for item in plan.to("skip")} == {
+        "103": "unit: a number without unit cannot be given in Hz",
+        "104": "it is another in the set and fixed_frequency on this drive",
+        "106": "communication settings are only written when that is said",
+        "107": "writing it is a command",
+        "108": "it can only be read",
+        "109": "it is gone without power",
+        "999": "model own has no such parameter",
+    }
+    carry_out_plan(drive, plan)
+    assert drive.writes == []
+
+
+def test_communication_goes_last_and_only_when_told():
+    drive = Drive()
+    assert restore(drive, a_set(_106=1, _104=20)).written == ("104",)
+    assert restore(drive, a_set(_106=2, _104=21), communication=True).written == ("104", "106")
+
+
+def test_a_drive_that_speaks_otherwise_from_then_on():
+    drive = Drive()
+
+    def gone(*_):
+        drive.read = gone
+        raise NoReplyError("vabus:1 did not answer")
+
+    drive.effects["106"] = gone
+    done = restore(drive, a_set(_106=1, _104=20), communication=True)
+    assert (done.written, done.unconfirmed, done.complete) == (("104",), ("106",), False)
+
+
+def test_a_write_that_nobody_confirms_is_seen_by_reading():
+    drive = Drive()
+
+    def silent(_):
+        drive.effects.clear()
+        raise NoReplyError("vabus:1 did not answer")
+
+    drive.effects["104"] = silent
+    assert restore(drive, a_set(_104=20)).written == ("104",)
+    assert drive.writes == ["104"], "it had arrived"
+
+
+def test_a_write_that_did_not_arrive_is_sent_once_more():
+    drive = Drive()
+
+    def lost(_):
+        drive.effects.clear()
+        drive.held["104"] = 10
+        raise NoReplyError("vabus:1 did not answer")
+
+    drive.effects["104"] = lost
+    assert restore(drive, a_set(_104=20)).written == ("104",)
+    assert drive.writes == ["104", "104"]
+
+
+def test_a_value_that_does_not_fit_keeps_everything_from_being_written():
+    drive = Drive()
+    with pytest.raises(
+        ValueRefusedError, match="103 maximum_frequency: 5000 is outside 0 to 1000; nothing was written"
+    ):
+        restore(drive, a_set(_101=1, _103=5000))
+    assert drive.writes == []
+
+
+def test_a_value_that_the_drive_holds_although_it_does_not_fit():
+    drive = Drive(_103=5000)
+    assert restore(drive, a_set(_103=5000, _101=1)).written == ("101",)
+
+
+def test_a_running_motor():
+    drive = Drive()
+    drive.running = True
+    with pytest.raises(StateError, match="the motor runs"):
+        restore(drive, a_set(_101=1))
+    assert drive.writes == []
+
+
+def test_the_set_of_another_drive():
+    drive = Drive()
+    drive.identity = {"serial number": "2", "software version": "9"}
+    with pytest.raises(UsageError, match="its serial number is '1', and '2' on this drive; nothing was written"):
+        restore(drive, a_set(_101=1))
+    assert drive.writes == []
+    assert restore(drive, a_set(_101=1), another_drive=True).written == ("101",)
+
+
+def test_other_software_is_the_same_drive():
+    drive = Drive()
+    drive.identity = {"serial number": "1", "software version": "9"}
+    known = a_set(_101=1)
+    assert restore(drive, known).complete
+
+
+def test_the_set_of_another_maker():
+    entries = [
+        Entry(address="F03", value=60_000, unit="mHz", name="maximum", common="maximum_frequency"),
+        Entry(address="F15", value=30, unit="Hz", name="minimum", common="minimum_frequency"),
+        Entry(address="P02", value=5500, unit="W", name="power", common="motor_rated_power"),
+        Entry(address="y01", value=7, name="station", common="bus_address", part="communication"),
+        Entry(address="E01", value=7, name="terminal"),
+    ]
+    known = ParameterSet(
+        protocol="fuji", drive="fuji:3", model="frenic", entries={entry.address: entry for entry in entries}
+    )
+    drive = Drive(_104=40)
+    with pytest.raises(UsageError, match="it is of a fuji drive, and vabus:1 is none"):
+        restore(drive, known)
+    done = restore(drive, known, another_drive=True)
+    assert done.complete
+    assert (drive.held["102"], drive.held["105"]) == (30, Decimal("5.5"))
+    assert drive.held["103"] == 50, "nobody knows what a mHz is here"
+    assert {item.address: item.reason for item in done.plan.to("skip")} == {
+        "maximum_frequency": "mHz cannot be given in Hz",
+        "bus_address": "model own does not map it",
+        "E01": "it has no common name",
+    }
+
+
+def test_volatile_where_every_write_is_kept():
+    with pytest.raises(UsageError, match="keeps every write over power-off"):
+        plan_restore(Drive(), a_set(), Wishes(volatile=True))
+
+
+def test_a_drive_without_a_model():
+    drive = Drive()
+    drive.model = None
+    with pytest.raises(UsageError, match="which parameters it has is said by its model"):
+        back_up(drive)
+
+
+@pytest.mark.parametrize("case", cases(), ids=repr)
+def test_a_backup_restores_its_own_drive_wholly(case):
+    """Also of an inverter whose rating nobody has named, so that the scale of its currents is not known."""
+    virtual = case.type.new() if case.plugin.name != "fuji" else virtual_drive("fuji", 1, model=case.model)
+    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+        drive = bus.drive(case.plugin.name, 1, model=case.model)
+        saved = back_up(drive)
+        before = case.held(virtual)
+        assert case.change(virtual, Random(3))
+        plan = plan_restore(drive, saved)
+        assert plan.missed == []
+        assert carry_out_plan(drive, plan).complete
+    writable = {address for address, info in case.settings if "w" in info.access}
+    assert {address: raw for address, raw in case.held(virtual).items() if address in writable} == {
+        address: raw for address, raw in before.items() if address in writable
+    }
+
+
+def inverter(bus, address=1, **options):
+    return bus.drive("fuji", address, model="frenic", **options)
+
+
+class TestAValueWhoseScaleNobodyKnows:
+    @pytest.fixture
+    def virtual(self):
+        return virtual_drive("fuji", 1, model="frenic")
+
+    @pytest.fixture
+    def bus(self, virtual):
+        with drivecomm.open_bus(VirtualLine([virtual, virtual_drive("fuji", 2, model="frenic")]).port) as bus:
+            yield bus
+
+    def test_goes_back_to_its_own_drive_as_the_number_that_it_told(self, bus, virtual):
+        virtual.poke("F11", 912)
+        saved = back_up(inverter(bus))
+        assert (saved.entries["F11"].value, saved.entries["F11"].unit) == (912, "")
+        virtual.poke("F11", 1)
+        done = carry_out_plan(inverter(bus), plan_restore(inverter(bus), saved))
+        assert (done.written, done.complete, virtual.peek("F11", 0.0)) == (("F11",), True, 912)
+
+    def test_also_when_its_scale_has_become_known_since(self, bus, virtual):
+        virtual.poke("F11", 912)
+        saved = back_up(inverter(bus))
+        virtual.poke("F11", 1)
+        known = inverter(bus, rating_hp=50)
+        assert carry_out_plan(known, plan_restore(known, saved)).written == ("F11",)
+        assert virtual.peek("F11", 0.0) == 912
+
+    def test_is_not_given_to_another_drive_and_that_is_no_whole_restore(self, bus):
+        saved = back_up(inverter(bus))
+        other = inverter(bus, 2)
+        plan = plan_restore(other, saved, Wishes(another_drive=True))
+        assert [item.address for item in plan.missed] == ["F11"]
+        assert not carry_out_plan(other, plan).complete
+
+
+def test_what_cannot_be_written_and_holds_already_is_not_missed():
+    virtual = virtual_drive("danfoss-fc", 1, model="fc101")
+    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+        drive = bus.drive("danfoss-fc", 1, model="fc101")
+        saved = back_up(drive)
+        assert plan_restore(drive, saved).missed == []
+        virtual.poke("0-37", "OTHER")
+        (missed,) = plan_restore(drive, saved).missed
+        assert (missed.address, missed.current) == ("0-37", "OTHER")
+        assert "reading texts only" in missed.reason
+
+
+def test_communication_that_was_not_asked_for_is_left_alone_as_it_should_be():
+    drive = Drive()
+    plan = plan_restore(drive, a_set(_106=1))
+    assert [item.address for item in plan.to("skip")] == ["106"]
+    assert plan.missed == []
+    assert [item.address for item in plan_restore(drive, a_set(_106=1), Wishes(only=frozenset({"106"}))).missed] == [
+        "106"
+    ], "it was asked for by its name"
+
+
+def test_a_drive_that_is_read_only_is_refused_as_a_whole():
+    with drivecomm.open_bus(VirtualLine([virtual_drive("vabus", 1)]).port) as bus:
+        saved = back_up(bus.drive("vabus", 1, model="agile"))
+        shut = bus.drive("vabus", 1, model="agile", read_only="it is not armed")
+        with pytest.raises(ReadOnlyError, match="it is not armed; nothing was written"):
+            plan_restore(shut, saved)
+
+
+def test_a_watchdog_is_set_when_all_else_is():
+    virtual = virtual_drive("danfoss-fc", 1, model="fc300")
+    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+        drive = bus.drive("danfoss-fc", 1, model="fc300")
+        saved = back_up(drive)
+        for address, raw in {"8-03": 40, "8-04": 5, "3-41": 900, "14-21": 3, "4-14": 300}.items():
+            virtual.poke(address, raw)
+        assert carry_out_plan(drive, plan_restore(drive, saved)).written[-2:] == ("8-03", "8-04")

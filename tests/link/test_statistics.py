@@ -1,0 +1,96 @@
+"""Counters and reply times: what they are called, and what is made of them."""
+
+import re
+from itertools import pairwise
+from pathlib import Path
+from random import Random
+from typing import get_args
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import Category
+from drivecomm.link import COUNTERS, REPLY_TIME_BOUNDS_MS, ReplyTimes, Statistics, link, total
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+
+def times(*milliseconds):
+    made = ReplyTimes()
+    for each in milliseconds:
+        made.add(each / 1000)
+    return made
+
+
+def test_no_reply_has_no_times():
+    assert (ReplyTimes().percentile_s(50), ReplyTimes().mean_s) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("percent", [0, 50, 99, 100])
+def test_one_reply_is_every_percentile(percent):
+    assert times(12.0).percentile_s(percent) == pytest.approx(0.012)
+
+
+def test_percentiles_are_as_exact_as_their_class():
+    random = Random(3)
+    for _ in range(50):
+        given = sorted(random.expovariate(1 / 30) for _ in range(random.randint(1, 300)))
+        histogram = times(*given)
+        previous = 0.0
+        for percent in range(101):
+            found = histogram.percentile_s(percent) * 1000
+            exact = given[max(0, -(-len(given) * percent // 100) - 1)]
+            bounds = [0, *REPLY_TIME_BOUNDS_MS, max(given[-1], 1000) + 1]
+            lower, upper = next((low, high) for low, high in pairwise(bounds) if low < exact <= high)
+            assert lower - 1e-9 <= found <= upper + 1e-9
+            assert given[0] - 1e-9 <= found <= given[-1] + 1e-9
+            assert found >= previous - 1e-9
+            previous = found
+
+
+def test_a_bound_belongs_to_the_class_below_it():
+    histogram = times(1.0, 1.001, 2.0)
+    assert histogram.classes[:3] == [1, 2, 0]
+
+
+def test_within_a_class_replies_are_taken_to_be_spaced_evenly():
+    assert times(11, 12, 13, 14).percentile_s(50) == pytest.approx(0.0125)
+
+
+def test_the_longest_and_the_shortest_may_come_in_any_order():
+    histogram = times(5.0, 9.0, 2.0)
+    assert (histogram.shortest_s, histogram.longest_s) == (0.002, 0.009)
+
+
+def test_what_takes_longer_than_all_classes():
+    assert times(5.0, 2500.0).percentile_s(100) == pytest.approx(2.5)
+
+
+def test_total_of_a_bus():
+    line = VirtualLine([virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 3)])
+    with drivecomm.open_bus(line.port) as bus:
+        for _ in range(3):
+            bus.drive("vabus", 1).read("481")
+        bus.drive("danfoss-fc", 3).read("16-30")
+        with pytest.raises(drivecomm.NoReplyError):
+            bus.drive("fuji", 9, attempts=1).read("M21")
+        each = bus.statistics
+        both = total(each.values())
+    assert both.counters == {"requests": 5, "replies": 4, "timeouts": 1}
+    assert both.reply_times.count == 4
+    assert both.reply_times.shortest_s == min(one.reply_times.shortest_s for one in each.values())
+    assert both.reply_times.longest_s == max(one.reply_times.longest_s for one in each.values())
+    assert both.reply_times.total_s == pytest.approx(sum(one.reply_times.total_s for one in each.values()))
+    assert each["vabus:1"].counters == {"requests": 3, "replies": 3}, "the drives' own are left as they are"
+    assert total([]) == Statistics()
+
+
+def test_every_counter_that_the_link_has_is_explained():
+    """In the link they stand as a name, as one of two names, or made of an error's category."""
+    source = Path(link.__file__).read_text(encoding="utf-8")
+    used = set()
+    for inside in re.findall(r"\bcount\[([^\]]*)\]", source):
+        if inside.startswith('f"{'):
+            used |= {f"{kind} errors" for kind in get_args(Category)}
+        else:
+            used |= set(re.findall(r'"([^"]+)"', re.sub(r'== "\w+"', "", inside)))
+    assert used == set(COUNTERS)

@@ -1,0 +1,196 @@
+"""Model files: what is read from them, and what is said about bad ones."""
+
+from dataclasses import replace
+from decimal import Decimal
+from pathlib import Path
+
+import pytest
+
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.models import CommonName, load_model, model_names, model_paths, packaged_models, parameter_at, read_model
+from drivecomm.protocol import Model, installed
+
+HEAD = 'format = 1\nprotocol = "vabus"\nname = "some"\n'
+PARAMETER = '[[parameter]]\naddress = "481"\nname = "fixed_frequency"\n'
+
+
+@pytest.fixture
+def read(tmp_path):
+    def from_text(text, name="some.toml"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return read_model(path, "vabus")
+
+    return from_text
+
+
+def test_a_model_with_everything(read):
+    model = read(
+        HEAD
+        + 'title = "Some"\nsource = "a page"\n[options]\nram_datasets = false\n[faults]\n5 = "overload"\n'
+        + PARAMETER
+        + 'title = "fixed frequency"\ntype = "long"\nunit = "Hz"\nfactor = "0.01"\naccess = "rw*"\n'
+        'values = { 1 = "one" }\nminimum = "0.5"\nmaximum = 10\nstart = "2.5"\nsource = "p. 1"\nsure = "derived"\n'
+        "datasets = 4\n"
+    )
+    assert (model.name, model.title, model.source) == ("some", "Some", "a page")
+    assert model.options == {"ram_datasets": False}
+    assert model.faults == {5: "overload"}
+    info = model.parameters["481"]
+    assert (info.type, info.unit, info.factor, info.access, info.sure) == (
+        "long",
+        "Hz",
+        Decimal("0.01"),
+        "rw*",
+        "derived",
+    )
+    assert (info.minimum, info.maximum, info.start) == (Decimal("0.5"), Decimal(10), Decimal("2.5"))
+    assert info.values == {1: "one"}
+    assert info.extra == {"datasets": 4}
+
+
+def test_a_model_with_nothing_much(read):
+    info = read(HEAD + PARAMETER).parameters["481"]
+    assert (info.title, info.type, info.factor, info.access, info.start) == ("fixed_frequency", "", 1, "rw", None)
+
+
+def test_text_starts_with_text(read):
+    assert read(HEAD + PARAMETER + 'type = "string"\nstart = "007"').parameters["481"].start == "007"
+
+
+def test_parameters_are_found_by_name_and_address(read):
+    model = read(HEAD + PARAMETER)
+    assert model.find("481") is model.find("fixed_frequency") is model.parameters["481"]
+    assert model.find("fixed") is None
+
+
+def test_a_model_extends_another(read, tmp_path):
+    (tmp_path / "base.toml").write_text(
+        HEAD.replace("some", "base")
+        + "[options]\nsys = 1\n[faults]\n1 = 'a'\n2 = 'b'\n"
+        + PARAMETER
+        + PARAMETER.replace("481", "482"),
+        encoding="utf-8",
+    )
+    model = read(
+        HEAD + 'extends = "base"\n[options]\nram_datasets = true\n[faults]\n2 = "c"\n' + PARAMETER + 'unit = "Hz"'
+    )
+    assert set(model.parameters) == {"481", "482"}
+    assert model.parameters["481"].unit == "Hz"
+    assert model.faults == {1: "a", 2: "c"}
+    assert model.options == {"sys": 1, "ram_datasets": True}
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("no toml", "cannot be read as a model"),
+        ('format = 2\nprotocol = "vabus"', "begins with format = 1"),
+        ('format = 1\nprotocol = "fuji"\nname = "x"', "is a model for 'fuji', not for 'vabus'"),
+        ("format = 1", "is a model for None"),
+        ('format = 1\nprotocol = "vabus"', "the key 'name' is missing"),
+        (HEAD + "[[parameter]]\nname = 'x'", "the key 'address' is missing"),
+        (HEAD + "[[parameter]]\naddress = 'x'", "the key 'name' is missing"),
+        (HEAD + PARAMETER + 'factor = "much"', "some.toml"),
+        (HEAD + PARAMETER + 'start = "much"', "some.toml"),
+        (HEAD + PARAMETER + "values = 3", "some.toml"),
+        (HEAD + PARAMETER + "values = { x = 'y' }", "some.toml"),
+        (HEAD + "[faults]\nx = 'y'", "some.toml"),
+        (HEAD + "faults = 3", "some.toml"),
+        (HEAD + "parameter = 3", "some.toml"),
+        (HEAD + "options = 3", "some.toml"),
+        (HEAD + 'extends = "some"', "extends itself"),
+        (HEAD + 'extends = "none"', "some.toml, line 4: extends: there is no model 'none' beside this one"),
+    ],
+)
+def test_what_is_wrong_is_named(read, text, what):
+    with pytest.raises(FileFormatError) as caught:
+        read(text)
+    assert what in str(caught.value)
+
+
+def test_models_that_extend_each_other(read, tmp_path):
+    (tmp_path / "other.toml").write_text(HEAD.replace("some", "other") + 'extends = "some"', encoding="utf-8")
+    with pytest.raises(FileFormatError):
+        read(HEAD + 'extends = "other"')
+
+
+@pytest.mark.parametrize("line", ['access = "x"', 'sure = "perhaps"', "unit = 3", "type = 7"])
+def test_words_that_a_model_cannot_hold(read, line):
+    with pytest.raises(FileFormatError):
+        read(HEAD + PARAMETER + line)
+
+
+def test_a_model_by_name_by_path_and_as_it_is(tmp_path):
+    model = load_model("drivecomm_vabus", "vabus", "act")
+    assert isinstance(model, Model)
+    assert load_model("drivecomm_vabus", "vabus", model) is model
+    path = tmp_path / "own.toml"
+    path.write_text(HEAD, encoding="utf-8")
+    assert load_model("drivecomm_vabus", "vabus", path).name == "some"
+    assert load_model("drivecomm_vabus", "vabus", str(path)).name == "some"
+
+
+def test_a_model_that_is_not_there():
+    with pytest.raises(UsageError, match=r"vabus has no model 'none'; it has .*act.*, or name a \.toml file"):
+        load_model("drivecomm_vabus", "vabus", "none")
+    with pytest.raises(FileFormatError, match="there is no such file"):
+        load_model("drivecomm_vabus", "vabus", Path("/nowhere/none.toml"))
+    with pytest.raises(UsageError, match="it has none"):
+        load_model("drivecomm.protocol.schema", "vabus", "none")
+
+
+def test_packages_without_models():
+    assert model_names("drivecomm.protocol.schema", "vabus") == []
+
+
+@pytest.mark.parametrize("plugin", list(installed.working()), ids=lambda plugin: plugin.name)
+def test_every_packaged_model_is_read(plugin):
+    names = model_names(plugin.package, plugin.name)
+    assert plugin.default_model in names
+    for name in names:
+        model = load_model(plugin.package, plugin.name, name)
+        assert model.protocol == plugin.name
+        by_name = [info.name for info in model.parameters.values()]
+        assert len(by_name) == len(set(by_name)), "a name means one parameter"
+        assert all(info.sure in ("printed", "derived", "field", "unconfirmed") for info in model.parameters.values())
+        assert all(info.access in ("r", "w", "rw", "rw*") for info in model.parameters.values())
+        assert all(info.source for info in model.parameters.values() if info.sure == "printed")
+
+
+def test_where_models_come_from(tmp_path, monkeypatch):
+    monkeypatch.setenv("DRIVECOMM_MODELS", str(tmp_path))
+    (tmp_path / "vabus").mkdir()
+    for name in ("act", "own"):
+        (tmp_path / "vabus" / f"{name}.toml").write_text(HEAD.replace("some", name), encoding="utf-8")
+    paths = model_paths("drivecomm_vabus", "vabus")
+    assert paths["act"] == tmp_path / "vabus" / "act.toml"
+    assert paths["own"] == tmp_path / "vabus" / "own.toml"
+    packaged = packaged_models("drivecomm_vabus")
+    assert paths["agile"] in packaged
+    assert paths["act"] not in packaged
+    assert "act" in {path.stem for path in packaged}, "a hidden one is still there"
+
+
+def test_a_factor_of_nothing(read):
+    with pytest.raises(FileFormatError, match=r"some\.toml, line 7: factor: no value can be made from steps of 0"):
+        read(HEAD + PARAMETER + 'factor = "0.00"')
+
+
+def test_elements_of_a_parameter_have_units_of_their_own(read):
+    model = read(
+        HEAD + "[quantities]\nacceleration_time = '481[1]'\ndeceleration_time = '481[2]'\n" + PARAMETER
+        + 'unit = "s"\n' + PARAMETER.replace("481", "481[1]").replace("fixed", "first") + 'unit = "ms"\n'
+    )  # fmt: skip
+    assert CommonName("acceleration_time", model).given(2) == 2000
+    assert CommonName("deceleration_time", model).given(2) == 2
+    assert parameter_at("481[2]", model) is model.parameters["481"]
+    assert parameter_at("482", model) is None
+
+
+def test_a_model_knows_itself_by_all_that_it_names():
+    model = replace(load_model("drivecomm_vabus", "vabus", "agile"), identified_by={"type": "A.*", "software": "5"})
+    assert model.matches({"type": "ACU", "software": "5", "serial": "1"})
+    assert not model.matches({"type": "ACU", "software": "50"})
+    assert not model.matches({"type": "ACU"})
+    assert not replace(model, identified_by={}).matches({"type": "ACU", "software": "5"})

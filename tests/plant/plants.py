@@ -1,0 +1,52 @@
+"""Plants to watch, in virtual time."""
+
+import asyncio
+from dataclasses import replace
+
+from drivecomm.plant import Plant, PlantDrive, PlantLine, PowerCutStep, TripStep
+from drivecomm.plant.watching import Watcher, lines_of
+from drivecomm.virtual import VirtualPlant
+
+HALL = PlantLine(name="hall", port="/dev/ttyUSB0")
+YARD = PlantLine(name="yard", port="/dev/ttyUSB1")
+PUMP = PlantDrive(protocol="vabus", address=1, line="hall", name="pump", options={"model": "agile"})
+FAN = PlantDrive(protocol="danfoss-fc", address=3, line="hall", name="fan", options={"model": "fc300"})
+WELL = PlantDrive(protocol="vabus", address=1, line="yard", name="well", options={"model": "agile"})
+
+
+def plant_of(*drives, script=(), lines=(HALL, YARD)):
+    there = {drive.line for drive in drives}
+    return VirtualPlant(
+        Plant(lines=tuple(line for line in lines if line.name in there), drives=drives, script=tuple(script))
+    )
+
+
+def tripped(drive, code, at_s):
+    return TripStep(drive=drive, code=code, at_s=at_s)
+
+
+def dark(drive, off_at_s, back_at_s=None):
+    return PowerCutStep(drive=drive, off_at_s=off_at_s, back_at_s=back_at_s)
+
+
+def virtual_lines(plant, **changes):
+    """Return what is to be watched of a virtual plant; changes: of all drives, such as armed=True."""
+    return [
+        replace(
+            line,
+            port=plant.line(line.name).port,
+            drives=tuple(replace(drive, **changes) for drive in line.drives),
+        )
+        for line in lines_of(plant.plant)
+    ]
+
+
+def watched(plant, seconds, **options):
+    """Watch a plant so long; return the watcher, which is closed."""
+
+    async def watch():
+        async with Watcher(virtual_lines(plant), **options) as watcher:
+            await watcher.run(duration_s=seconds)
+            return watcher
+
+    return asyncio.run(watch())

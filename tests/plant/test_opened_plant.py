@@ -1,0 +1,488 @@
+"""A plant from its masters' side: drives by name, read-only unless armed, and the file that a scan writes."""
+
+import asyncio
+from dataclasses import replace
+from pathlib import Path
+from threading import Barrier
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import HealthCheck, given, settings, strategies as st
+
+import drivecomm
+from drivecomm.bus import Found, ReadOnly
+from drivecomm.errors import FileFormatError, NoReplyError, UsageError
+from drivecomm.plant import (
+    OpenPlant,
+    Plant,
+    PlantDrive,
+    PlantLine,
+    PlantLinkLoss,
+    PlantRead,
+    found_text,
+    open_plant,
+    plant_of_found,
+    plant_status,
+    plant_text,
+    read_plant,
+    write_new,
+    write_over,
+)
+from drivecomm.protocol import Ask, LineSettings, Pause, Tell, installed
+from drivecomm.testing import play
+from drivecomm.virtual import VirtualLine, VirtualPlant
+from drivecomm_vabus.telegrams import Select
+
+PLANT = Plant(
+    lines=(PlantLine(name="hall"), PlantLine(name="yard")),
+    drives=(
+        PlantDrive(name="pump", protocol="vabus", address=1, line="hall", options={"model": "agile"}, armed=True),
+        PlantDrive(name="fan", protocol="danfoss-fc", address=3, line="hall", options={"model": "fc300"}),
+        PlantDrive(name="mixer", protocol="fuji", address=2, line="yard"),
+        PlantDrive(name="belt", protocol="vlt3500", address=5, line="yard"),
+    ),
+)
+
+
+class Served:
+    """A virtual plant, what is sent on its lines, and which lines were opened."""
+
+    def __init__(self, plant=PLANT):
+        self.virtual = VirtualPlant(plant)
+        self.opened_lines = []
+        self.sent = []
+        self.plant = OpenPlant(plant, "hall.toml", port_of=self.port_of, trace=self.note)
+
+    def port_of(self, line):
+        self.opened_lines.append(line.name)
+        return self.virtual.line(line.name).port
+
+    def note(self, event):
+        if event.what == "sent":
+            self.sent.append(event)
+
+
+@pytest.fixture
+def served():
+    one = Served()
+    with one.plant:
+        yield one
+
+
+def test_a_line_is_opened_when_its_first_drive_is_asked_for(served):
+    assert list(served.plant.drives) == ["pump", "fan", "mixer", "belt"]
+    assert len(served.plant.drives) == 4
+    assert served.opened_lines == []
+    assert str(served.plant.drive("pump").read("480")) == "30.00 Hz"
+    assert served.opened_lines == ["hall"]
+    assert served.plant.drives["fan"] is served.plant.drive("danfoss-fc:3")
+    assert served.opened_lines == ["hall"]
+    assert served.plant.bus("yard") is served.plant.bus("yard")
+    assert served.opened_lines == ["hall", "yard"]
+
+
+def test_names_that_are_not_there(served):
+    with pytest.raises(UsageError, match=r"hall.toml: there is no drive 'door' in this plant; it has pump, fan"):
+        served.plant.drive("door")
+    with pytest.raises(KeyError):
+        served.plant.drives["danfoss-fc:3"]
+    with pytest.raises(UsageError, match=r"hall.toml: there is no line 'cellar' in this plant; it has hall, yard"):
+        served.plant.bus("cellar")
+
+
+def test_an_armed_drive_is_commanded(served):
+    pump = served.plant.drive("pump")
+    pump.write("480", "12.5")
+    pump.start()
+    assert served.virtual.drive("pump").motor.running
+
+
+COMMANDS = {
+    "write": lambda drive: drive.write("1", 1),
+    "write_and_read": lambda drive: drive.write_and_read("1", 1),
+    "write and store": lambda drive: drive.write("1", 1, store=True),
+    "start": lambda drive: drive.start(),
+    "reverse": lambda drive: drive.reverse(),
+    "reset": lambda drive: drive.reset(),
+    "reference in percent": lambda drive: drive.set_reference(percent=10),
+    "reference in hertz": lambda drive: drive.set_reference(hz=10),
+}
+
+
+VERBS = {
+    "jog": {"number": 1},
+    "hold": {},
+    "select_setup": {"number": 1},
+    "select_preset": {"number": 1},
+    "set_relay": {"number": 1, "on": True},
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("name", ["fan", "mixer", "belt"])
+def test_a_drive_that_is_not_armed_is_not_commanded(served, name, command):
+    drive = served.plant.drive(name)
+    with pytest.raises(UsageError) as refusal:
+        COMMANDS[command](drive)
+    assert str(refusal.value) == f"{name} is read-only in hall.toml; write armed = true there"
+    assert served.sent == []
+
+
+def test_verbs_that_command_are_refused_before_their_command_is_sent(served):
+    refused = 0
+    for name in ("fan", "mixer", "belt"):
+        drive = served.plant.drive(name)
+        for verb, arguments in VERBS.items():
+            if verb not in drive.capabilities.verbs:
+                continue
+            with pytest.raises(UsageError, match=f"^{name} is read-only"):
+                drive.call(verb, **arguments)
+            refused += 1
+    assert refused >= 6
+    with pytest.raises(UsageError, match="read-only"):
+        served.plant.drive("fan").call("control_word", word=0x047C)
+    for event in served.sent:
+        assert installed[event.drive.partition(":")[0]].only_asks(event.message), event
+
+
+def test_reading_and_stopping_are_always_allowed(served):
+    for name in ("fan", "mixer", "belt"):
+        drive = served.plant.drive(name)
+        drive.probe()
+        drive.status()
+        drive.identify()
+        drive.stop()
+    asked = {
+        event.drive for event in served.sent if not installed[event.drive.partition(":")[0]].only_asks(event.message)
+    }
+    assert asked == {"danfoss-fc:3", "fuji:2", "vlt3500:5"}
+
+
+def test_a_read_only_drive_cannot_be_set_up():
+    served = Served()
+    with served.plant as plant, pytest.raises(UsageError, match="cannot be set up: no"):
+        plant.bus("hall").drive("vabus", 1, set_up={"480": 1}, read_only="no")
+
+
+def test_a_verb_that_tells_without_being_answered_is_not_let_through():
+    """Whoever is told is commanded, too."""
+    vabus = installed["vabus"]
+
+    class Shouting:
+        def __init__(self, operations):
+            self._operations = operations
+
+        def __getattr__(self, name):
+            return getattr(self._operations, name)
+
+        @property
+        def extra(self):
+            return {"shout": self.shout}
+
+        def shout(self):
+            yield Tell(message=Select(address=1, parameter=410, data="000F"))
+
+    shouting = replace(vabus, name="shouting", operations=lambda *given: Shouting(vabus.operations(*given)))
+    take_away = installed.register(shouting)
+    try:
+        sent = []
+        with drivecomm.open_bus(VirtualLine([]).port, trace=sent.append) as bus:
+            bus.drive("shouting", 1).call("shout")
+            assert len(sent) == 1
+            with pytest.raises(UsageError, match="not today"):
+                bus.drive("shouting", 1, read_only="not today").call("shout")
+            assert len(sent) == 1
+    finally:
+        take_away()
+
+
+def test_awaited_it_is_refused_alike():
+    virtual = VirtualPlant(PLANT)
+
+    async def start():
+        async with drivecomm.open_bus_async(virtual.line("hall").port) as bus:
+            await bus.drive("vabus", 1, read_only="not today").start()
+
+    with pytest.raises(UsageError, match="not today"):
+        asyncio.run(start())
+
+
+def test_a_verb_that_asks_is_carried_out_and_hears_what_goes_wrong():
+    def asking():
+        yield Pause(seconds=1)
+        try:
+            yield Ask(message="ask")
+        except NoReplyError:
+            return (yield Ask(message="ask"))
+
+    def commanding():
+        yield Ask(message="ask")
+        yield Ask(message="go")
+
+    def choosing():
+        yield from ()
+
+    operations = SimpleNamespace(extra={"look": asking, "move": commanding, "choose": choosing})
+    ask_only = ReadOnly(lambda: operations, "no", lambda message: message == "ask")
+    assert play(ask_only.extra["look"](), [("ask", NoReplyError("silence")), ("ask", "here")]) == "here"
+    with pytest.raises(UsageError, match="no"):
+        play(ask_only.extra["move"](), [("ask", "here")])
+    with pytest.raises(UsageError, match="no"):
+        play(ask_only.extra["choose"](), [])
+    unknown = ReadOnly(lambda: operations, "no", None)
+    with pytest.raises(UsageError, match="no"):
+        play(unknown.extra["look"](), [])
+
+
+def test_options_that_cannot_be_name_the_drive_and_the_file():
+    wrong = PlantDrive(name="pump", protocol="vabus", address=1, line="hall", options={"modle": "agile"})
+    with (
+        Served(Plant(lines=(PlantLine(name="hall"),), drives=())).plant as plant,
+        pytest.raises(UsageError, match=r"hall.toml: there is no drive"),
+    ):
+        plant.drive("pump")
+    with pytest.raises(UsageError, match=r"drive pump: vabus drives have no option 'modle'"):
+        VirtualPlant(Plant(lines=(PlantLine(name="hall"),), drives=(wrong,)))
+    virtual = VirtualPlant(Plant(lines=(PlantLine(name="hall"),)))
+    plant = OpenPlant(
+        Plant(lines=(PlantLine(name="hall"),), drives=(wrong,)), "x.toml", port_of=lambda _: virtual.line("hall").port
+    )
+    with plant, pytest.raises(UsageError, match=r"x.toml: drive pump: vabus drives have no option 'modle'"):
+        plant.drive("pump")
+
+
+def test_a_file_is_opened(tmp_path):
+    path = tmp_path / "plant.toml"
+    path.write_text('format = 1\n[[line]]\nname = "hall"\n[[drive]]\ndrive = "vabus:1"\n')
+    with open_plant(path) as plant, pytest.raises(UsageError, match="line hall has no port; write port ="):
+        plant.drive("vabus:1")
+    with pytest.raises(FileFormatError, match="there is no such file"):
+        open_plant(tmp_path / "none.toml")
+
+
+def test_two_drives_with_one_address_are_named():
+    twice = Plant(
+        lines=PLANT.lines,
+        drives=tuple(PlantDrive(name=line, protocol="vabus", address=1, line=line) for line in ("hall", "yard")),
+    )
+    with pytest.raises(UsageError, match="several lines of this plant; name the drive: hall and yard"):
+        twice.drive("vabus:1")
+    assert twice.drive("yard").line == "yard"
+
+
+@pytest.mark.parametrize(
+    ("said", "reached"),
+    [
+        ({"port": "/dev/ttyUSB0", "listen": "tcp:127.0.0.1:4001"}, "/dev/ttyUSB0"),
+        ({"listen": "tcp:127.0.0.1:4001"}, "socket://127.0.0.1:4001"),
+        ({"listen": "tcp:4001"}, "socket://127.0.0.1:4001"),
+        ({"listen": "rfc2217:[::1]:4001"}, "rfc2217://[::1]:4001"),
+        ({"listen": "pty:/tmp/line"}, "/tmp/line"),
+        ({"listen": "tcp:127.0.0.1:0"}, ""),
+        ({"listen": "carrier:pigeon"}, ""),
+        ({}, ""),
+    ],
+)
+def test_where_a_line_is_reached(said, reached):
+    assert PlantLine(name="hall", **said).reached_at == reached
+
+
+def test_what_the_plant_says_of_a_line_is_how_it_is_opened():
+    line = PlantLine(name="hall", echo=True, settings={"baudrate": 9600})
+    plant = Plant(lines=(line,), drives=(PlantDrive(name="pump", protocol="vabus", address=1, line="hall"),))
+    virtual = VirtualPlant(plant)
+    with OpenPlant(plant, port_of=lambda _: virtual.line("hall").port) as opened:
+        assert opened.drive("pump").facts.settings.baudrate == 9600
+        opened.drive("pump").probe()
+    with OpenPlant(plant, port_of=lambda _: virtual.line("hall").port, baudrate=19200) as opened:
+        assert opened.drive("pump").facts.settings.baudrate == 19200
+
+
+class TestStatus:
+    def test_all_drives_in_the_order_of_the_plant(self):
+        served = Served()
+        served.virtual.power_off("belt")
+        with served.plant as plant:
+            served.virtual.trip("fan", 14)
+            reports = plant_status(plant)
+        assert [report.drive.name for report in reports] == ["pump", "fan", "mixer", "belt"]
+        assert [report.exit_code for report in reports] == [0, 5, 0, 4]
+        assert reports[0].output_hz == 0
+        assert reports[1].status.fault_text == "earth fault"
+        assert reports[3].status is None
+        assert "did not answer" in str(reports[3].error)
+        for event in served.sent:
+            assert installed[event.drive.partition(":")[0]].only_asks(event.message), event
+
+    def test_a_line_that_cannot_be_opened_does_not_hide_the_other(self):
+        virtual = VirtualPlant(PLANT)
+        tried = []
+
+        def port_of(line):
+            if line.name == "hall":
+                tried.append(line.name)
+                raise drivecomm.PortError("port hall does not exist")
+            return virtual.line(line.name).port
+
+        with OpenPlant(PLANT, port_of=port_of) as plant:
+            reports = plant_status(plant)
+        assert [report.exit_code for report in reports] == [3, 3, 0, 0]
+        assert tried == ["hall"]
+
+    def test_lines_are_asked_at_the_same_time(self):
+        virtual = VirtualPlant(PLANT)
+        both = Barrier(2, timeout=20)
+
+        def port_of(line):
+            # Passes only when the other line is being opened, too.
+            both.wait()
+            return virtual.line(line.name).port
+
+        with OpenPlant(PLANT, port_of=port_of) as plant:
+            assert [report.exit_code for report in plant_status(plant)] == [0, 0, 0, 0]
+
+    def test_a_value_that_a_drive_refuses_is_left_open(self, tmp_path):
+        model = tmp_path / "odd.toml"
+        model.write_text(
+            'format = 1\nprotocol = "vabus"\nname = "odd"\nextends = "agile"\n[quantities]\noutput_current = "1599"\n'
+        )
+        odd = PlantDrive(name="pump", protocol="vabus", address=1, line="hall", options={"model": str(model)})
+        plant = Plant(lines=(PlantLine(name="hall"),), drives=(odd,))
+        virtual = VirtualPlant(Plant(lines=plant.lines, drives=(replace(odd, options={"model": "agile"}),)))
+        with OpenPlant(plant, port_of=lambda _: virtual.line("hall").port) as opened:
+            (report,) = plant_status(opened)
+        assert report.error is None
+        assert report.current_a is None
+        assert report.output_hz == 0
+
+    def test_what_is_no_error_of_ours_is_not_swallowed(self):
+        def port_of(line):
+            raise RuntimeError(line.name)
+
+        with OpenPlant(PLANT, port_of=port_of) as plant, pytest.raises(RuntimeError):
+            plant_status(plant)
+
+
+# The file that a scan writes
+
+
+def found(protocol="vabus", address=1, sound=True, **options):
+    given_settings = options.pop("settings", LineSettings(baudrate=9600, bytesize=7, parity="E"))
+    return Found(protocol=protocol, address=address, sound=sound, settings=given_settings, **options)
+
+
+def read_text(text, path: Path):
+    path.write_text(text, encoding="utf-8")
+    return read_plant(path)
+
+
+def test_what_a_scan_has_found_is_read_back(tmp_path):
+    other = LineSettings(baudrate=19200, parity="E", stopbits=1.5)
+    text = found_text(
+        [
+            found(),
+            found("danfoss-fc", 3, settings=other, model="fc300", identity={"FC type": 'FC-"302"\x07\n'}),
+            found("fuji", 2, sound=False, detail="checksum"),
+        ],
+        port="COM3",
+        echo=True,
+    )
+    plant = read_text(text, tmp_path / "plant.toml")
+    assert plant.lines == (PlantLine(name="COM3", port="COM3", echo=True),)
+    assert [drive.name for drive in plant.drives] == ["vabus:1", "danfoss-fc:3"]
+    assert plant.drives[1].options == {
+        "model": "fc300",
+        "baudrate": 19200,
+        "bytesize": 8,
+        "parity": "E",
+        "stopbits": 1.5,
+    }
+    assert not any(drive.armed for drive in plant.drives)
+    assert (text.count('# name = "pump1"'), text.count('# name = "pump2"')) == (1, 1)
+    assert '# FC type FC-"302"' in text
+    assert "# fuji:2 answered with damage only" in text
+
+
+def test_settings_that_all_share_are_the_lines(tmp_path):
+    plant = read_text(found_text([found(), found(address=2)], port="COM3"), tmp_path / "plant.toml")
+    assert plant.lines[0].settings == {"baudrate": 9600, "bytesize": 7, "parity": "E", "stopbits": 1}
+    assert [drive.options for drive in plant.drives] == [{}, {}]
+
+
+def test_a_file_is_never_overwritten_unasked(tmp_path):
+    path = tmp_path / "plant.toml"
+    write_new(path, "one")
+    with pytest.raises(UsageError, match="exists already; name another file, or write --force"):
+        write_new(path, "two")
+    assert path.read_text() == "one"
+    write_over(path, "three")
+    assert path.read_text() == "three"
+    assert list(tmp_path.iterdir()) == [path]
+    for write in (write_new, write_over):
+        with pytest.raises(FileFormatError, match="cannot be written"):
+            write(tmp_path / "nowhere" / "plant.toml", "four")
+
+
+def test_a_file_that_cannot_be_replaced_stays(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    path = tmp_path / "plant.toml"
+    path.write_text("one")
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(FileFormatError, match=r"plant\.toml: cannot be written: No space left"):
+        write_over(path, "two")
+    assert path.read_text() == "one"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+NAMES = st.text(min_size=1, max_size=5)
+VALUES = st.one_of(st.booleans(), st.integers(-(2**40), 2**40), st.floats(allow_nan=False, allow_infinity=False), NAMES)
+DRIVES = st.builds(
+    PlantDrive,
+    protocol=st.sampled_from(sorted(installed)),
+    address=st.integers(1, 99),
+    line=st.just("a"),
+    name=st.one_of(st.just(""), NAMES),
+    title=NAMES | st.just(""),
+    options=st.dictionaries(NAMES, VALUES, max_size=3),
+    armed=st.booleans(),
+    poll=st.lists(
+        st.builds(
+            PlantRead,
+            parameters=st.lists(NAMES, min_size=1, max_size=3).map(tuple),
+            period_s=st.floats(0, 1e6),
+            priority=st.integers(-5, 5),
+        ),
+        max_size=2,
+    ).map(tuple),
+    link_loss=st.none()
+    | st.builds(
+        PlantLinkLoss, policy=st.sampled_from(["hold", "ramp", "coast", "trip"]), watchdog_s=st.floats(0.1, 100)
+    ),
+)
+LINES = st.builds(
+    PlantLine,
+    name=st.just("a"),
+    port=NAMES | st.just(""),
+    echo=st.booleans(),
+    settings=st.sampled_from([{}, {"baudrate": 9600}, {"parity": "E", "stopbits": 1.5}]),
+)
+
+
+@settings(max_examples=50, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    line=LINES,
+    drives=st.lists(DRIVES, max_size=3, unique_by=lambda drive: drive.name),
+    several=st.booleans(),
+    remark=st.text(max_size=8),
+)
+def test_every_plant_is_read_back_as_it_was(tmp_path_factory, line, drives, several, remark):
+    lines = (line, PlantLine(name="b")) if several else (line,)
+    plant = Plant(lines=lines, drives=tuple(drives))
+    remarks = {drive.name: remark for drive in drives}
+    assert read_text(plant_text(plant, remarks), tmp_path_factory.getbasetemp() / "round.toml") == plant
+
+
+def test_the_plant_of_nobody_has_a_line():
+    assert plant_of_found([], port="COM3").drives == ()

@@ -1,0 +1,684 @@
+"""Poll plans: whose turn it is, what a result says, and the loops on one and on many buses."""
+
+import asyncio
+import math
+import threading
+import time
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings, strategies as st
+
+import drivecomm
+from drivecomm.errors import DriveCommError, LinkDownError, NoReplyError, RefusedError, UsageError
+from drivecomm.plant import Fault, FaultPlan
+from drivecomm.polling import PRIORITY_STEP_S, PollItem, Schedule, poll, poll_async
+from drivecomm.protocol import Reading
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+
+@dataclass(eq=False)
+class Pump:
+    name: str = "pump"
+
+
+PUMP = Pump()
+
+
+def item(parameter="1", **facts):
+    return PollItem(drive=PUMP, parameter=parameter, **facts)
+
+
+def reading(time_s=0.0, value=5):
+    return Reading(parameter="1", value=value, raw=value, time_s=time_s)
+
+
+def carried_out(items, until, takes, *, fails=(), start=0.0):
+    """Carry out a schedule with reads of known length; return results and when each was asked."""
+    schedule = Schedule(items, start_s=start)
+    now, done = start, []
+    while True:
+        now = max(now, schedule.next_due())
+        if now >= start + until:
+            return done
+        one = schedule.due(now)
+        asked = now
+        now += takes[items.index(one)]
+        outcome = NoReplyError("nothing came") if items.index(one) in fails else reading(now)
+        done.append((one, asked, schedule.finished(one, now, outcome, time_s=now)))
+
+
+# The schedule
+
+
+def test_every_item_has_its_period():
+    items = [item("1", period_s=1.0), item("2", period_s=0.25)]
+    done = carried_out(items, 10.0, [0.01, 0.01])
+    assert sum(one is items[0] for one, _, _ in done) == 10
+    assert sum(one is items[1] for one, _, _ in done) == 40
+    assert all(not result.missed and result.late_s < 0.011 for _, _, result in done)
+
+
+def test_items_with_the_same_period_are_spread_over_it():
+    items = [item(str(number), period_s=0.4) for number in range(4)]
+    done = carried_out(items, 4.0, [0.001] * 4)
+    assert [round(asked, 3) for _, asked, _ in done[:6]] == [0.0, 0.1, 0.2, 0.3, 0.4, 0.5]
+    assert all(result.late_s == 0 for _, _, result in done)
+
+
+def test_a_long_period_does_not_keep_the_first_value_waiting():
+    items = [item(str(number), period_s=60.0) for number in range(10)]
+    done = carried_out(items, 200.0, [0.001] * 10)
+    asked = {one.parameter: [] for one in items}
+    for one, at, _ in done:
+        asked[one.parameter].append(at)
+    assert max(times[0] for times in asked.values()) < 1.0
+    for number, times in enumerate(asked.values()):
+        assert times[1:] == pytest.approx([60.0 + 6 * number, 120.0 + 6 * number, 180.0 + 6 * number][: len(times) - 1])
+
+
+def test_what_could_not_keep_its_period_is_not_asked_twice_to_catch_up():
+    slow, quick = item("slow", period_s=10.0), item("quick", period_s=0.1)
+    done = carried_out([slow, quick], 3.0, [0.55, 0.01])
+    asked = [(round(asked, 6), result.missed) for one, asked, result in done if one is quick]
+    # The slow one takes from 0 to 0.55; then the quick one comes once, and in its own rhythm again.
+    assert asked[:4] == [(0.55, 0), (0.6, 5), (0.7, 0), (0.8, 0)]
+
+
+def test_deadlines_decide_and_priority_moves_ahead():
+    schedule = Schedule([item("a", period_s=5.0), item("b", period_s=5.0, priority=1)], start_s=0.0)
+    # a is due at 0, b at 0.5; at 0.4 b is not due yet, at 0.6 its priority counts for a second.
+    assert schedule.due(0.4).parameter == "a"
+    again = Schedule([item("a", period_s=5.0), item("b", period_s=5.0, priority=1)], start_s=0.0)
+    assert again.due(0.6).parameter == "b"
+
+
+def test_priority_is_worth_a_second_a_step_and_no_more():
+    wanted, other = item("wanted", period_s=0.1, priority=3), item("other", period_s=0.1)
+    done = carried_out([wanted, other], 60.0, [0.2, 0.2])
+    times = [asked for one, asked, _ in done if one is other]
+    assert len(times) >= 60 / (3 * PRIORITY_STEP_S + 1)
+    assert sum(one is wanted for one, _, _ in done) > 2 * len(times)
+
+
+def test_without_a_period_as_often_as_the_line_has_time():
+    greedy, calm = item("greedy", period_s=0), item("calm", period_s=0.5)
+    done = carried_out([greedy, calm], 10.0, [0.1, 0.1])
+    assert sum(one is calm for one, _, _ in done) == 20
+    assert sum(one is greedy for one, _, _ in done) in {80, 81}
+    assert all(result.late_s <= 0.1 + 1e-9 for one, _, result in done if one is calm)
+
+
+def test_what_has_no_period_lets_those_go_first_that_were_due_a_little_later():
+    greedy, calm = item("greedy", period_s=0), item("calm", period_s=0.5)
+    schedule = Schedule([greedy, calm], start_s=0.0)
+    for one in (schedule.due(0.0), schedule.due(0.0)):
+        schedule.finished(one, 0.1, reading(), time_s=0.1)
+    # The one is due since 0.1, the other since 0.5.
+    assert [schedule.due(0.6) for _ in range(2)] == [calm, greedy]
+
+
+def test_a_failure_without_a_period_rests_before_the_next():
+    done = carried_out([item("1", period_s=0)], 0.95, [0.0], fails={0})
+    assert len(done) == 10
+
+
+def test_cycles_end_each_item():
+    items = [item("1", period_s=0.1), item("2", period_s=1.0)]
+    schedule, now, seen = Schedule(items, start_s=5.0, cycles=3), 5.0, []
+    while (now := max(now, schedule.next_due())) < math.inf:
+        one = schedule.due(now)
+        seen.append(one.parameter)
+        schedule.finished(one, now, reading(), time_s=now)
+    assert sorted(seen) == ["1"] * 3 + ["2"] * 3
+    assert schedule.due(1e9) is None
+
+
+def test_nothing_is_due_before_its_time():
+    schedule = Schedule([item("1", period_s=1.0)], start_s=100.0)
+    assert schedule.due(99.9) is None
+    assert schedule.next_due() == 100.0
+    one = schedule.due(100.0)
+    assert schedule.next_due() == math.inf
+    schedule.finished(one, 100.1, reading(), time_s=100.1)
+    assert schedule.next_due() == 101.0
+
+
+plans = st.lists(
+    st.tuples(
+        st.sampled_from([0.05, 0.1, 0.25, 1.0, 3.0]),  # period
+        st.integers(-2, 3),  # priority
+        st.floats(0.001, 0.6),  # how long a read takes
+        st.booleans(),  # whether it fails
+    ),
+    min_size=1,
+    max_size=8,
+)
+
+
+@given(plans)
+@settings(max_examples=60, deadline=None)
+def test_nobody_starves_and_nobody_is_asked_more_often_than_his_period(plan):
+    items = [item(str(n), period_s=period, priority=priority) for n, (period, priority, _, _) in enumerate(plan)]
+    takes = [seconds for _, _, seconds, _ in plan]
+    round_s = sum(takes)
+    done = carried_out(items, 40.0, takes, fails={n for n, row in enumerate(plan) if row[3]})
+    for number, one in enumerate(items):
+        mine = [(asked, result) for who, asked, result in done if who is one]
+        # At most once in each of its periods, and every period is either asked or counted as missed.
+        dues = [result.due_s for _, result in mine]
+        assert all(later - earlier >= one.period_s - 1e-6 for earlier, later in pairwise(dues))
+        assert all(asked >= result.due_s - 1e-9 for asked, result in mine)
+        for (_, before), (_, after) in pairwise(mine[1:]):
+            periods = (after.due_s - before.due_s) / one.period_s
+            assert periods == pytest.approx(after.missed + 1, abs=1e-6)
+        # Whoever is due waits for what is ahead of him, and for those whose priority moves them ahead, no longer.
+        ahead = (max(each.priority for each in items) - one.priority) * PRIORITY_STEP_S
+        longest = 2 * one.period_s + ahead + 2 * round_s + max(takes)
+        times = [0.0, *(asked for asked, _ in mine), 40.0]
+        assert max(later - earlier for earlier, later in pairwise(times)) <= longest, number
+
+
+@given(plans)
+@settings(max_examples=60, deadline=None)
+def test_among_the_overdue_the_earliest_deadline_goes_first(plan):
+    items = [item(str(n), period_s=period) for n, (period, _, _, _) in enumerate(plan)]
+    takes = [seconds for _, _, seconds, _ in plan]
+    done = carried_out(items, 20.0, takes)
+    ended, open_due = {}, {}
+    for one, asked, result in done:
+        for other in items:
+            if other is not one and other in open_due and open_due[other] <= asked:
+                assert result.due_s <= open_due[other] + 1e-9
+        ended[one] = asked + takes[items.index(one)]
+        following = [later for who, _, later in done if who is one and later.due_s > result.due_s]
+        open_due[one] = following[0].due_s if following else math.inf
+
+
+@given(st.lists(st.floats(0.001, 0.05), min_size=2, max_size=8), st.integers(0, 7))
+@settings(max_examples=60, deadline=None)
+def test_a_bad_parameter_delays_the_others_by_its_own_exchange_only(takes, bad):
+    bad %= len(takes)
+    items = [item(str(n), period_s=2.0) for n in range(len(takes))]
+    sound = carried_out(items, 20.0, takes)
+    disturbed = carried_out(items, 20.0, [0.7 if n == bad else s for n, s in enumerate(takes)], fails={bad})
+    late = {(r.parameter, round(r.due_s, 6)): r.late_s for _, _, r in disturbed}
+    for _, _, result in sound:
+        if result.due_s >= 18.0:
+            # Near the end the disturbed plan is not there yet.
+            continue
+        assert late[result.parameter, round(result.due_s, 6)] <= result.late_s + 0.7 + sum(takes)
+
+
+# Results
+
+
+def test_a_failure_is_stale_while_the_last_good_value_is_young_then_bad():
+    one = item("1", period_s=1.0)
+    schedule = Schedule([one], start_s=0.0)
+    error = RefusedError("1", 3, "no")
+    qualities = []
+    for turn in range(7):
+        schedule.due(float(turn))
+        outcome = reading(1000.0 + turn) if turn == 1 else error
+        qualities.append(schedule.finished(one, turn + 0.1, outcome, time_s=1000.0 + turn))
+    assert [result.quality for result in qualities] == ["bad", "good", "stale", "stale", "stale", "bad", "bad"]
+    first, good, stale, last = qualities[0], qualities[1], qualities[3], qualities[6]
+    assert (first.reading, first.time_s, first.error) == (None, 1000.0, error)
+    assert (good.cause, good.error, good.time_s) == ("", None, 1001.0)
+    assert (stale.reading, stale.reading.time_s, stale.time_s) == (good.reading, 1001.0, 1003.0)
+    assert stale.cause == "the drive refused parameter 1 with code 3: no"
+    assert (last.reading, last.time_s) == (None, 1006.0)
+
+
+@pytest.mark.parametrize(("facts", "keeps_s"), [({"stale_after_s": 0}, 0), ({"period_s": 0}, 1.0), ({}, 3.0)])
+def test_how_long_a_value_keeps(facts, keeps_s):
+    assert item("1", **facts).keeps_s == keeps_s
+
+
+def test_results_call_the_drive_as_the_plan_does():
+    one = item("1", name="well 3")
+    schedule = Schedule([one], start_s=0.0)
+    schedule.due(0.0)
+    result = schedule.finished(one, 0.25, reading(), time_s=0.0)
+    assert (result.drive, result.parameter, result.item) == ("well 3", "1", one)
+    assert (result.due_s, result.late_s, result.took_s) == (0.0, 0.0, 0.25)
+
+
+def test_plans_that_cannot_be():
+    with pytest.raises(UsageError, match="at least one item"):
+        poll([])
+    with pytest.raises(UsageError, match="pump 1 twice"):
+        Schedule([item("1"), item("1")], start_s=0.0)
+    with pytest.raises(UsageError, match="0 cycles read nothing"):
+        Schedule([item("1")], start_s=0.0, cycles=0)
+    for wrong in (-1.0, math.inf, math.nan):
+        with pytest.raises(UsageError, match="period_s of 1 is"):
+            item("1", period_s=wrong)
+        with pytest.raises(UsageError, match="stale_after_s of 1 is"):
+            item("1", stale_after_s=wrong)
+    # The same parameter read in two ways is two items.
+    Schedule([item("1"), item("1", options={"dataset": 2}), item("1", period_s=5)], start_s=0.0)
+
+
+# On a bus
+
+
+@pytest.fixture
+def line():
+    return VirtualLine([virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 3), virtual_drive("vabus", 2)])
+
+
+@pytest.fixture
+def bus(line):
+    with drivecomm.open_bus(line.port) as opened:
+        yield opened
+
+
+def test_a_plan_on_a_bus(bus):
+    pump, fan = bus.drive("vabus", 1, model="agile"), bus.drive("danfoss-fc", 3, model="fc300")
+    plan = [PollItem(drive=pump, parameter="481", period_s=0.5), PollItem(drive=fan, parameter="16-30")]
+    results = list(bus.poll(plan, duration_s=3.0))
+    assert [result.drive for result in results].count("vabus:1") == 6
+    assert [result.drive for result in results].count("danfoss-fc:3") == 3
+    assert all(result.error is None and result.late_s < 0.05 for result in results)
+    # What a value's type and unit are worth is the same word as of the reading, here and in a log.
+    assert {(result.drive, result.quality) for result in results} == {
+        ("vabus:1", "good"),
+        ("danfoss-fc:3", "uncertain"),
+    }
+    assert {str(result.reading) for result in results} == {"10.00 Hz", "566 V"}
+    assert all(abs(result.time_s - (result.due_s + result.late_s + result.took_s)) < 0.01 for result in results)
+
+
+def test_one_bad_parameter_does_not_fail_the_rest(bus):
+    pump = bus.drive("vabus", 1, model="agile")
+    plan = [PollItem(drive=pump, parameter=parameter) for parameter in ("481", "999", "480")]
+    results = list(bus.poll(plan, cycles=2))
+    assert [result.quality for result in results] == ["good", "bad", "good"] * 2
+    assert isinstance(results[1].error, RefusedError)
+
+
+def test_what_can_never_be_read_is_refused_before_anything_is_asked(bus, line):
+    pump = bus.drive("vabus", 1, model="agile")
+    fuji = bus.drive("fuji", 7, model="g11s")
+    plan = [
+        PollItem(drive=pump, parameter="481"),
+        PollItem(drive=pump, parameter="48x"),
+        PollItem(drive=pump, parameter="480", options={"dataset": 12}),
+        PollItem(drive=pump, parameter="481", options={"colour": "red"}),
+        PollItem(drive=fuji, parameter="output_current", name="exhaust"),
+    ]
+    for refuse in (bus.poll, drivecomm.poll, poll_async):
+        with pytest.raises(UsageError) as raised:
+            refuse(plan)
+        told = str(raised.value)
+        assert told.startswith("what can never be read is not polled, take it out of the plan: vabus:1 48x ('48x' is")
+        assert "vabus:1 480 (data set 12 does not exist" in told
+        assert "vabus:1 481 (read has no option 'colour' here" in told
+        assert "exhaust output_current (model g11s does not say which parameter is the output_current" in told
+        assert told.count("vabus:1 481") == 1, "what can be read is not named"
+    assert line.time == 0
+
+
+def test_what_can_only_be_written_is_not_polled(bus, tmp_path):
+    model = tmp_path / "odd.toml"
+    model.write_text(
+        'format = 1\nname = "odd"\nprotocol = "vabus"\ntitle = "odd"\nsource = "a test"\n'
+        '[[parameter]]\naddress = "481"\nname = "secret"\ntype = "long"\naccess = "w"\n'
+    )
+    pump = bus.drive("vabus", 1, model=model)
+    pump.check_read("480")
+    for name in ("481", "secret"):
+        with pytest.raises(UsageError, match="481 can only be written, says model odd"):
+            bus.poll([PollItem(drive=pump, parameter=name)])
+
+
+def test_options_reach_the_read(bus):
+    plan = [PollItem(drive=bus.drive("vabus", 1), parameter="481", options={"type": "long"})]
+    assert next(bus.poll(plan)).reading.value == 1000
+
+
+def test_a_dead_drive_is_bad_and_the_others_are_good():
+    line = VirtualLine([virtual_drive("vabus", 1)])
+    with drivecomm.open_bus(line.port, attempts=1, reply_timeout_s=0.1) as bus:
+        plan = [PollItem(drive=bus.drive("vabus", number, model="agile"), parameter="481") for number in (1, 2)]
+        results = list(bus.poll(plan, duration_s=10.0))
+    alive = [result for result in results if result.drive == "vabus:1"]
+    dead = [result for result in results if result.drive == "vabus:2"]
+    assert len(alive) == 10
+    assert {result.quality for result in alive} == {"good"}
+    assert {result.quality for result in dead} == {"bad"}
+    assert all(isinstance(result.error, NoReplyError) for result in dead)
+
+
+def test_noise_makes_values_stale_and_good_again():
+    faults = FaultPlan(rate=0.3, seed=5, kinds=[Fault.DROP])
+    line = VirtualLine([virtual_drive("vabus", 1)], faults=faults)
+    with drivecomm.open_bus(line.port, attempts=1, reply_timeout_s=0.1) as bus:
+        drive = bus.drive("vabus", 1, model="agile")
+        results = list(bus.poll([PollItem(drive=drive, parameter="481", period_s=3.0)], duration_s=150.0))
+    stale = [result for result in results if result.quality == "stale"]
+    assert stale
+    assert all(result.reading.value == 10 and result.cause for result in stale)
+    turns = [(before.quality, after.quality) for before, after in pairwise(results)]
+    assert ("good", "stale") in turns
+    assert ("stale", "good") in turns
+
+
+def test_a_plan_ends_when_its_reader_has_enough(bus):
+    results = bus.poll([PollItem(drive=bus.drive("vabus", 1), parameter="481", period_s=0)])
+    assert next(results).error is None
+    results.close()
+    assert bus.drive("vabus", 1).read("480").raw
+
+
+def test_a_bus_that_is_closed_ends_its_plan(line):
+    bus = drivecomm.open_bus(line.port)
+    results = bus.poll([PollItem(drive=bus.drive("vabus", 1), parameter="481")])
+    next(results)
+    bus.close()
+    with pytest.raises(UsageError, match="this bus is closed"):
+        next(results)
+
+
+def test_a_drive_of_another_bus(bus):
+    with (
+        drivecomm.open_bus(VirtualLine([virtual_drive("vabus", 1)]).port) as other,
+        pytest.raises(UsageError, match=r"vabus:1 is not on this bus"),
+    ):
+        bus.poll([PollItem(drive=other.drive("vabus", 1), parameter="481")])
+
+
+@pytest.mark.parametrize("seconds", [0, -1, math.nan])
+def test_durations_that_cannot_be(bus, seconds):
+    with pytest.raises(UsageError, match="polls nothing"):
+        bus.poll([PollItem(drive=bus.drive("vabus", 1), parameter="481")], duration_s=seconds)
+
+
+class Plug:
+    """A port that can be pulled out, and whose clock goes on meanwhile."""
+
+    def __init__(self, line):
+        self.line = line
+        self.pulled = False
+        self.tries = []
+
+    def open(self):
+        self._try()
+        return Socket(self, self.line.port())
+
+    def _try(self):
+        if self.pulled:
+            self.tries.append(self.line.time)
+            raise LinkDownError("the adapter is gone")
+
+
+class Socket:
+    def __init__(self, plug, port):
+        self._plug, self._port = plug, port
+
+    def write(self, data):
+        self._plug._try()
+        self._port.write(data)
+
+    def __getattr__(self, name):
+        return getattr(self._port, name)
+
+
+def test_a_line_that_is_down_makes_bad_results_and_is_tried_again_and_again(line):
+    plug = Plug(line)
+    with drivecomm.open_bus(plug.open) as bus:
+        plan = [
+            PollItem(
+                drive=bus.drive("vabus", number, model="agile"), parameter=parameter, period_s=0.1, stale_after_s=0
+            )
+            for number, parameter in ((1, "481"), (1, "480"), (2, "481"))
+        ]
+        seen = []
+        for result in bus.poll(plan, duration_s=10.0):
+            seen.append(result)
+            plug.pulled = 2.0 < bus.now() < 7.0
+    down = [result for result in seen if 2.2 < result.due_s < 6.9]
+    up = [result for result in seen if not 2.0 < result.due_s < 9.1]
+    assert {result.quality for result in down} == {"bad"}
+    assert {type(result.error) for result in down} == {LinkDownError}
+    assert {result.drive for result in down} == {"vabus:1", "vabus:2"}
+    assert {result.quality for result in up} == {"good"}
+    assert 4 <= len(plug.tries) <= 7
+    assert all(later - earlier >= 0.5 for earlier, later in zip(plug.tries, plug.tries[1:], strict=False))
+
+
+def test_a_failure_has_the_time_at_which_it_was_found_out(line):
+    plug = Plug(line)
+    with drivecomm.open_bus(plug.open) as bus:
+        drive = bus.drive("vabus", 1, model="agile")
+        plan = [PollItem(drive=drive, parameter=name, period_s=0.5) for name in ("480", "481")]
+        results = []
+        for result in bus.poll(plan, duration_s=10.0):
+            results.append(result)
+            plug.pulled = bus.now() > 2.0
+    failed = [result for result in results if result.error]
+    assert {result.quality for result in failed} == {"stale", "bad"}
+    for result in results:
+        assert result.time_s == pytest.approx(result.due_s + result.late_s + result.took_s, abs=0.01)
+    assert failed[0].reading.time_s < 2.1, "a stale value's own time is that of its reading"
+    assert len({(result.time_s, result.parameter) for result in results}) == len(results) == 40
+
+
+# On several buses
+
+
+def many(number, **options):
+    lines = [VirtualLine([virtual_drive("vabus", 1)]) for _ in range(number)]
+    buses = [drivecomm.open_bus(line.port, **options) for line in lines]
+    drives = [bus.drive("vabus", 1, model="agile") for bus in buses]
+    return lines, buses, drives
+
+
+def test_several_buses_at_once():
+    _, buses, drives = many(4)
+    plan = [
+        PollItem(drive=drive, parameter=parameter, name=f"line {number}")
+        for number, drive in enumerate(drives)
+        for parameter in ("480", "481")
+    ]
+    results = list(drivecomm.poll(plan, cycles=5))
+    assert len(results) == 40
+    for number in range(4):
+        mine = [result for result in results if result.drive == f"line {number}"]
+        assert len(mine) == 10
+        assert [result.due_s for result in mine] == sorted(result.due_s for result in mine)
+    for bus in buses:
+        bus.close()
+
+
+def test_many_buses_end_when_their_reader_has_enough():
+    _, buses, drives = many(3)
+    results = drivecomm.poll([PollItem(drive=drive, parameter="481", period_s=0) for drive in drives])
+    assert {next(results).error for _ in range(1500)} == {None}
+    results.close()
+    assert not [thread for thread in threading.enumerate() if thread.name == "drivecomm poll"]
+    for bus in buses:
+        bus.close()
+
+
+def test_a_reader_who_takes_their_time_misses_nothing(monkeypatch):
+    monkeypatch.setattr("drivecomm.polling.loops._WAITING_RESULTS", 1)
+    monkeypatch.setattr("drivecomm.polling.loops._NAP_S", 0.001)
+    _, buses, drives = many(2)
+    plan = [PollItem(drive=drive, parameter="481", period_s=1.0, name=str(id(drive))) for drive in drives]
+    due = {}
+    for number, result in enumerate(drivecomm.poll(plan, cycles=400)):
+        assert result.due_s == due.get(result.drive, result.due_s)
+        due[result.drive] = result.due_s + 1.0
+        if not number:
+            # The lines wait meanwhile, many of their naps long.
+            time.sleep(0.05)
+    assert number == 799
+    for bus in buses:
+        bus.close()
+
+
+def test_a_plan_that_is_given_up_is_never_asleep_for_long():
+    class Patient(Pump):
+        """Its bus as well; notes how long the loop wants to sleep."""
+
+        def __init__(self):
+            self.time, self.naps = 0.0, []
+
+        @property
+        def bus(self):
+            return self
+
+        def check_read(self, parameter):
+            pass
+
+        def now(self):
+            return self.time
+
+        wall_time = now
+
+        def sleep_until(self, until):
+            self.naps.append(until - self.time)
+            self.time = until
+
+        def polled(self, _):
+            return reading(self.time)
+
+    patient = Patient()
+    assert len(list(poll([PollItem(drive=patient, parameter="481", period_s=5.0)], cycles=2))) == 2
+    assert sum(patient.naps) == pytest.approx(5.0)
+    assert max(patient.naps) < 0.1001
+
+
+def test_what_breaks_in_a_thread_reaches_the_reader():
+    _, buses, drives = many(2)
+    results = drivecomm.poll([PollItem(drive=drive, parameter="481") for drive in drives])
+    next(results)
+    buses[0].close()
+    with pytest.raises(UsageError, match="this bus is closed"):
+        for _ in results:
+            pass
+    buses[1].close()
+
+
+# Asynchronous
+
+
+@dataclass
+class AsyncFace:
+    """The part of an asynchronous bus that the loop needs, over a blocking one in virtual time."""
+
+    bus: object
+    naps: list = field(default_factory=list)
+
+    def now(self):
+        return self.bus.now()
+
+    def wall_time(self):
+        return self.bus.wall_time()
+
+    async def sleep_until(self, until):
+        self.naps.append(until)
+        await asyncio.sleep(0)
+        self.bus.sleep_until(until)
+
+    def drive(self, *arguments, **options):
+        return AsyncDriveFace(self, self.bus.drive(*arguments, **options))
+
+
+@dataclass(eq=False)
+class AsyncDriveFace:
+    bus: AsyncFace
+    drive: object
+
+    @property
+    def name(self):
+        return self.drive.name
+
+    def check_read(self, parameter, **options):
+        self.drive.check_read(parameter, **options)
+
+    async def polled(self, parameter, **options):
+        await asyncio.sleep(0)
+        return self.drive.read(parameter, **options)
+
+
+def facts_of(result):
+    return result.drive, result.parameter, result.quality, result.cause, result.due_s, result.late_s, result.took_s
+
+
+def test_the_asynchronous_loop_does_the_same():
+    def plan(bus):
+        drive = bus.drive("vabus", 1, model="agile")
+        return [
+            PollItem(drive=drive, parameter=parameter, period_s=0.2, priority=number)
+            for number, parameter in enumerate(("481", "999", "480"))
+        ]
+
+    async def collect(bus):
+        return [result async for result in poll_async(plan(AsyncFace(bus)), duration_s=5.0)]
+
+    with drivecomm.open_bus(VirtualLine([virtual_drive("vabus", 1)]).port) as bus:
+        blocking = list(poll(plan(bus), duration_s=5.0))
+    with drivecomm.open_bus(VirtualLine([virtual_drive("vabus", 1)]).port) as bus:
+        awaited = asyncio.run(collect(bus))
+    assert len(blocking) == 75
+    for one, other in zip(blocking, awaited, strict=True):
+        assert facts_of(one)[:4] == facts_of(other)[:4]
+        assert facts_of(one)[4:] == pytest.approx(facts_of(other)[4:])
+
+
+def test_several_asynchronous_buses():
+    async def collect(buses):
+        plan = [PollItem(drive=AsyncFace(bus).drive("vabus", 1), parameter="481", period_s=0.1) for bus in buses]
+        return [result async for result in poll_async(plan, cycles=7)]
+
+    _, buses, _ = many(3)
+    results = asyncio.run(collect(buses))
+    assert len(results) == 21
+    assert {result.error for result in results} == {None}
+
+
+def test_asynchronous_plans_can_be_closed_and_pass_on_what_breaks():
+    async def enough(buses):
+        results = poll_async(
+            [PollItem(drive=AsyncFace(bus).drive("vabus", 1), parameter="481", period_s=0) for bus in buses]
+        )
+        seen = [await anext(results) for _ in range(10)]
+        await results.aclose()
+        assert len(asyncio.all_tasks()) == 1
+        broken = poll_async([PollItem(drive=AsyncFace(bus).drive("vabus", 1), parameter="481") for bus in buses])
+        await anext(broken)
+        buses[0].close()
+        with pytest.raises(UsageError, match="this bus is closed"):
+            async for _ in broken:
+                pass
+        return seen
+
+    _, buses, _ = many(2)
+    assert len(asyncio.run(enough(buses))) == 10
+
+
+def test_the_loops_swallow_nothing_but_errors_of_the_tree():
+    class Broken(Pump):
+        @property
+        def bus(self):
+            return self
+
+        def now(self):
+            return 0.0
+
+        wall_time = now
+
+        def check_read(self, parameter):
+            pass
+
+        def polled(self, parameter):
+            raise RuntimeError(parameter)
+
+    assert not issubclass(RuntimeError, DriveCommError)
+    with pytest.raises(RuntimeError, match="481"):
+        next(poll([PollItem(drive=Broken(), parameter="481")]))

@@ -1,0 +1,76 @@
+"""Exact numbers: nothing is rounded."""
+
+from decimal import Decimal
+
+import pytest
+
+from drivecomm.errors import ValueRefusedError
+from drivecomm.protocol import exact, scaled, unscaled
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        (1, "1"),
+        (10.1, "10.1"),
+        ("10.10", "10.10"),
+        (Decimal("0.3"), "0.3"),
+        (-0.5, "-0.5"),
+        ("1e2", "1E+2"),
+        (0.1, "0.1"),
+    ],
+)
+def test_what_a_caller_means(given, meant):
+    assert exact(given, "1") == Decimal(meant)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        "",
+        "ten",
+        "0x10",
+        None,
+        [],
+        float("nan"),
+        float("inf"),
+        "nan",
+        "-inf",
+        Decimal("NaN"),
+        True,
+        False,
+        b"1",
+    ],
+)
+def test_what_is_no_number(given):
+    with pytest.raises(ValueRefusedError, match="for parameter 481 is no number"):
+        exact(given, "481")
+
+
+def test_physical_to_raw():
+    assert unscaled(Decimal("10.00"), Decimal("0.01"), "481", "Hz") == 1000
+    assert unscaled(Decimal(-3), Decimal(1), "481") == -3
+    assert unscaled(Decimal(20), Decimal(10), "481") == 2
+
+
+@pytest.mark.parametrize(("physical", "factor"), [("10.001", "0.01"), ("0.5", "1"), ("5", "10"), ("1", "3")])
+def test_nothing_is_rounded(physical, factor):
+    with pytest.raises(ValueRefusedError, match=f"is no multiple of {factor} Hz; it is not rounded"):
+        unscaled(Decimal(physical), Decimal(factor), "481", "Hz")
+
+
+def test_nothing_is_rounded_by_the_decimal_context_either():
+    with pytest.raises(ValueRefusedError):
+        unscaled(Decimal("1." + "0" * 40 + "1"), Decimal("0.01"), "481")
+
+
+def test_a_number_too_long_to_divide_is_refused():
+    with pytest.raises(ValueRefusedError):
+        unscaled(Decimal("1e999999"), Decimal("0.01"), "481")
+
+
+def test_raw_to_physical():
+    assert scaled(1000, Decimal("0.01")) == Decimal("10.00")
+    assert str(scaled(1000, Decimal("0.01"))) == "10.00"
+    assert scaled(7, Decimal(1)) == 7
+    assert type(scaled(7, Decimal(1))) is int

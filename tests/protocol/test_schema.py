@@ -1,0 +1,483 @@
+"""The vocabulary of schemas and the codec around them."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import pytest
+from construct import this
+
+from drivecomm.errors import TelegramError
+from drivecomm.protocol.schema import (
+    Check,
+    Form,
+    Leaf,
+    Written,
+    characters,
+    choice,
+    constant,
+    decimal_number,
+    decimal_sum,
+    filler,
+    hex_number,
+    hex_sum,
+    hex_value,
+    shifted_character,
+    signed,
+    unsigned,
+    xor_byte,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Note:
+    kind: ClassVar[str] = "note"
+    value: object = None
+    other: object = None
+
+
+def form(*leaves, **options):
+    return Form(Note, *leaves, **options)
+
+
+def one(leaf):
+    return form("value" / leaf)
+
+
+def refusal(leaf, data):
+    with pytest.raises(TelegramError) as caught:
+        one(leaf).parse(data)
+    return caught.value
+
+
+@pytest.mark.parametrize(
+    ("leaf", "data", "value"),
+    [
+        (choice({b"A": "on", b"B": "off"}), b"B", "off"),
+        (decimal_number(3), b"007", 7),
+        (decimal_number(2, range(1, 100)), b"99", 99),
+        (hex_number(4), b"00AF", 0xAF),
+        (shifted_character(0x40, range(1, 31)), b"A", 1),
+        (characters(3), b"a b", "a b"),
+        (characters(2, highest=0xFF), b"\xe4!", "ä!"),
+        (unsigned(2), b"\xff\xfe", 65534),
+        (unsigned(4), b"\x80\x00\x00\x00", 1 << 31),
+        (signed(2), b"\xff\xfe", -2),
+        (signed(2), b"\x7f\xff", 32767),
+    ],
+)
+def test_a_leaf_reads_what_it_writes(leaf, data, value):
+    assert one(leaf).parse(data) == Note(value=value)
+    assert one(leaf).build(Note(value=value)) == data
+
+
+@pytest.mark.parametrize(
+    ("leaf", "data", "category", "text"),
+    [
+        (constant(b"\x02", "STX"), b"\x03", "framing", "02 STX expected, 03 found"),
+        (choice({b"A": "on", b"B": "off"}), b"C", "field", "43 is none of 'on', 'off'"),
+        (decimal_number(2), b"1A", "field", "are not 2 decimal digits"),
+        (decimal_number(2), b"+1", "field", "are not 2 decimal digits"),
+        (decimal_number(2, range(1, 5)), b"05", "field", "5 is not allowed here"),
+        (hex_number(2), b"0a", "field", "is not made of the digits 0-9 and A-F"),
+        (hex_number(2), b" 1", "field", "is not made of the digits 0-9 and A-F"),
+        (hex_number(2), b"\xb2\xb3", "field", "is not made of the digits 0-9 and A-F"),
+        (shifted_character(0x40, range(1, 31)), b"@", "field", "0 is not allowed here"),
+        (characters(2), b"a\x1f", "field", "holds a character outside 20H to 7EH"),
+        (characters(2), b"a", "length", "2 characters expected, 1 left"),
+        (characters(2), b"", "length", "2 characters expected, 0 left"),
+        (characters(2), b"abc", "length", "1 characters too many"),
+    ],
+)
+def test_a_leaf_refuses_to_read(leaf, data, category, text):
+    error = refusal(leaf, data)
+    assert error.category == category
+    assert text in str(error)
+    assert error.field == ("value" if category == "field" else error.field)
+
+
+@pytest.mark.parametrize(
+    ("leaf", "value"),
+    [
+        (choice({b"A": "on"}), "off"),
+        (choice({b"A": 1}), []),
+        (decimal_number(2), 100),
+        (decimal_number(2), -1),
+        (decimal_number(2), True),
+        (decimal_number(2), "1"),
+        (decimal_number(2), None),
+        (hex_number(2), 256),
+        (hex_number(2), 1.0),
+        (shifted_character(0x40, range(1, 31)), 31),
+        (characters(2), "abc"),
+        (characters(2), "a"),
+        (characters(2), "a\n"),
+        (characters(2), b"ab"),
+        (characters(2), "a\u2126"),
+        (unsigned(2), 65536),
+        (unsigned(2), -1),
+        (signed(2), 32768),
+        (signed(2), -32769),
+    ],
+)
+def test_a_leaf_refuses_to_write(leaf, value):
+    with pytest.raises(TelegramError, match=r"^note telegram") as caught:
+        one(leaf).build(Note(value=value))
+    assert (caught.value.category, caught.value.field) == ("field", "value")
+
+
+def test_a_field_that_is_not_given_is_refused():
+    with pytest.raises(TelegramError):
+        one(hex_number(2)).build(Note())
+
+
+def test_constants_and_fillers_are_written_and_not_asked_for():
+    note = form(constant(b"<"), filler(b"  "), "value" / decimal_number(1), filler(b"0", "spare"), constant(b">"))
+    assert note.build(Note(value=7)) == b"<  70>"
+    assert note.parse(b"<xy7z>") == Note(value=7)
+
+
+@pytest.mark.parametrize(
+    ("compute", "covered", "check"),
+    [(xor_byte, b"\x01\x02\x04", b"\x07"), (hex_sum, b"\xff\x02", b"01"), (decimal_sum, b"\x64\x07", b"07")],
+)
+def test_check_characters(compute, covered, check):
+    assert compute(covered) == check
+    checked = form("value" / characters(len(covered), lowest=0, highest=255), Check(len(check), 0, compute))
+    text = covered.decode("latin-1")
+    assert checked.build(Note(value=text)) == covered + check
+    assert checked.parse(covered + check) == Note(value=text)
+    with pytest.raises(TelegramError, match="check characters") as caught:
+        checked.parse(covered + bytes([check[0] ^ 1]) + check[1:])
+    assert caught.value.category == "checksum"
+
+
+def test_check_characters_leave_out_what_comes_before_their_start():
+    checked = form("other" / characters(1), "value" / hex_number(2), Check(1, 1, xor_byte))
+    assert checked.build(Note(value=0x11, other="a")) == b"a11\x00"
+    assert checked.parse(b"b11\x00") == Note(value=0x11, other="b")
+
+
+def test_check_characters_that_switch_the_check_off():
+    checked = form("value" / characters(1), Check(2, 0, decimal_sum, off=b"??"))
+    assert checked.parse(b"a??") == Note(value="a")
+    assert checked.parse(b"a97") == Note(value="a")
+    with pytest.raises(TelegramError):
+        checked.parse(b"a?7")
+
+
+def test_check_characters_are_left_out_when_told_to():
+    checked = form("value" / characters(1), "other" / Check(2, 0, decimal_sum, off=b"??"))
+    assert checked.build(Note(value="a", other=b"??")) == b"a??"
+    assert checked.build(Note(value="a")) == checked.build(Note(value="a", other=b"11")) == b"a97"
+
+
+def test_check_characters_with_a_name_are_shown():
+    checked = form("value" / Check(1, 0, xor_byte))
+    assert checked.parse(b"\x00") == Note(value=b"\x00")
+
+
+def test_check_characters_that_are_missing():
+    with pytest.raises(TelegramError) as caught:
+        form("value" / characters(1), Check(2, 0, hex_sum)).parse(b"a6")
+    assert caught.value.category == "length"
+
+
+SIZED = form(
+    "length" / decimal_number(1),
+    "value" / characters(this.length),
+    writes={"length": lambda note: len(note.value)},
+)
+
+
+def test_a_size_that_stands_in_the_telegram():
+    assert SIZED.parse(b"3abc") == Note(value="abc")
+    assert SIZED.build(Note(value="abc")) == b"3abc"
+    assert SIZED.parse(b"0") == Note(value="")
+
+
+def test_a_size_that_cannot_be_read_is_a_length():
+    with pytest.raises(TelegramError) as caught:
+        SIZED.parse(b"xabc")
+    assert caught.value.category == "length"
+
+
+def test_a_size_that_is_computed_from_one_that_cannot_be_read():
+    computed = form(
+        "length" / decimal_number(1),
+        "value" / characters(this.length - 1),
+    )
+    assert computed.parse(b"3ab") == Note(value="ab")
+    # None - 1 must not leave the schema as a TypeError.
+    with pytest.raises(TelegramError) as caught:
+        computed.parse(b"xab")
+    assert caught.value.category == "length"
+
+
+def test_a_size_below_nothing_is_a_length():
+    computed = form(
+        "length" / decimal_number(1),
+        "value" / characters(this.length - 3),
+    )
+    assert computed.parse(b"4a") == Note(value="a")
+    # A stream read with a negative size takes everything that is there.
+    with pytest.raises(TelegramError) as caught:
+        computed.parse(b"1abc")
+    assert caught.value.category == "length"
+
+
+def test_the_gravest_fault_is_named():
+    checked = form(
+        constant(b"<"), "value" / hex_number(2), "other" / characters(2), Check(2, 1, hex_sum), constant(b">")
+    )
+    good = checked.build(Note(value=0x1F, other="ab"))
+    assert checked.parse(good) == Note(value=0x1F, other="ab")
+
+    def category(data):
+        with pytest.raises(TelegramError) as caught:
+            checked.parse(data)
+        return caught.value.category
+
+    assert category(good.replace(b"1F", b"1f")) == "checksum"
+    assert category(b"[" + good[1:]) == "framing"
+    assert category(b"[" + good[1:].replace(b"1F", b"1f")) == "framing"
+    assert category(good[:-1]) == "length"
+    assert category(b"[" + good[1:-1]) == "length"
+    sound = checked.build(Note(value=0x1F, other="ab"))[1:5].replace(b"1F", b"1f")
+    assert category(b"<" + sound + hex_sum(sound) + b">") == "field"
+
+
+def test_an_error_names_telegram_and_field():
+    error = refusal(hex_number(2), b"zz")
+    assert str(error).startswith("note telegram, value: ")
+    assert error.field == "value"
+    assert str(refusal(constant(b"a"), b"b")).startswith("note telegram, value: ")
+    with pytest.raises(TelegramError, match=r"^note telegram: 61"):
+        form(constant(b"a")).parse(b"b")
+
+
+def test_a_message_that_refuses_its_fields_is_a_field_error():
+    def up_to_five(value):
+        if value > 5:
+            raise ValueError("more than five")
+        return value
+
+    picky = form("value" / decimal_number(1), reads={"value": up_to_five})
+    assert picky.parse(b"5") == Note(value=5)
+    with pytest.raises(TelegramError, match="more than five") as caught:
+        picky.parse(b"6")
+    assert caught.value.category == "field"
+
+
+def test_fields_that_the_message_does_not_have_are_left_out():
+    assert form("value" / decimal_number(1), "colour" / decimal_number(1)).parse(b"12") == Note(value=1)
+
+
+def test_a_form_describes_its_leaves():
+    described = form(
+        constant(b"\x02", "STX"), "value" / hex_number(4, "the value"), Check(1, 0, xor_byte, meaning="BCC")
+    ).describe()
+    assert described == [("", "1", "STX"), ("value", "4", "the value"), ("", "1", "BCC")]
+    assert SIZED.describe()[1] == ("value", "n", "")
+    assert form(constant(b"\x02\x03"), filler(b" ")).describe() == [("", "2", "02 03"), ("", "1", "not looked at")]
+
+
+def test_a_leaf_of_ones_own():
+    def read(data):
+        if data == b"?":
+            raise ValueError("a question")
+        return data
+
+    own = one(Leaf(1, read, lambda value: value, category="framing", meaning="anything but ?"))
+    assert own.parse(b"!") == Note(value=b"!")
+    with pytest.raises(TelegramError, match="a question") as caught:
+        own.parse(b"?")
+    assert caught.value.category == "framing"
+    assert own.schema.sizeof() == 1
+
+
+@pytest.mark.parametrize("digits", [b"", b"0", b"FF", b"0123456789ABCDEF"])
+def test_hexadecimal_digits(digits):
+    if digits:
+        assert hex_value(digits) == int(digits, 16)
+    else:
+        with pytest.raises(ValueError, match="invalid literal"):
+            hex_value(digits)
+
+
+def test_a_form_can_be_used_many_times_and_by_many():
+    first = SIZED.parse(b"3abc")
+    assert SIZED.parse(b"2xy") == replace(first, value="xy")
+    assert SIZED.parse(b"3abc") == first
+
+
+PAIR = Leaf(2, lambda found: (found[:1], found[1:]), lambda pair: pair[0] + pair[1])
+
+
+def test_fields_that_are_computed_from_leaves_and_leaves_from_fields():
+    paired = form(
+        "both" / PAIR, reads={"value other": lambda both: both}, writes={"both": lambda note: (note.value, note.other)}
+    )
+    assert paired.parse(b"ab") == paired.parse_declared(b"ab") == Note(value=b"a", other=b"b")
+    assert paired.build(Note(value=b"c", other=b"d")) == b"cd"
+    split = form(
+        "first" / decimal_number(1),
+        "second" / decimal_number(1),
+        reads={"value": lambda second, first: 10 * first + second},
+        writes={"first second": lambda note: divmod(note.value, 10)},
+    )
+    assert split.parse(b"47") == split.parse_declared(b"47") == Note(value=47)
+    assert split.build(Note(value=47)) == split.build_declared(Note(value=47)) == b"47"
+
+
+def test_a_message_is_looked_at_before_it_is_written():
+    def refuse_seven(note):
+        if note.value == 7:
+            raise TelegramError("field", "not seven", field="value")
+
+    picky = form("value" / decimal_number(1), check=refuse_seven)
+    assert picky.build(Note(value=6)) == b"6"
+    with pytest.raises(TelegramError, match="not seven"):
+        picky.build(Note(value=7))
+
+
+LEAVES = [
+    constant(b"\x02"),
+    choice({b"A": "on", b"B": "off"}),
+    choice({b"AA": 1, b"BB": 2}),
+    decimal_number(1),
+    decimal_number(2, range(1, 100)),
+    decimal_number(3),
+    decimal_number(4, range(5)),
+    hex_number(1),
+    hex_number(2),
+    hex_number(3),
+    hex_number(4),
+    shifted_character(0x40, range(1, 31)),
+    characters(1),
+    characters(2),
+    characters(2, lowest=0, highest=255),
+    unsigned(1),
+    unsigned(2),
+    unsigned(3),
+    unsigned(4),
+    signed(1),
+    signed(2),
+    signed(8),
+    filler(b"  "),
+    Leaf(1, lambda found: found, lambda value: value),
+    Leaf(2, int, lambda value: b"%02d" % value),
+    Check(1, 0, xor_byte),
+    Check(2, 0, hex_sum, off=b"??"),
+]
+ODD = [
+    None,
+    True,
+    False,
+    1.0,
+    -1,
+    0,
+    1,
+    2,
+    255,
+    256,
+    65536,
+    1 << 70,
+    "",
+    "a",
+    "on",
+    "ab",
+    "ä",
+    "\u2126",
+    b"a",
+    b"ab",
+    [],
+    (),
+]
+
+
+def outcome(function, given):
+    try:
+        return function(given)
+    except Exception:  # noqa: BLE001 - whatever it is, it is refused
+        return "refused"
+
+
+@pytest.mark.parametrize("leaf", LEAVES, ids=lambda leaf: f"{leaf.size}-{leaf.meaning}")
+def test_a_leaf_in_code_is_the_leaf_as_declared(leaf):
+    declared = one(leaf)
+    assert declared.read != declared.parse_declared
+    assert declared.write != declared.build_declared
+    ends = b"0", b"9A", b"F0", b"?? ", b"\xff\x80", b"-_+"
+    for first in range(256):
+        for end in ends:
+            data = (bytes([first]) + end * leaf.size)[: leaf.size]
+            for each in (data, data[::-1], data[:-1], data + b"0"):
+                read = outcome(declared.read, each)
+                expected = outcome(declared.parse_declared, each)
+                assert (read, type(read)) == (expected, type(expected))
+                if read != "refused":
+                    assert repr(read) == repr(expected)
+    for value in ODD:
+        written = outcome(declared.write, Note(value=value))
+        # What the code does not know is written as declared.
+        assert written in ("refused", outcome(declared.build_declared, Note(value=value)))
+        assert outcome(declared.build, Note(value=value)) == outcome(declared.build_declared, Note(value=value))
+
+
+class Own(Leaf):
+    """A leaf that reads in a way of its own."""
+
+    def _parse(self, stream, context, path):
+        return super()._parse(stream, context, path) * 2
+
+
+def test_a_leaf_that_has_no_code_makes_its_telegram_interpreted():
+    for leaf in (Own(1, lambda found: found, lambda value: value), characters(lambda _: 2)):
+        interpreted = one(leaf)
+        assert interpreted.read == interpreted.parse_declared
+        assert interpreted.write == interpreted.build_declared
+    assert one(Own(1, lambda found: found, lambda value: value)).parse(b"a") == Note(value=b"aa")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slotted:
+    kind: ClassVar[str] = "slotted"
+    value: int
+    other: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Doubting(Slotted):
+    def __post_init__(self):
+        if self.value > 5:
+            raise ValueError("more than five")
+
+
+def test_messages_are_made_as_their_class_makes_them():
+    read = Form(Slotted, "value" / decimal_number(1)).parse(b"7")
+    assert (read, hash(read), repr(read)) == (Slotted(value=7), hash(Slotted(value=7)), repr(Slotted(value=7)))
+    assert Form(Doubting, "value" / decimal_number(1)).parse(b"5") == Doubting(value=5)
+    with pytest.raises(TelegramError, match="more than five"):
+        Form(Doubting, "value" / decimal_number(1)).parse(b"6")
+
+
+def test_a_telegram_is_written_once_for_each_message_object():
+    calls = []
+
+    def write(message):
+        calls.append(message)
+        if message.value == "bad":
+            raise TelegramError("field", "no")
+        return str(message.value).encode()
+
+    written = Written(write)
+    first, equal = Note(value=1), Note(value=True)
+    assert first == equal
+    assert [written.telegram(note) for note in (first, equal, first, equal)] == [b"1", b"True", b"1", b"True"]
+    assert len(calls) == 2
+    for _ in range(2):
+        with pytest.raises(TelegramError):
+            written.telegram(Note(value="bad"))
+    for number in range(2000):
+        assert written.telegram(Note(value=number)) == str(number).encode()
+    assert len(written._kept) <= 512

@@ -1,0 +1,476 @@
+"""Watched lines and drives: what was received, what is held, in virtual and in real time, and how failures read."""
+
+import os
+import socket
+import threading
+import time
+from contextlib import contextmanager
+from decimal import Decimal
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import ParameterAddressError, PortError, UsageError
+from drivecomm.models import load_model
+from drivecomm.plant import Fault, FaultPlan
+from drivecomm.protocol import LineSettings
+from drivecomm.testing import LineMaker
+
+needs_pty = pytest.mark.skipif(os.name != "posix", reason="this system has no pseudo-terminals")
+
+VABUS = LineSettings(baudrate=19200, bytesize=7, parity="E")
+ENQUIRY = bytes.fromhex("04 41 30 30 34 38 31 05")
+VALUE = bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03 48")
+
+
+@contextmanager
+def connected(port):
+    host, _, number = port.partition("://")[2].partition(":")
+    with socket.create_connection((host, int(number)), timeout=5) as master:
+        master.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        yield master
+
+
+def received_from(master, length):
+    data = b""
+    while len(data) < length:
+        data += master.recv(length - len(data)) or pytest.fail("the line was closed")
+    return data
+
+
+class TestReceived:
+    def test_telegrams_for_this_drive_with_fields_and_times(self, lines):
+        line = lines.line(["vabus:1", "vabus:2", "danfoss-fc:3"])
+        with drivecomm.open_bus(line.port) as bus:
+            bus.drive("vabus", 1, model="agile").read("481")
+            bus.drive("vabus", 2, model="agile").write("480", 12)
+            bus.drive("danfoss-fc", 3, model="fc300").read("16-14")
+        first, second, third = line.drives
+        assert [each.fields for each in first.received] == [
+            {"kind": "enquiry", "address": 1, "sys": 0, "dataset": 0, "parameter": 481}
+        ]
+        assert first.received[0].data == ENQUIRY
+        assert first.received[0].time_s == pytest.approx(VABUS.wire_s(len(ENQUIRY)), abs=0.05)
+        assert [each.kind for each in second.received] == ["select"]
+        assert [each.fields["pnu"] for each in third.received] == [1614]
+
+    def test_broadcasts_are_for_everybody(self, lines, plugin):
+        addresses = [plugin.addresses[0], plugin.addresses[1]]
+        line = lines.line([f"{plugin.name}:{address}" for address in addresses])
+        with drivecomm.open_bus(line.port) as bus:
+            bus.broadcast(plugin.name, model=plugin.default_model).stop()
+        for drive in line.drives:
+            drive.assert_received(times=1)
+
+    def test_replies_of_others_are_not(self, lines, plugin):
+        names = [f"{plugin.name}:{plugin.addresses[0]}", f"{plugin.name}:{plugin.addresses[1]}"]
+        line = lines.line(names)
+        with drivecomm.open_bus(line.port) as bus:
+            bus.drive(plugin.name, plugin.addresses[0], model=plugin.default_model).status()
+        assert line.drive(names[0]).received
+        assert not line.drive(names[1]).received
+
+    def test_damaged_telegrams(self, lines):
+        drive = lines.drive("vabus:1")
+        drive.line.virtual.configure(VABUS)
+        drive.line.inject(bytes.fromhex("04 41 02 30 30 34 38 30 30 38 30 30 30 30 30 34 42 30 03 00"))
+        drive.line.advance(1)
+        assert [each.error.category for each in drive.damaged] == ["checksum"]
+        with pytest.raises(AssertionError, match="no select telegram, but it heard 1 damaged ones"):
+            drive.assert_received(kind="select")
+
+    def test_begin_anew(self, lines):
+        drive = lines.drive("vabus:1")
+        with drivecomm.open_bus(drive.port) as bus:
+            pump = bus.drive("vabus", 1, model="agile")
+            pump.read("481")
+            drive.forget_received()
+            pump.read("480")
+        assert [each.fields["parameter"] for each in drive.received] == [480]
+
+
+class TestAssertReceived:
+    @pytest.fixture
+    def asked(self, lines):
+        drive = lines.drive("vabus:1", model="agile")
+        with drivecomm.open_bus(drive.port) as bus:
+            pump = bus.drive("vabus", 1, model="agile")
+            pump.write("480", 12)
+            pump.read("481")
+            pump.read("481")
+        return drive
+
+    def test_what_came(self, asked):
+        asked.assert_received()
+        asked.assert_received(kind="select", parameter=480, data="000004B0")
+        asked.assert_received(kind="enquiry", times=2)
+        asked.assert_received(kind="enquiry", parameter=482, times=0, within_s=0)
+        asked.assert_nothing_received(parameter=482)
+
+    def test_what_did_not_come_is_said_with_the_closest_that_did(self, asked):
+        with pytest.raises(AssertionError) as caught:
+            asked.assert_received(kind="select", parameter=481)
+        text = str(caught.value)
+        assert text.startswith("vabus:1 received no select telegram with parameter=481\nclosest: ")
+        assert "enquiry address=1 sys=0 dataset=0 parameter=481 (kind is 'enquiry', not 'select')" in text
+        assert text.count("\n") == 5
+
+    def test_a_field_that_does_not_exist(self, asked):
+        with pytest.raises(AssertionError, match=r"it has no paramter"):
+            asked.assert_received(kind="select", paramter=480)
+
+    def test_another_number_of_them(self, asked):
+        with pytest.raises(AssertionError, match=r"received 2 enquiry telegrams, and not 1:\n"):
+            asked.assert_received(kind="enquiry", times=1)
+        with pytest.raises(AssertionError, match=r"received 1 select telegram, and not 2:\n"):
+            asked.assert_received(kind="select", times=2)
+
+    def test_nothing(self, lines, asked):
+        lines.drive("vabus:1").assert_nothing_received()
+        with pytest.raises(AssertionError, match=r"received 3 telegrams:\n  0\."):
+            asked.assert_nothing_received()
+
+    def test_many_are_not_all_listed(self, lines):
+        drive = lines.drive("vabus:1")
+        with drivecomm.open_bus(drive.port) as bus:
+            for _ in range(25):
+                bus.drive("vabus", 1).read("481")
+        with pytest.raises(AssertionError, match=r"received 25 telegrams:\n  \(15 earlier ones are left out\)\n"):
+            drive.assert_nothing_received()
+
+    def test_fields_as_python_or_as_written(self, lines):
+        drive = lines.drive("vlt3500:3")
+        with drivecomm.open_bus(drive.port) as bus:
+            bus.drive("vlt3500", 3, model="vlt3500").write("205", Decimal("42.5"))
+        assert any(each.fields.get("value") == "42.5" for each in drive.received), drive.received
+        drive.assert_received(value="42.5")
+        drive.assert_received(value=Decimal("42.5"))
+
+    def test_in_virtual_time_a_telegram_on_its_way_arrives(self, lines):
+        drive = lines.drive("vabus:1")
+        drive.line.virtual.configure(VABUS)
+        drive.line.virtual.transmit(ENQUIRY)
+        assert not drive.received
+        drive.assert_received(kind="enquiry")
+
+
+class TestHolds:
+    def test_as_a_reading_shows_it(self, lines):
+        drive = lines.drive("vabus:1", model="agile")
+        assert drive.holds("481") == "000003E8"
+        assert drive.holds("fixed_frequency_2") == "000003E8"
+        drive.assert_holds("481", 1000)
+        drive.assert_holds("481", "000003E8")
+        with pytest.raises(AssertionError, match=r"vabus:1 holds '000003E8' in 481, and not 1001 \('000003E9'\)"):
+            drive.assert_holds("481", 1001)
+
+    def test_what_nobody_holds(self, lines):
+        drive = lines.drive("vabus:1")
+        with pytest.raises(ParameterAddressError):
+            drive.holds("1599")
+        with pytest.raises(ParameterAddressError):
+            drive.assert_holds("1599", 1)
+
+    def test_raw_numbers_of_every_protocol(self, lines, plugin):
+        """What can be set to a number is held as that number, and as no other one."""
+        drive = lines.drive(f"{plugin.name}:{plugin.addresses[0]}")
+        model = load_model(plugin.package, plugin.name, plugin.default_model)
+        tried = 0
+        for parameter in model.parameters:
+            try:
+                before = drive.holds(parameter)
+                drive.poke(parameter, 3)
+                held = drive.holds(parameter)
+            except (drivecomm.DriveCommError, ValueError):
+                continue
+            if held == before:
+                continue
+            tried += 1
+            drive.assert_holds(parameter, 3)
+            drive.assert_holds(parameter, held)
+            with pytest.raises(AssertionError):
+                drive.assert_holds(parameter, 4, within_s=0)
+        assert tried > 10
+
+    def test_what_is_measured_is_compared_as_it_is(self, lines):
+        drive = lines.drive("vabus:1", model="agile")
+        for wrong in (5, 0, "x"):
+            with pytest.raises(AssertionError):
+                drive.assert_holds("210", wrong, within_s=0)
+        drive.assert_holds("210", "00000000")
+
+    def test_waits_for_what_comes_about(self, lines):
+        drive = lines.drive("vabus:1", model="agile")
+        with drivecomm.open_bus(drive.port) as bus:
+            pump = bus.drive("vabus", 1, model="agile")
+            pump.write("412", 1)
+            pump.set_reference(hz=10)
+            pump.start()
+            drive.assert_holds("210", "000003E8", within_s=60)
+        assert drive.motor.output_hz == pytest.approx(10)
+
+
+class TestWhatHappens:
+    def test_poke_and_trip(self, lines):
+        drive = lines.drive("vabus:1", model="agile")
+        drive.poke("481", 2500)
+        with drivecomm.open_bus(drive.port) as bus:
+            pump = bus.drive("vabus", 1, model="agile")
+            assert pump.read("481").value == Decimal(25)
+            drive.trip(3)
+            assert pump.status().fault_code == 3
+
+    def test_power(self, lines):
+        line = lines.line(["vabus:1", "vabus:2"])
+        with drivecomm.open_bus(line.port) as bus:
+            pumps = [bus.drive("vabus", address) for address in (1, 2)]
+            line.drive("vabus:1").power_off()
+            with pytest.raises(drivecomm.NoReplyError):
+                pumps[0].read("481")
+            pumps[1].read("481")
+            line.drive("vabus:1").power_on()
+            pumps[0].probe()
+        assert line.now() == line.virtual.time > 1
+
+    def test_what_was_written_to_ram_is_lost_with_the_power(self, lines):
+        drive = lines.drive("danfoss-fc:3", model="fc300")
+        with drivecomm.open_bus(drive.port) as bus:
+            fan = bus.drive("danfoss-fc", 3, model="fc300")
+            fan.write("3-41", 10)
+            drive.assert_holds("3-41", 1000)
+            drive.power_off()
+            drive.power_on()
+            drive.assert_holds("3-41", 300)
+
+    def test_faults_of_a_line(self, lines):
+        line = lines.line(["vabus:1"], faults=FaultPlan(rate=1.0, kinds=[Fault.DROP]))
+        with drivecomm.open_bus(line.port) as bus, pytest.raises(drivecomm.NoReplyError):
+            bus.drive("vabus", 1).read("481")
+        line.drive("vabus:1").assert_nothing_received()
+
+    def test_an_adapter_that_is_pulled_out_and_put_back(self, lines):
+        drive = lines.drive("vabus:1")
+        with drivecomm.open_bus(drive.port) as bus:
+            pump = bus.drive("vabus", 1)
+            drive.line.unplug()
+            with pytest.raises(drivecomm.LinkDownError):
+                pump.read("481")
+            drive.line.plug_in()
+            drive.line.advance(10)
+            pump.read("481")
+
+    def test_something_at_a_time(self, lines):
+        drive = lines.drive("vabus:1")
+        drive.line.call_at(5, lambda: drive.poke("481", 7))
+        drive.assert_holds("481", 7, within_s=10)
+        assert drive.line.now() == pytest.approx(5, abs=0.01)
+
+    def test_echo(self, lines):
+        drive = lines.drive("vabus:1", echo=True)
+        with drivecomm.open_bus(drive.port, echo=True) as bus:
+            bus.drive("vabus", 1).read("481")
+
+
+class TestWhatCannotBe:
+    def test_names(self, lines):
+        line = lines.line(["vabus:1"])
+        with pytest.raises(UsageError, match=r"no vabus:2 is on this line; there are vabus:1"):
+            line.drive("vabus:2")
+        with pytest.raises(UsageError, match="vabus:1 is on this line twice"):
+            lines.line(["vabus:1", "vabus:1,model=act"])
+        with pytest.raises(UsageError, match="drive is PROTOCOL:ADDRESS"):
+            lines.drive("vabus")
+        with pytest.raises(drivecomm.UnknownProtocolError):
+            lines.drive("modbus:1")
+        with pytest.raises(UsageError, match="no option 'modle'"):
+            lines.drive("vabus:1", modle="act")
+
+    def test_faults(self, lines):
+        with pytest.raises(UsageError, match=r"from 0 to 1, and not 5"):
+            lines.line([], faults=5)
+
+    def test_places(self, lines):
+        with pytest.raises(UsageError, match="cannot listen at 'com:1'"):
+            lines.drive("vabus:1", listen="com:1")
+        taken = lines.drive("vabus:1", listen="tcp").port.removeprefix("socket://")
+        with pytest.raises(PortError, match="cannot listen at"):
+            lines.drive("vabus:1", listen=f"tcp:{taken}")
+
+    def test_a_served_line_is_not_in_this_process(self, lines):
+        drive = lines.drive("vabus:1", listen="tcp")
+        for act in (
+            drive.power_off,
+            drive.power_on,
+            drive.line.unplug,
+            drive.line.plug_in,
+            lambda: drive.line.inject(b"x"),
+            lambda: drive.line.call_at(1, drive.power_off),
+        ):
+            with pytest.raises(UsageError, match="served in real time"):
+                act()
+
+
+class TestServed:
+    def test_tcp(self, lines):
+        drive = lines.drive("vabus:1", listen="tcp")
+        with connected(drive.port) as master:
+            master.sendall(ENQUIRY)
+            assert received_from(master, len(VALUE)) == VALUE
+        drive.assert_received(kind="enquiry", parameter=481, times=1)
+        drive.assert_holds("481", 1000)
+
+    @needs_pty
+    def test_pty(self, lines):
+        drive = lines.drive("vabus:1", listen="pty")
+        with drivecomm.open_bus(drive.port) as bus:
+            assert bus.drive("vabus", 1, model="agile").read("481").value == 10
+        drive.assert_received(kind="enquiry")
+
+    def test_rfc2217_and_several_protocols(self, lines):
+        line = lines.line(["vabus:1", "danfoss-fc:3"], listen="rfc2217", echo=True)
+        with drivecomm.open_bus(line.port, echo=True) as bus:
+            bus.drive("vabus", 1).read("481")
+            bus.drive("danfoss-fc", 3, model="fc300").read("16-14")
+        assert [drive.received[0].kind for drive in line.drives] == ["enquiry", "parameter"]
+
+    def test_a_telegram_on_its_way_is_waited_for(self, lines):
+        drive = lines.drive("vabus:1", listen="tcp")
+        with connected(drive.port) as master:
+            late = threading.Timer(0.2, master.sendall, [ENQUIRY])
+            late.start()
+            drive.assert_received(kind="enquiry")
+            late.join()
+
+    def test_what_does_not_come_is_not_waited_for_for_ever(self, lines):
+        drive = lines.drive("vabus:1", listen="tcp")
+        began = time.monotonic()
+        drive.assert_nothing_received(for_s=0.05)
+        with pytest.raises(AssertionError, match="nor anything else"):
+            drive.assert_received(within_s=0.1)
+        assert 0.15 <= time.monotonic() - began < 2
+
+    def test_requests_that_are_lost(self, lines):
+        plan = FaultPlan(rate=1.0, kinds=[Fault.DROP])
+        drive = lines.drive("vabus:1", listen="tcp", faults=plan)
+        with connected(drive.port) as master:
+            master.sendall(ENQUIRY)
+            drive.assert_nothing_received()
+        assert plan.happened == {Fault.DROP: 1}
+
+    def test_replies_that_are_late(self, lines):
+        drive = lines.drive(
+            "vabus:1",
+            listen="tcp",
+            reply_delay_s=0.0,
+            faults=FaultPlan(rate=1.0, kinds=[Fault.DELAY], requests=False, delay_s=0.4, seed=1),
+        )
+        with connected(drive.port) as master:
+            began = time.monotonic()
+            master.sendall(ENQUIRY)
+            assert received_from(master, len(VALUE)) == VALUE
+            # The first delay that seed 1 draws.
+            assert time.monotonic() - began > 0.05
+
+    def test_requests_that_come_twice(self, lines):
+        plan = FaultPlan(rate=1.0, kinds=[Fault.DUPLICATE], replies=False)
+        drive = lines.drive("vabus:1", listen="tcp", faults=plan)
+        with connected(drive.port) as master:
+            master.sendall(ENQUIRY)
+            drive.assert_received(times=2)
+
+    def test_foreign_traffic(self, lines):
+        plan = FaultPlan(rate=1.0, kinds=[Fault.FOREIGN], traffic=[ENQUIRY], traffic_within_s=0.05)
+        line = lines.line(["vabus:1", "fuji:7"], listen="tcp", faults=plan)
+        with connected(line.port) as master:
+            master.sendall(b"\0")
+            line.drive("vabus:1").assert_received(kind="enquiry")
+            assert ENQUIRY in received_from(master, len(ENQUIRY))
+        assert "??  04 41 30 30 34 38 31 05  enquiry" in line.trace()
+
+    def test_closed_early(self, lines):
+        drive = lines.drive("vabus:1", listen="tcp")
+        with connected(drive.port) as master:
+            master.sendall(ENQUIRY)
+            drive.assert_received()
+        drive.line.close()
+        with pytest.raises(ConnectionError), connected(drive.port):
+            pass
+        assert len(drive.received) == 1
+
+    def test_poking_while_it_is_served(self, lines):
+        drive = lines.drive("vabus:1", listen="tcp", reply_delay_s=0.0, model="agile")
+        with connected(drive.port) as master:
+            for number in range(100):
+                drive.poke("481", number)
+                master.sendall(ENQUIRY)
+                assert int(received_from(master, len(VALUE))[9:17], 16) == number
+
+
+class TestTrace:
+    def test_of_pieces_and_damage(self, lines):
+        line = lines.line(["vabus:1,gap_s=1"], listen="tcp")
+        with connected(line.port) as master:
+            master.sendall(ENQUIRY[:3])
+            time.sleep(0.01)
+            master.sendall(ENQUIRY[3:])
+            received_from(master, len(VALUE))
+            master.sendall(b"\x04\x41\x02\x30\x30\x34\x38\x30\x30\x38\x30\x30\x30\x30\x30\x34\x42\x30\x03\x00")
+            received_from(master, 2)
+            master.sendall(b"hello")
+            assert line.comes_about(lambda: "no telegram" in line.trace(), 2.0)
+        shown = [row.split("  ", 1)[1].split("  ") for row in map(str.strip, line.trace().splitlines())]
+        assert shown[0] == ["->", "04 41 30 30 34 38 31 05", "enquiry address=1 sys=0 dataset=0 parameter=481"]
+        assert shown[1][0] == "<-"
+        assert shown[2][2].startswith("[damaged: ")
+        assert shown[3][2].startswith("nak")
+        assert shown[4] == ["->", "68 65 6C 6C 6F", "[no telegram]"]
+
+    def test_of_wrong_line_settings(self, lines):
+        line = lines.line(["vabus:1"])
+        with drivecomm.open_bus(line.port) as bus, pytest.raises(drivecomm.ReplyError):
+            bus.drive("vabus", 1, baudrate=9600).read("481")
+        assert "[sent with 9600 7E1, which no drive here listens with]" in line.trace()
+
+    def test_of_a_collision(self, lines):
+        line = lines.line(["vabus:1"])
+        line.virtual.configure(VABUS)
+        line.virtual.transmit(ENQUIRY)
+        line.advance(0.002)
+        line.inject(b"\x55\x55")
+        line.advance(1)
+        assert "[met others on the wire, or broke off]" in line.trace()
+
+    def test_of_a_long_test_is_its_end(self, lines):
+        line = lines.line(["vabus:1"])
+        with drivecomm.open_bus(line.port) as bus:
+            for number in range(50):
+                bus.drive("vabus", 1).read(str(480 + number % 3))
+        line.advance(1)
+        rows = line.trace().splitlines()
+        assert rows[0] == "(70 earlier ones are left out)"
+        assert len(rows) == 81
+
+    def test_names_the_telegrams_of_every_protocol_on_the_line(self, lines):
+        from drivecomm.protocol import installed  # noqa: PLC0415 - the tests above need none of them
+
+        plugins = list(installed.working())
+        names = [f"{each.name}:{each.addresses[number]}" for number, each in enumerate(plugins)]
+        line = lines.line(names)
+        with drivecomm.open_bus(line.port) as bus:
+            for number, each in enumerate(plugins):
+                bus.drive(each.name, each.addresses[number], model=each.default_model).status()
+        trace = line.trace()
+        assert "[damaged" not in trace
+        assert "[no telegram]" not in trace
+        for drive in line.drives:
+            for each in drive.received:
+                assert each.data.hex(" ").upper() in trace
+
+
+def test_lines_are_closed_with_their_maker(tmp_path):
+    before = threading.active_count()
+    with LineMaker(0, folder=lambda: tmp_path) as maker:
+        maker.drive("vabus:1", listen="tcp")
+        maker.drive("vabus:1", listen="tcp")
+        assert threading.active_count() == before + 2
+    assert threading.active_count() == before

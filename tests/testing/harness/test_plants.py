@@ -1,0 +1,127 @@
+"""Whole plants in a test: their lines and drives by name, in virtual and in real time, watched as single ones are."""
+
+import os
+import threading
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.plant import read_plant
+from drivecomm.virtual import virtual_drive
+
+PLANT = """
+format = 1
+
+[[line]]
+name = "hall"
+listen = "tcp:192.0.2.1:4001"
+
+[[line]]
+name = "yard"
+echo = true
+noise = { rate = 0.5, seed = 3, kinds = ["drop"] }
+
+[[drive]]
+name = "pump"
+drive = "vabus:1"
+line = "hall"
+options = { model = "agile" }
+values = { "480" = 1200 }
+
+[[drive]]
+name = "fan"
+drive = "danfoss-fc:3"
+line = "hall"
+
+[[drive]]
+name = "gate"
+drive = "fuji:7"
+line = "yard"
+
+[[fault]]
+drive = "pump"
+trip = { code = 5, at_s = 100 }
+
+[[fault]]
+drive = "pump"
+power = { off_at_s = 200, back_at_s = 210, factory = true }
+"""
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "plant.toml"
+    path.write_text(PLANT, encoding="utf-8")
+    return path
+
+
+def test_in_virtual_time(lines, path):
+    plant = lines.plant(path)
+    assert list(plant.lines) == ["hall", "yard"]
+    assert list(plant.drives) == ["pump", "fan", "gate"]
+    pump = plant.drive("pump")
+    with drivecomm.open_bus(plant.line("hall").port) as bus:
+        master = bus.drive("vabus", 1, model="agile")
+        master.read("481")
+        pump.assert_received(kind="enquiry", parameter=481, times=1)
+        pump.assert_holds("480", 1200)
+        plant.drive("fan").assert_nothing_received()
+        plant.line("hall").advance(100)
+        assert master.status().fault_code == 5
+        # The drive is another one after it came back as new, and still watched.
+        plant.line("hall").advance(150)
+        pump.forget_received()
+        master.read("481")
+        pump.assert_received(kind="enquiry", parameter=481)
+        assert pump.holds("480") == virtual_drive("vabus", 1, model="agile").peek("480", 0.0) != "000004B0"
+    assert "value address=1" in plant.line("hall").trace()
+    plant.plant.trip("pump", 3)
+    assert pump.motor.fault == 3
+
+
+def test_made_of_a_plant(lines, path):
+    plant = lines.plant(read_plant(path))
+    assert plant.line("yard").drive("gate") is plant.drive("gate")
+
+
+@pytest.mark.parametrize("listen", ["tcp", "pty"])
+def test_served(lines, path, listen):
+    if listen == "pty" and os.name != "posix":
+        pytest.skip("this system has no pseudo-terminals")
+    threads = threading.active_count()
+    plant = lines.plant(path, listen=listen)
+    assert threading.active_count() == threads + 1
+    with drivecomm.open_bus(plant.line("hall").port) as bus:
+        bus.drive("danfoss-fc", 3, model="fc300").write("3-41", 10)
+    plant.drive("fan").assert_holds("3-41", 1000)
+    plant.drive("pump").assert_nothing_received()
+    plant.drive("pump").poke("481", 7)
+    plant.drive("pump").assert_holds("481", 7)
+    with drivecomm.open_bus(plant.line("yard").port, echo=True) as bus:
+        bus.drive("fuji", 7, model="frenic", attempts=20).read("F07")
+    plant.drive("gate").assert_received()
+    with pytest.raises(UsageError, match="served in real time"):
+        _ = plant.plant
+    plant.close()
+    assert threading.active_count() == threads
+
+
+def test_traces_have_the_names_of_the_lines(lines, path):
+    lines.plant(path)
+    titles = [title for title, _ in lines.traces()]
+    assert titles == ["line hall: pump, fan, in virtual time", "line yard: gate, in virtual time"]
+    assert dict(lines.traces())[titles[1]].startswith("faults: rate 0.5, seed 3; happened: none yet")
+
+
+def test_what_cannot_be(lines, path):
+    plant = lines.plant(path)
+    with pytest.raises(UsageError, match="no line 'roof' in this plant; it has hall, yard"):
+        plant.line("roof")
+    with pytest.raises(UsageError, match="no drive 'crane' in this plant; it has pump, fan, gate"):
+        plant.drive("crane")
+    with pytest.raises(UsageError, match="served at pty, tcp or rfc2217, and not at 'tcp:x:1'"):
+        lines.plant(path, listen="tcp:x:1")
+    path.write_text("format = 2", encoding="utf-8")
+    with pytest.raises(FileFormatError):
+        lines.plant(path)

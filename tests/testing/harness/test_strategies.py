@@ -1,0 +1,128 @@
+"""The strategies that others build their property tests on: what they promise of what they draw."""
+
+import pytest
+from hypothesis import given, settings, strategies as st
+
+import drivecomm
+from drivecomm.errors import DriveError, UsageError
+from drivecomm.models import load_model
+from drivecomm.plant import Fault, FaultPlan
+from drivecomm.protocol import installed
+from drivecomm.testing import limits, strategies
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+NAMES = [plugin.name for plugin in installed.working()]
+FEW = settings(max_examples=20, derandomize=True, deadline=None, database=None)
+every_protocol = pytest.mark.parametrize("name", NAMES)
+MODELS = {plugin.name: load_model(plugin.package, plugin.name, plugin.default_model) for plugin in installed.working()}
+
+
+@every_protocol
+@FEW
+@given(data=st.data())
+def test_a_drive_understands_every_call_of_a_conversation(name, data):
+    calls = data.draw(strategies.conversations(name, max_size=6))
+    address = installed[name].addresses[0]
+    line = VirtualLine([virtual_drive(name, address, model=MODELS[name])])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive(name, address, model=MODELS[name])
+        for call in calls:
+            try:
+                call.carry_out(drive)
+            except DriveError:
+                # The drive understood, and its state does not allow it.
+                continue
+
+
+@every_protocol
+@FEW
+@given(data=st.data())
+def test_a_drive_that_was_just_switched_on_does_every_read_and_write(name, data):
+    is_access = lambda call: call.verb in ("read", "write")  # noqa: E731
+    call = data.draw(strategies.verb_calls(name).filter(is_access))
+    address = installed[name].addresses[0]
+    line = VirtualLine([virtual_drive(name, address, model=MODELS[name])])
+    with drivecomm.open_bus(line.port) as bus:
+        call.carry_out(bus.drive(name, address, model=MODELS[name]))
+
+
+@every_protocol
+def test_conversations_have_all_sorts_of_calls(name):
+    verbs = set()
+
+    @settings(FEW, max_examples=60)
+    @given(calls=strategies.conversations(name, min_size=8))
+    def draw(calls):
+        assert 8 <= len(calls) <= 12
+        verbs.update(call.verb for call in calls)
+
+    draw()
+    assert {"read", "write", "start", "stop", "set_reference"} <= verbs
+
+
+@every_protocol
+@pytest.mark.parametrize("direction", ["request", "reply"])
+def test_values_of_a_field_are_encoded(name, direction):
+    @FEW
+    @given(number=strategies.field_values(name, direction, "address"))
+    def draw(number):
+        assert number is None or type(number) is int
+
+    draw()
+
+
+def test_a_field_that_no_telegram_has():
+    with pytest.raises(UsageError, match="no vabus request has a field 'adress'; they have address, "):
+        strategies.field_values("vabus", "request", "adress")
+
+
+def test_a_protocol_that_is_not_there():
+    for strategy in (strategies.telegrams, strategies.messages, strategies.telegram_fields):
+        with pytest.raises(drivecomm.UnknownProtocolError):
+            strategy("modbus", "request")
+    with pytest.raises(drivecomm.UnknownProtocolError):
+        strategies.conversations("modbus")
+
+
+@FEW
+@given(data=st.data())
+def test_a_protocol_is_named_or_given(data):
+    for protocol in ("vabus", installed["vabus"]):
+        sent = data.draw(strategies.telegrams(protocol, "request"))
+        assert drivecomm.decode("vabus", sent, direction="request").data == sent
+
+
+@FEW
+@given(plan=strategies.fault_plans(highest_rate=0.4, kinds=[Fault.DROP, Fault.CORRUPT]))
+def test_fault_plans(plan):
+    assert isinstance(plan, FaultPlan)
+    assert 0 <= plan.rate <= 0.4
+    assert set(plan.kinds) <= {Fault.DROP, Fault.CORRUPT}
+    # The same plan is the same course.
+    again = FaultPlan(rate=plan.rate, seed=plan.seed, kinds=plan.kinds, delay_s=plan.delay_s)
+    assert [plan.request(b"12345678") for _ in range(30)] == [again.request(b"12345678") for _ in range(30)]
+
+
+def test_calls_read_as_they_are_written():
+    call = strategies.VerbCall("write", ("481", 12), {"store": True})
+    assert repr(call) == "write('481', 12, store=True)"
+    assert repr(strategies.VerbCall("status")) == "status()"
+
+
+@FEW
+@given(lowest=st.integers(-(1 << 32), 0), highest=st.integers(0, 1 << 32))
+def test_limits(lowest, highest):
+    asked = []
+
+    def accepts(number):
+        asked.append(number)
+        return lowest <= number <= highest
+
+    assert limits(0, accepts) == (lowest, highest)
+    assert len(asked) < 150
+
+
+def test_limits_of_what_has_none():
+    lowest, highest = limits(0, lambda _: True)
+    assert lowest == -highest
+    assert highest >= 1 << 32

@@ -1,0 +1,19 @@
+"""Where the stranger's distribution is, and what an installer writes down of one."""
+
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[3]
+SOURCE = Path(__file__).parent / "drivecomm_acme"
+PACKAGE = SOURCE / "drivecomm_acme"
+
+
+def leave_metadata(site, project, groups):
+    """Write down what an installer does: the name, the version and the entry points of a distribution."""
+    folder = site / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    folder.mkdir()
+    heading = f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
+    (folder / "METADATA").write_text(heading, encoding="utf-8")
+    lines = []
+    for group, points in groups.items():
+        lines += [f"[{group}]", *(f"{name} = {value}" for name, value in points.items())]
+    (folder / "entry_points.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -1,0 +1,350 @@
+"""The judge is judged: codecs with one thing wrong each, and the check that must notice."""
+
+from dataclasses import replace
+
+import pytest
+
+from drivecomm.errors import AddressError, DriveCommError, FileFormatError, TelegramError
+from drivecomm.protocol import VirtualReply, installed
+from drivecomm.protocol.schema import Emission, Form, Leaf, constant, hex_number
+from drivecomm.testing import (
+    Check,
+    CheckFailure,
+    NamedForm,
+    Refuse,
+    Report,
+    Stream,
+    Vector,
+    VectorFile,
+    carry_out,
+    checks_of,
+    compiles_whole,
+    packaged_vectors,
+    run_checks,
+    same_both_ways,
+)
+from drivecomm_vabus.telegrams import Ack, Enquiry, Value
+
+VABUS = installed["vabus"]
+PACKAGED = packaged_vectors(VABUS)
+
+
+class Wrapped:
+    """The VABus codec, with one method replaced."""
+
+    def __init__(self, options, **methods):
+        self._codec = VABUS.codec(options)
+        self._methods = methods
+
+    def __getattr__(self, name):
+        method = self._methods.get(name)
+        return getattr(self._codec, name) if method is None else lambda *values: method(self._codec, *values)
+
+
+def mutant(**methods):
+    return replace(VABUS, codec=lambda options: Wrapped(options, **methods))
+
+
+def failed_checks(plugin, vectors=PACKAGED):
+    return {failure.name.rpartition("/")[2]: failure.reason for failure in run_checks(plugin, vectors).failed}
+
+
+def test_nothing_is_wrong_with_the_real_one():
+    report = run_checks(VABUS, PACKAGED)
+    assert report.ok
+    assert str(report).endswith("checks passed, 0 failed")
+
+
+def test_fields_wrong():
+    def decode(codec, data, direction):
+        message = codec.decode(data, direction)
+        return replace(message, parameter=message.parameter + 1) if isinstance(message, Enquiry) else message
+
+    assert "parameter is 482, the vector says 481" in run_checks(mutant(decode=decode), PACKAGED).failed[0].reason
+
+
+def test_a_field_of_the_vector_that_is_not_decoded():
+    vector = replace(PACKAGED.vectors[0], fields={**PACKAGED.vectors[0].fields, "colour": "red"})
+    assert "the field colour is missing" in failed_checks(VABUS, replace(PACKAGED, vectors=(vector,)))["decode"]
+
+
+def test_a_flag_is_no_number():
+    vector = replace(PACKAGED.vectors[0], fields={**PACKAGED.vectors[0].fields, "address": True})
+    assert "address is 1, the vector says True" in failed_checks(VABUS, replace(PACKAGED, vectors=(vector,)))["decode"]
+
+
+def test_bytes_wrong():
+    assert "encode" in failed_checks(mutant(encode=lambda codec, message: codec.encode(message) + b"\r"))
+
+
+def test_a_checksum_that_is_not_looked_at():
+    def decode(codec, data, direction):
+        try:
+            return codec.decode(data, direction)
+        except TelegramError as error:
+            if error.category != "checksum":
+                raise
+            return Ack(address=1)
+
+    assert {"decode", "flipped"} <= set(failed_checks(mutant(decode=decode)))
+
+
+def test_a_wrong_category():
+    def decode(codec, data, direction):
+        try:
+            return codec.decode(data, direction)
+        except TelegramError as error:
+            raise TelegramError("framing", str(error)) from None
+
+    failures = failed_checks(mutant(decode=decode))
+    assert set(failures) == {"decode"}
+    assert "refused as framing" in failures["decode"]
+
+
+def test_blind_spots_that_are_not_declared():
+    assert set(failed_checks(replace(VABUS, blind_spots=lambda *_: frozenset()))) == {"flipped"}
+
+
+def test_blind_spots_beyond_the_telegram():
+    failures = failed_checks(replace(VABUS, blind_spots=lambda *_: frozenset([999])))
+    assert "outside the telegram" in failures["flipped"]
+
+
+def test_bytes_behind_a_telegram_that_are_not_looked_at():
+    def decode(codec, data, direction):
+        return codec.decode(data[: codec.measure(data, direction)] or data, direction)
+
+    assert "trailing" in failed_checks(mutant(decode=decode))
+
+
+def test_a_cut_telegram_taken_for_a_whole_one():
+    def decode(codec, data, direction):
+        try:
+            return codec.decode(data, direction)
+        except TelegramError as error:
+            if error.category != "length" or direction == "request":
+                raise
+            return Ack(address=1)
+
+    assert {"truncated", "truncated-stream"} <= set(failed_checks(mutant(decode=decode)))
+
+
+@pytest.mark.parametrize("wrong", [lambda length: length + 1, lambda length: max(0, length - 1), lambda _: 0])
+def test_a_length_that_is_off(wrong):
+    failures = failed_checks(mutant(measure=lambda codec, *values: wrong(codec.measure(*values))))
+    assert "five-in-a-row" in failures
+
+
+@pytest.mark.parametrize("shortest", [0, 3])
+def test_a_shortest_telegram_that_is_not_the_shortest(shortest):
+    failures = failed_checks(
+        mutant(measure=lambda codec, head, direction: codec.measure(head, direction) if head else shortest)
+    )
+    assert set(failures) == {"shortest"}
+    assert f"is shorter than {shortest}" in failures["shortest"]
+
+
+def test_noise_that_is_taken_for_a_start():
+    def measure(codec, head, direction):
+        return 40 if head[:1] == b"\x7f" else codec.measure(head, direction)
+
+    def decode(codec, data, direction):
+        if data[:1] == b"\x7f":
+            return Ack(address=1)
+        return codec.decode(data, direction)
+
+    codec = mutant(measure=measure, decode=decode)
+    stream = Stream(id="s", direction="reply", data=b"\x7f\x41\x06", frames=(b"\x41\x06",))
+    assert set(failed_checks(codec, VectorFile(name="f", protocol="vabus", streams=(stream,)))) == {"stream"}
+
+
+def test_a_frame_that_is_no_telegram():
+    stream = Stream(id="s", direction="reply", data=b"\x41", frames=(b"\x41",))
+    assert (
+        "in pieces of 1 found []"
+        in failed_checks(VABUS, VectorFile(name="f", protocol="vabus", streams=(stream,)))["stream"]
+    )
+
+
+def test_a_refusal_that_is_encoded():
+    refuse = Refuse(id="r", direction="reply", fields={"kind": "ack", "address": 1}, reason="some")
+    failures = failed_checks(VABUS, VectorFile(name="f", protocol="vabus", refusals=(refuse,)))
+    assert failures["refuse"] == "encoded as 41 06, the vector says it is refused (some)"
+
+
+def test_an_unknown_option_is_a_failure_of_its_vector():
+    refuse = Refuse(id="r", direction="reply", fields={}, options={"colour": "red"})
+    failures = failed_checks(VABUS, VectorFile(name="f", protocol="vabus", refusals=(refuse,)))
+    assert failures["refuse"].startswith("vabus has no option 'colour'; it has ")
+
+
+def test_an_exception_outside_the_tree():
+    def decode(codec, data, direction):
+        return codec.decode(data, direction) if len(data) % 3 else {}[data]
+
+    assert "KeyError outside the error tree" in failed_checks(mutant(decode=decode))["truncated"]
+
+
+def answering(answer):
+    """Return the protocol with a virtual drive that answers like this."""
+
+    class Drive:
+        codec = VABUS.codec(VABUS.options())
+
+        def __init__(self, address, options, model):
+            self._real = VABUS.virtual(address, options, model)
+
+        def hear(self, find, now):
+            return answer(self._real, find, now)
+
+    return replace(VABUS, virtual=Drive)
+
+
+def reply(data, delay_s=0.0):
+    return VirtualReply(data=data, delay_s=delay_s)
+
+
+@pytest.mark.parametrize(
+    ("answer", "expected"),
+    [
+        (lambda *_: reply(b"\x41\x06"), {"virtual-drive", "silence"}),
+        (lambda real, find, now: real.hear(find, now) and reply(b"\x41\x07"), {"virtual-drive"}),
+        (lambda real, find, now: real.hear(find, now) and reply(b"\x4b\x06"), {"virtual-drive"}),
+        (lambda real, find, now: real.hear(find, now) and reply(real.hear(find, now).data, -1.0), {"virtual-drive"}),
+        (lambda *_: None, set()),
+    ],
+    ids=["answers everybody", "answers nonsense", "answers for another", "answers too soon", "is dead"],
+)
+def test_a_virtual_drive_that_answers_wrongly(answer, expected):
+    assert set(failed_checks(answering(answer))) == expected
+
+
+def test_a_request_to_an_address_that_no_drive_has():
+    # Not marked as a broadcast in the file: nobody is there to answer, and nobody does.
+    broadcast = next(vector for vector in PACKAGED.vectors if vector.id == "derived-broadcast-select-410-quickstop")
+    file = replace(PACKAGED, vectors=(replace(broadcast, reply_expected=True),))
+    assert not failed_checks(VABUS, file)
+
+
+def test_addresses_that_a_variant_does_not_have_are_left_out():
+    def virtual(address, options, model):
+        if address > 5:
+            raise AddressError(f"no {address}")
+        return VABUS.virtual(address, options, model)
+
+    plugin = replace(VABUS, virtual=virtual)
+    vectors = tuple(vector for vector in PACKAGED.vectors if vector.fields.get("address", 1) <= 5)
+    assert not failed_checks(plugin, replace(PACKAGED, vectors=vectors))
+
+
+def test_a_reply_that_does_not_belong():
+    request = bytes.fromhex("0441303034383105")
+    answer = Vector(
+        id="v",
+        source="here",
+        direction="reply",
+        data=VABUS.codec(VABUS.options()).encode(Value(address=1, parameter=482, data="0000")),
+        valid=True,
+        fields={"kind": "value"},
+        canonical=False,
+        answers_to=request,
+    )
+    file = VectorFile(name="f", protocol="vabus", vectors=(answer,))
+    assert failed_checks(VABUS, file) == {"answers": "differs in parameter, the vector says nothing"}
+    right = replace(answer, answers=False, mismatch="parameter")
+    assert not failed_checks(VABUS, replace(file, vectors=(right,)))
+
+
+def test_an_exact_copy_is_an_echo_before_the_protocol_is_asked():
+    # A protocol whose replies look like requests: both directions are read alike.
+    def decode(codec, data, _):
+        return codec.decode(data, "request")
+
+    request = bytes.fromhex("0441303034383105")
+    echo = Vector(
+        id="v",
+        source="here",
+        direction="reply",
+        data=request,
+        valid=True,
+        answers_to=request,
+        answers=False,
+        mismatch="echo",
+    )
+    plugin = mutant(decode=decode, measure=lambda codec, head, _: codec.measure(head, "request"))
+    assert "answers" not in failed_checks(plugin, VectorFile(name="f", protocol="vabus", vectors=(echo,)))
+
+
+def test_options_that_no_drive_can_have_do_not_stop_the_virtual_drive():
+    request = next(vector for vector in PACKAGED.vectors if vector.id == "seed-enquiry-481")
+    case = replace(request, fields={**request.fields, "sys": 99})
+    failures = failed_checks(VABUS, replace(PACKAGED, vectors=(case,)))
+    assert set(failures) == {"decode", "encode"}
+
+
+def test_vectors_of_another_protocol():
+    with pytest.raises(FileFormatError, match="holds vectors of 'vabus', not of 'other'"):
+        list(checks_of(replace(VABUS, name="other"), PACKAGED))
+
+
+def test_a_package_without_vectors_is_judged_by_another_file():
+    value = next(vector for vector in PACKAGED.vectors if vector.id == "seed-reply-481")
+    file = VectorFile(name="f", protocol="vabus", vectors=(value,))
+    assert not failed_checks(replace(VABUS, package="drivecomm.protocol.schema"), file)
+
+
+class Own(Leaf):
+    """A leaf that reads in a way of its own, which its emission does not say."""
+
+    def _parse(self, stream, context, path):
+        return super()._parse(stream, context, path) + 1
+
+
+def test_a_schema_that_is_not_compiled_whole():
+    form = Form(Ack, "address" / Own(1, lambda data: data[0], lambda value: bytes([value])))
+    with pytest.raises(CheckFailure, match="all of the schema is interpreted"):
+        compiles_whole(form)
+    assert form.parse(b"A") == Ack(address=66)
+
+
+def undecided(code, text):
+    """Say a leaf of one character in a way that differs from what it does."""
+    return Emission(cut="B", read=lambda _, cut: code.format(cut), write=lambda _, value: text.format(value))
+
+
+def test_a_schema_that_reads_two_things():
+    said = undecided("{} + 1", "{}")
+    form = Form(Ack, "address" / Leaf(1, lambda data: data[0], lambda value: bytes([value]), emission=said))
+    with pytest.raises(CheckFailure, match=r"as Ack\(address=66\) compiled and as Ack\(address=65\) interpreted"):
+        same_both_ways(NamedForm("form", form), b"A")
+
+
+def test_a_schema_that_writes_two_things():
+    said = undecided("{}", "{} + 1")
+    form = Form(Ack, "address" / Leaf(1, lambda data: data[0], lambda value: bytes([value]), emission=said))
+    with pytest.raises(CheckFailure, match=r"writes .* as b'B' compiled and as b'A' interpreted"):
+        same_both_ways(NamedForm("form", form), b"A")
+
+
+def test_a_schema_that_reads_and_writes_one_thing():
+    assert same_both_ways(NamedForm("form", Form(Ack, constant(b"A"), "address" / hex_number(2))), b"A0F") is None
+
+
+def test_a_report_about_nothing_is_not_good():
+    assert not carry_out([]).ok
+    assert carry_out([Check("a", lambda: None)]).ok
+    assert not Report(verdicts=()).ok
+
+
+def test_a_report_tells_errors_of_the_tree_apart():
+    def refuse():
+        raise DriveCommError("no")
+
+    def fail():
+        raise CheckFailure("bad")
+
+    report = carry_out([Check("a/b", refuse), Check("a/c", fail), Check("a/d", lambda: None)])
+    assert [failure.reason for failure in report.failed] == ["refused: no", "bad"]
+    assert report.passed == ("a/d",)
+    assert str(report) == "1 checks passed, 2 failed\na/b: refused: no\na/c: bad"
+    assert not report.ok

@@ -1,0 +1,181 @@
+"""Exchange vectors that are read, and those that are wrong and what the loader says about them."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+from hypothesis import given, strategies as st
+
+from drivecomm import errors
+from drivecomm.errors import FileFormatError
+from drivecomm.testing import Call, Entry, ExchangeVector, Expected, Step, load_vectors
+from drivecomm.testing.exchange_vectors import DEEDS, ERROR_NAMES, read_exchange
+
+HEAD = 'format = 2\nprotocol = "vabus"\n'
+EXCHANGE = """
+[[exchange]]
+id = "one"
+source = "somewhere"
+address = 1
+calls = [{ call = "read", arguments = { parameter = "481" } }]
+steps = [{ send = "04" }, { reply = "41 06" }]
+"""
+
+
+def load_one(tmp_path, text):
+    path = tmp_path / "some.toml"
+    path.write_text(HEAD + text, encoding="utf-8")
+    return load_vectors(path).exchanges[0]
+
+
+@pytest.fixture
+def load(tmp_path):
+    return lambda text: load_one(tmp_path, text)
+
+
+def test_the_least_that_an_exchange_has(load):
+    vector = load(EXCHANGE)
+    assert (vector.id, vector.source, vector.address) == ("one", "somewhere", 1)
+    assert (vector.printed, vector.model, vector.options, vector.note) == (False, "", {}, "")
+    assert vector.calls == (Call(call="read", arguments={"parameter": "481"}),)
+    assert vector.steps == (Step(deed="send", data=b"\x04"), Step(deed="reply", data=b"A\x06"))
+
+
+def test_all_that_an_exchange_can_have(load):
+    vector = load("""
+[[exchange]]
+id = "two"
+source = "page 3"
+printed = true
+address = 32
+model = "agile"
+options = { attempts = 2 }
+calls = [
+    { call = "set_reference", arguments = { percent = 50 }, error = "NoReplyError", error_text = "within" },
+    { call = "status", result = { word = 7 } },
+    { call = "start" },
+]
+steps = [
+    { garbage = "00" },
+    { send = "04 41" },
+    { silence = true, at_least_s = 2 },
+    { reply = "4106", after_s = 0.01 },
+    { garbage = "55 aa", after_s = 1 },
+    { silence = true },
+    { pause_s = 0.5 },
+    { send = "04" },
+]
+result = {}
+note = "all of it"
+""")
+    assert (vector.printed, vector.model, vector.options, vector.note) == (True, "agile", {"attempts": 2}, "all of it")
+    first, second, last = vector.calls
+    assert first.expected == Expected(error="NoReplyError", error_text="within")
+    assert second.expected == Expected(result={"word": 7})
+    assert last.expected == Expected(result={})
+    assert [step.deed for step in vector.steps] == [
+        "garbage",
+        "send",
+        "silence",
+        "reply",
+        "garbage",
+        "silence",
+        "pause_s",
+        "send",
+    ]
+    assert [step.seconds for step in vector.steps] == [None, None, 2.0, 0.01, 1.0, None, 0.5, None]
+
+
+def test_a_call_that_sends_nothing(load):
+    vector = load(EXCHANGE.replace('[{ send = "04" }, { reply = "41 06" }]', "[]") + 'error = "ValueRefusedError"')
+    assert vector.steps == ()
+    assert vector.calls[-1].expected == Expected(error="ValueRefusedError")
+
+
+def test_every_error_of_the_tree_has_its_name():
+    assert "RefusedError" in ERROR_NAMES
+    assert all(issubclass(getattr(errors, name), errors.DriveCommError) for name in ERROR_NAMES)
+
+
+def test_every_key_is_explained():
+    text = (Path(__file__).parents[2] / "docs" / "vectors.md").read_text(encoding="utf-8")
+    section = text.partition("## `[[exchange]]`")[2].partition("\n## ")[0]
+    for name in [field.name for field in fields(ExchangeVector)] + [field.name for field in fields(Expected)]:
+        assert f"`{name}`" in section, name
+    assert all(f"{{ {deed} = " in section for deed in DEEDS)
+
+
+def steps(text):
+    return EXCHANGE.partition("steps")[0] + f"steps = {text}\n"
+
+
+def calls(text):
+    return EXCHANGE.replace('[{ call = "read", arguments = { parameter = "481" } }]', text)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        (EXCHANGE.replace('source = "somewhere"', ""), "exchange one: the key 'source' is missing"),
+        (EXCHANGE.replace('"somewhere"', '" "'), "exchange one: source is empty"),
+        (EXCHANGE.replace("address = 1", ""), "exchange one: the key 'address' is missing"),
+        (EXCHANGE.replace("address = 1", 'address = "1"'), "exchange one: address is not a whole number"),
+        (EXCHANGE.replace("address = 1", "address = true"), "exchange one: address is not a whole number"),
+        (EXCHANGE + "colour = 3", "exchange one: the key 'colour' is not known"),
+        (EXCHANGE + 'error = "NoReply"', "exchange one: error 'NoReply' is not one of AddressError,"),
+        (EXCHANGE + 'error_text = "x"', "exchange one: an exchange without error has no error_text"),
+        (
+            EXCHANGE + 'error = "LinkError"\nresult = {}',
+            "exchange one: an exchange that ends in an error has no result",
+        ),
+        (EXCHANGE + "result = 3", "exchange one: result is not a table"),
+        (calls("[]"), "exchange one: calls is empty"),
+        (calls('"read"'), "exchange one: calls is not a list"),
+        (calls('["read"]'), "exchange one: calls is not a list of tables"),
+        (calls("[{}]"), "exchange one, call 1: the key 'call' is missing"),
+        (calls('[{ call = "" }]'), "exchange one, call 1: call is empty"),
+        (calls('[{ call = "read", with = 1 }]'), "exchange one, call 1: the key 'with' is not known"),
+        (calls('[{ call = "read", arguments = 1 }]'), "exchange one, call 1: arguments is not a table"),
+        (calls('[{ call = "read", result = {} }]'), "exchange one: the last call's result and error stand beside"),
+        (steps("3"), "exchange one: steps is not a list"),
+        (steps('["04"]'), "exchange one: steps is not a list of tables"),
+        (steps("[{}]"), "exchange one, step 1: has exactly one of send, reply, silence, garbage, pause_s"),
+        (steps('[{ send = "04", reply = "04" }]'), "exchange one, step 1: has exactly one of"),
+        (steps('[{ send = "0" }]'), "exchange one, step 1: send is no hexadecimal"),
+        (steps('[{ send = "04", after_s = 1 }]'), "exchange one, step 1: the key 'after_s' is not known"),
+        (steps('[{ send = "04" }, { reply = "" }]'), "exchange one, step 2: reply is empty"),
+        (steps('[{ send = "04" }, { reply = "04", after_s = -1 }]'), "exchange one, step 2: after_s is no time"),
+        (steps('[{ send = "04" }, { reply = "04", after_s = "1" }]'), "exchange one, step 2: after_s is no time"),
+        (steps('[{ send = "04" }, { reply = "04", after_s = inf }]'), "exchange one, step 2: after_s is no time"),
+        (steps('[{ send = "04" }, { reply = "04", after_s = true }]'), "exchange one, step 2: after_s is no time"),
+        (steps('[{ send = "04" }, { silence = false }]'), "exchange one, step 2: silence is true or absent"),
+        (steps('[{ send = "04" }, { pause_s = 1 }]'), "exchange one, step 2: after a pause comes a send"),
+        (steps('[{ pause_s = 1 }, { reply = "04" }]'), "exchange one, step 1: after a pause comes a send"),
+        (steps('[{ reply = "04" }]'), "exchange one, step 1: reply comes after a send"),
+        (steps("[{ silence = true }]"), "exchange one, step 1: silence comes after a send"),
+    ],
+)
+def test_what_is_wrong_is_named(load, text, what):
+    with pytest.raises(FileFormatError, match=r"some\.toml: ") as caught:
+        load(text)
+    assert what in str(caught.value)
+
+
+SCALARS = st.one_of(st.booleans(), st.integers(-9, 9), st.sampled_from(["", "04", "read", "NoReplyError"]))
+LISTS = st.lists(st.dictionaries(st.sampled_from([*DEEDS, "call", "after_s", "error", "result"]), SCALARS), max_size=3)
+
+
+@given(
+    content=st.dictionaries(
+        st.sampled_from([field.name for field in fields(ExchangeVector)] + ["result", "error", "x"]),
+        st.one_of(SCALARS, LISTS, st.just({})),
+    )
+)
+def test_whatever_a_table_holds_is_read_or_refused_by_name(content):
+    try:
+        vector = read_exchange(Entry("file", "exchange", "x", content))
+    except FileFormatError as error:
+        where = str(error)
+    else:
+        where = "file: exchange x" * bool(vector.calls)
+    assert where.startswith("file: exchange x")

@@ -1,0 +1,232 @@
+"""Playing exchange vectors: what goes as it is written, and what must be noticed when it does not."""
+
+from dataclasses import replace
+
+import pytest
+
+from drivecomm.protocol import installed
+from drivecomm.testing import (
+    EXCHANGE_CHECKS,
+    Call,
+    CheckFailure,
+    ExchangeVector,
+    Expected,
+    Step,
+    call_blocking,
+    exchange_checks,
+    live_checks,
+    packaged_vectors,
+)
+
+VABUS = installed["vabus"]
+ENQUIRY = bytes.fromhex("04 41 30 30 34 38 31 05")
+ANSWER = bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03 48")
+EOT = b"\x04"
+
+EVERY_WAY = pytest.mark.parametrize("play", EXCHANGE_CHECKS.values(), ids=EXCHANGE_CHECKS)
+FACES = pytest.mark.parametrize("play", [EXCHANGE_CHECKS["exchange"], EXCHANGE_CHECKS["awaited"]])
+
+
+def send(data):
+    return Step(deed="send", data=data)
+
+
+def reply(data, after_s=None):
+    return Step(deed="reply", data=data, seconds=after_s)
+
+
+SILENCE = Step(deed="silence")
+
+
+def reading(*steps, expected=None, **fields):
+    """Read 481 of drive 1, 10.00 Hz unless it is said otherwise."""
+    call = Call(
+        call="read",
+        arguments={"parameter": "481"},
+        expected=expected or Expected(result={"value": "10.00", "unit": "Hz", "raw": "000003E8"}),
+    )
+    given = {"calls": (call,), "model": "agile", "address": 1, **fields}
+    return ExchangeVector(id="x", source="here", steps=steps, **given)
+
+
+SOUND = reading(send(ENQUIRY), reply(ANSWER, 0.01), send(EOT))
+
+
+@EVERY_WAY
+def test_what_is_written_is_what_happens(play):
+    play(VABUS, SOUND)
+
+
+@FACES
+def test_silence_and_a_second_attempt(play):
+    play(VABUS, reading(send(ENQUIRY), SILENCE, send(ENQUIRY), reply(ANSWER), send(EOT)))
+
+
+@FACES
+def test_nobody_answers(play):
+    steps = (send(ENQUIRY), SILENCE) * 2
+    expected = Expected(error="NoReplyError", error_text="asked 2 times")
+    play(VABUS, reading(*steps, expected=expected, options={"attempts": 2}))
+
+
+@FACES
+def test_a_late_answer_is_passed_over(play):
+    late = (send(ENQUIRY), SILENCE, send(ENQUIRY), SILENCE, send(ENQUIRY), reply(ANSWER), send(EOT))
+    play(VABUS, reading(*late))
+
+
+@FACES
+def test_garbage_in_front_of_an_answer(play):
+    garbage = Step(deed="garbage", data=b"\x7f\x7f")
+    play(VABUS, reading(send(ENQUIRY), garbage, reply(ANSWER), send(EOT)))
+
+
+@FACES
+def test_an_error_in_the_middle_is_expected(play):
+    failing = Call(call="read", arguments={"parameter": "481"}, expected=Expected(error="NoReplyError"))
+    last = SOUND.calls[0]
+    steps = (send(ENQUIRY), SILENCE, send(ENQUIRY), reply(ANSWER), send(EOT))
+    play(VABUS, reading(*steps, calls=(failing, last), options={"attempts": 1}))
+
+
+@FACES
+def test_a_call_that_sends_nothing(play):
+    call = Call(call="write", arguments={"parameter": "481", "value": "fast"}, expected=Expected(error="UsageError"))
+    play(VABUS, reading(calls=(call,)))
+
+
+@FACES
+def test_all_drives(play):
+    stop = Call(call="stop", arguments={"how": "quick"}, expected=Expected(result={}))
+    data = bytes.fromhex("04 60 02 30 30 34 31 30 30 34 30 30 30 30 03 32")
+    play(VABUS, reading(send(data), SILENCE, calls=(stop,), address=32))
+
+
+WRONG = {
+    "other bytes": (reading(send(ENQUIRY[:-1] + b"\x06")), "not 04 41 30 30 34 38 31 06"),
+    "never sent": (replace(SOUND, steps=(*SOUND.steps, send(EOT))), "step 4: the master never sends 04"),
+    "sent behind the end": (replace(SOUND, steps=SOUND.steps[:2]), "the steps are over, and the master sends 04"),
+    "sent too early": (
+        replace(SOUND, steps=(*SOUND.steps[:2], Step(deed="pause_s", seconds=0.5), SOUND.steps[2])),
+        "ms too early for the pause of step 3",
+    ),
+    "given up too early": (
+        reading(send(ENQUIRY), replace(SILENCE, seconds=9.0), expected=Expected(error="NoReplyError"),
+                options={"attempts": 1}),
+        "the master gives up .* ms too early: the reply time of step 2 is 9000 ms",
+    ),
+    "asked again too early": (
+        reading(send(ENQUIRY), replace(SILENCE, seconds=9.0), send(ENQUIRY)),
+        "ms too early: the reply time of step 2",
+    ),
+    "left on the line": (
+        replace(SOUND, steps=(*SOUND.steps, Step(deed="garbage", data=b"\x7f"))),
+        "7F was left on the line",
+    ),
+    "another value": (
+        reading(*SOUND.steps, expected=Expected(result={"value": "1.00"})),
+        "read gives value = '10.00', expected is '1.00'",
+    ),
+    "a number for a text": (reading(*SOUND.steps, expected=Expected(result={"value": 10})), "gives value = '10.00'"),
+    "a field that is not there": (
+        reading(*SOUND.steps, expected=Expected(result={"colour": 1})),
+        "read gives nothing named colour",
+    ),
+    "something for nothing": (reading(*SOUND.steps, expected=Expected(result={})), "expected is nothing"),
+    "no error": (reading(*SOUND.steps, expected=Expected(error="NoReplyError")), "expected is NoReplyError"),
+    "another error": (
+        reading(send(ENQUIRY), SILENCE, expected=Expected(error="RefusedError"), options={"attempts": 1}),
+        r"read raises NoReplyError \(.*\), expected is RefusedError",
+    ),
+    "another text": (
+        reading(send(ENQUIRY), SILENCE, expected=Expected(error="NoReplyError", error_text="lunch"),
+                options={"attempts": 1}),
+        "with 'lunch'",
+    ),
+    "an error": (reading(send(ENQUIRY), SILENCE, options={"attempts": 1}), "read raises NoReplyError: vabus:1"),
+    "an unknown option": (replace(SOUND, options={"colour": 1}), "there is no such drive: .*colour"),
+    "an unknown model": (replace(SOUND, model="none"), "there is no such drive: .*none"),
+    "no such way to stop": (
+        replace(SOUND, calls=(Call(call="stop", arguments={"how": "gently"}),), steps=()),
+        "there is no way of stopping named 'gently'",
+    ),
+    "not for all drives": (
+        reading(calls=(Call(call="status"),), address=32),
+        "status raises NotSupported: all drives at once have no verb 'status'",
+    ),
+    "no such verb for all": (
+        reading(calls=(Call(call="control_word"),), address=32),
+        "all drives at once have no verb 'control_word'",
+    ),
+}  # fmt: skip
+
+
+@FACES
+@pytest.mark.parametrize(("vector", "why"), WRONG.values(), ids=WRONG)
+def test_what_deviates_is_noticed(play, vector, why):
+    with pytest.raises(CheckFailure, match=why):
+        play(VABUS, vector)
+
+
+def test_a_deviation_that_is_caught_on_its_way_is_reported_at_the_end(with_operations):
+    def swallowing(real):
+        def read(parameter):
+            try:
+                yield from real.read(parameter)
+            except AssertionError:
+                return None
+            return None
+
+        return read
+
+    plugin = with_operations("vabus", read=swallowing)
+    wrong = reading(send(ENQUIRY[:-1] + b"\x06"), expected=Expected(result={}))
+    with pytest.raises(CheckFailure, match="not 04 41 30 30 34 38 31 06"):
+        exchange_checks.goes_as_written(plugin, wrong)
+
+
+def test_an_address_that_is_not_looked_at_is_found_by_what_another_drive_says(in_place_of):
+    def mismatch(request, answer):
+        found = installed_mismatch(request, answer)
+        return "" if found == "address" else found
+
+    installed_mismatch = VABUS.mismatch
+    plugin = in_place_of("vabus", mismatch=mismatch)
+    exchange_checks.goes_as_written(plugin, SOUND)
+    with pytest.raises(CheckFailure):
+        exchange_checks.passes_over_another_drive(plugin, SOUND)
+
+
+LIVE = [
+    live_checks.goes_as_written_over_a_terminal,
+    live_checks.goes_as_written_over_a_terminal_awaited,
+    live_checks.goes_as_written_over_a_socket,
+    live_checks.goes_as_written_in_a_thread,
+]
+
+
+@pytest.mark.parametrize("play", LIVE, ids=lambda play: play.__name__)
+def test_in_real_time(play):
+    play(VABUS, SOUND)
+
+
+@pytest.mark.parametrize("name", ["other bytes", "never sent", "sent behind the end", "another value"])
+def test_in_real_time_what_deviates_is_noticed(name):
+    vector, why = WRONG[name]
+    # The reply time is the drive's own here: to a wrong telegram nobody answers.
+    with pytest.raises(CheckFailure, match=why):
+        live_checks.play("tcp", call_blocking, VABUS, replace(vector, options={"attempts": 1}))
+
+
+def test_a_sample_is_of_those_that_take_no_time():
+    slow = reading(send(ENQUIRY), SILENCE)
+    quick = [replace(SOUND, id=str(number)) for number in range(10)]
+    assert [vector.id for vector in live_checks.sample([slow, *quick], 3)] == ["0", "3", "6"]
+    assert live_checks.sample([slow], 3) == []
+    assert live_checks.sample(quick, 0) == []
+
+
+@pytest.mark.parametrize("name", sorted(installed))
+def test_exchanges_that_ship_with_a_protocol_have_names_of_their_own(name):
+    vectors = packaged_vectors(installed[name]).exchanges
+    assert len({vector.id for vector in vectors}) == len(vectors)

@@ -1,0 +1,107 @@
+"""What must hold for every telegram of every installed protocol, not only for those that a document prints.
+
+DRIVECOMM_EXAMPLES sets how many examples of each are tried.
+"""
+
+import os
+from dataclasses import replace
+from functools import lru_cache
+
+import pytest
+
+from drivecomm.errors import DriveCommError, FileFormatError
+from drivecomm.protocol import installed
+from drivecomm.testing import PROPERTIES, CheckFailure, drawn, measures_rising, packaged_vectors, try_examples
+
+EXAMPLES = int(os.environ.get("DRIVECOMM_EXAMPLES", "25"))
+
+
+def _judged():
+    for plugin in installed.working():
+        try:
+            packaged_vectors(plugin)
+        except FileFormatError:
+            # Reported by test_vectors; without vectors there are no shapes to start from.
+            continue
+        yield plugin.name
+
+
+# Asking the encoder for the limits of every field takes longer than drawing from them.
+@lru_cache
+def source(name, direction):
+    return drawn(installed[name], direction)
+
+
+@pytest.mark.parametrize("holds", PROPERTIES, ids=lambda holds: holds.__name__)
+@pytest.mark.parametrize("direction", ["request", "reply"])
+@pytest.mark.parametrize("name", list(_judged()))
+def test_property(name, direction, holds):
+    try_examples(holds, source(name, direction), EXAMPLES)
+
+
+def test_the_same_examples_are_drawn_every_time():
+    def seen():
+        drawn_ones = []
+        try_examples(lambda source, data: drawn_ones.append(data.draw(source.telegrams)), source("vabus", "reply"), 10)
+        return drawn_ones
+
+    assert seen() == seen()
+
+
+class Wrong:
+    """A codec with one method replaced."""
+
+    def __init__(self, codec, **methods):
+        self._codec = codec
+        self._methods = methods
+
+    def __getattr__(self, name):
+        return self._methods.get(name) or getattr(self._codec, name)
+
+
+def failing(**methods):
+    """Return the properties that a VABus codec with these methods does not have."""
+    real = source("vabus", "reply")
+    altered = replace(real, codec=Wrong(real.codec, **methods))
+    broken = set()
+    for holds in PROPERTIES:
+        try:
+            try_examples(holds, altered, 15)
+        except (CheckFailure, DriveCommError, KeyError):
+            broken.add(holds.__name__)
+    return broken
+
+
+def test_a_codec_that_reads_something_else_than_it_wrote():
+    codec = source("vabus", "reply").codec
+
+    def decode(data, direction):
+        message = codec.decode(data, direction)
+        return replace(message, address=1)
+
+    assert "decodes_what_it_encodes" in failing(decode=decode)
+
+
+def test_a_codec_that_raises_anything():
+    codec = source("vabus", "reply").codec
+
+    def decode(data, direction):
+        return codec.decode(data, direction) if len(data) % 3 else {}[data]
+
+    assert "decodes_or_refuses" in failing(decode=decode)
+
+
+def test_a_codec_that_writes_what_it_does_not_read():
+    codec = source("vabus", "reply").codec
+    assert "encodes_or_refuses" in failing(encode=lambda message: codec.encode(message) + b"\r")
+
+
+def test_a_length_that_shrinks():
+    codec = source("vabus", "reply").codec
+
+    def measure(head, direction):
+        return codec.measure(head, direction) - (len(head) == 3)
+
+    altered = replace(source("vabus", "reply"), codec=Wrong(codec, measure=measure))
+    with pytest.raises(CheckFailure, match="are measured as"):
+        try_examples(measures_rising, altered, 60)

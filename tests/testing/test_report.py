@@ -1,0 +1,140 @@
+"""A report in order, as a page, and as tests of pytest."""
+
+import os
+import subprocess
+import sys
+from html.parser import HTMLParser
+
+import pytest
+
+from drivecomm.protocol import installed
+from drivecomm.testing import QUICK, Check, CheckFailure, carry_out, judge, page, sections_of, try_out
+
+VABUS = installed["vabus"]
+
+
+def fail():
+    raise CheckFailure("<b>7 & 8</b> are not alike")
+
+
+MIXED = carry_out(
+    [
+        Check("vabus/contract/one", lambda: None, "One holds."),
+        Check("vabus/file/a/two", lambda: None, "Two holds."),
+        Check("vabus/file/b/two", fail, "Two holds."),
+        Check("vabus/file/c/two", lambda: None, "Two holds as well."),
+    ]
+)
+
+
+def test_a_report_by_theme_and_kind():
+    contract, file = sections_of(MIXED)
+    assert (contract.title, contract.number, contract.failed) == ("contract", 1, 0)
+    assert (file.title, file.number, file.failed) == ("file", 3, 1)
+    assert [(row.kind, row.meaning, row.number, len(row.failed)) for row in file.rows] == [
+        ("two", "Two holds.", 2, 1),
+        ("two", "Two holds as well.", 1, 0),
+    ]
+
+
+def test_what_a_check_takes_is_measured():
+    verdict = try_out(Check("a/b", lambda: sum(range(100_000))))
+    assert verdict.passed
+    assert verdict.seconds > 0
+    assert MIXED.seconds == sum(each.seconds for each in MIXED.verdicts)
+
+
+def test_a_failure_without_words_is_a_failure():
+    def fail_silently():
+        raise CheckFailure
+
+    assert not try_out(Check("a/b", fail_silently)).passed
+
+
+class Page(HTMLParser):
+    """Reads a page, strictly: every element that is opened is closed, in order."""
+
+    VOID = frozenset(["meta", "br"])
+
+    def __init__(self, text):
+        super().__init__()
+        self.open = []
+        self.seen = []
+        self.text = ""
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attributes):
+        self.seen.append((tag, dict(attributes)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def test_a_page_stands_alone():
+    read = Page(page(VABUS, MIXED))
+    assert read.open == []
+    tags = [tag for tag, _ in read.seen]
+    assert not {"script", "link", "img", "iframe"} & set(tags)
+    assert not any("src" in attributes or "href" in attributes for _, attributes in read.seen)
+    assert ("meta", {"name": "viewport", "content": "width=device-width, initial-scale=1"}) in read.seen
+
+
+def test_a_page_says_what_is_wrong():
+    read = Page(page(VABUS, MIXED))
+    assert "1 of 4 checks do not hold" in read.text
+    assert "<b>7 & 8</b> are not alike" in read.text
+    assert "vabus/file/b/two" in read.text
+    assert VABUS.title in read.text
+
+
+def test_a_page_of_a_sound_protocol():
+    report = judge(VABUS, QUICK, only="/contract/")
+    read = Page(page(VABUS, report))
+    assert f"all {len(report.passed)} checks hold" in read.text
+    assert all(verdict.check.meaning in read.text for verdict in report.verdicts)
+
+
+THREE_LINES = """
+from drivecomm.testing import conformance_tests
+
+test_conformance = conformance_tests("vabus"{extent})
+"""
+
+
+@pytest.fixture
+def pytest_in(tmp_path):
+    def run(text, *arguments):
+        (tmp_path / "test_toy.py").write_text(text, encoding="utf-8")
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_toy.py", *arguments]
+        return subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=120
+        )
+
+    return run
+
+
+def test_three_lines_make_tests(pytest_in):
+    done = pytest_in(THREE_LINES.format(extent=""), "-k", "contract or documents", "-vv")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "test_conformance[vabus/contract/has all fields] PASSED" in done.stdout
+    assert "17 passed" in done.stdout
+
+
+def test_a_test_that_fails_says_why(pytest_in):
+    broken = """
+from dataclasses import replace
+from drivecomm.testing import QUICK
+from drivecomm.protocol.contract import installed
+installed._loaded["vabus"] = replace(installed["vabus"], facts_source="?")
+""" + THREE_LINES.format(extent=", QUICK")
+    done = pytest_in(broken, "-k", "documents")
+    assert done.returncode == 1
+    assert "the source of the line facts is '?'" in done.stdout
+    assert "1 failed, 6 passed" in done.stdout

@@ -1,0 +1,125 @@
+"""Which requests only ask: what could command or write never counts as harmless."""
+
+from dataclasses import replace
+from decimal import Decimal
+
+import pytest
+
+from drivecomm.bus import open_bus
+from drivecomm.protocol import Ask, Tell, installed
+from drivecomm.testing import packaged_vectors
+from drivecomm.traffic.replay import described, meanings, only_asks
+from drivecomm.virtual import VirtualLine, virtual_drive
+from drivecomm_danfoss_fc.messages import ParameterRequest, ProcessRequest, TextRequest
+from drivecomm_fuji.telegrams import Poll, Select as FujiSelect, Standard
+from drivecomm_vabus.telegrams import Enquiry, Eot, Select
+from drivecomm_vlt3500.messages import Control, Read, ReadIndex, Update
+
+EVERYBODY = list(installed.working())
+_FC = {"address_format": "1-31", "address": 3, "reference": 0}
+_PARAMETER = {**_FC, "pnu": 1630, "ind": 0, "pwe": 0}
+
+FAULTS = {"vabus": 0x0300, "danfoss-fc": 14, "vlt3500": 5, "fuji": 3}
+
+CASES = [
+    ("vabus", Enquiry(address=1, parameter=481), True),
+    ("vabus", Eot(), True),
+    ("vabus", Select(address=1, parameter=480, data="0005"), False),
+    ("danfoss-fc", ProcessRequest(**_FC, control_word=0), True),
+    ("danfoss-fc", ProcessRequest(**_FC, control_word=0x007C), True),
+    ("danfoss-fc", ProcessRequest(**_FC, control_word=0x047C), False),
+    ("danfoss-fc", ProcessRequest(**_FC, control_word=0x043C), False),
+    ("danfoss-fc", ParameterRequest(**_PARAMETER, ak=1, control_word=0), True),
+    ("danfoss-fc", ParameterRequest(**_PARAMETER, ak=1, control_word=0x0400), False),
+    ("danfoss-fc", ParameterRequest(**_PARAMETER, ak=4, control_word=0), True),
+    ("danfoss-fc", ParameterRequest(**{**_PARAMETER, "ind": 0x0400}, ak=15, control_word=0), True),
+    ("danfoss-fc", ParameterRequest(**{**_PARAMETER, "ind": 0x0500}, ak=15, control_word=0), False),
+    *[
+        ("danfoss-fc", ParameterRequest(**_PARAMETER, ak=ak, control_word=0), False)
+        for ak in (2, 3, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14)
+    ],
+    ("danfoss-fc", TextRequest(**_FC, ak=15, pnu=533, ind=0x0500, text="A", control_word=0), False),
+    ("vlt3500", Read(address=1, parameter=516), True),
+    ("vlt3500", ReadIndex(address=1, parameter=602, index=(13, 5)), True),
+    ("vlt3500", Control(address=1, control_word=0), True),
+    ("vlt3500", Control(address=1, control_word=0x047F), False),
+    ("vlt3500", Control(address=1, control_word=0, control_mask=0x000F), False),
+    ("vlt3500", Read(address=1, parameter=516, control_word=0x0400), False),
+    ("vlt3500", Update(address=1, parameter=516, value=Decimal(1)), False),
+    ("fuji", Standard(kind="request", address=1, command="R", function="M09"), True),
+    ("fuji", Standard(kind="request", address=1, command="W", function="S06", data=1), False),
+    ("fuji", Standard(kind="request", address=1, command="A", function="S06", data=1), False),
+    ("fuji", Standard(kind="request", address=1, command="E"), False),
+    ("fuji", Poll(kind="request", address=1, command="j"), True),
+    ("fuji", FujiSelect(kind="request", address=1, command="m", data=0), False),
+]
+
+
+@pytest.mark.parametrize(("name", "message", "asks"), CASES, ids=str)
+def test_what_only_asks(name, message, asks):
+    plugin = installed[name]
+    assert plugin.only_asks(message) is asks
+
+
+def _asked(exchange):
+    """Return the messages that an exchange sends up to its first reply."""
+    found, command = [], next(exchange)
+    while not isinstance(command, Ask):
+        if isinstance(command, Tell):
+            found.append(command.message)
+        command = exchange.send(None)
+    return [*found, command.message]
+
+
+@pytest.mark.parametrize("plugin", EVERYBODY, ids=lambda plugin: plugin.name)
+def test_what_a_scan_sends_only_asks(plugin):
+    operations = plugin.operations(1, plugin.options(), None)
+    for exchange in (operations.probe(), operations.status(), operations.read(plugin.parameter_examples[0])):
+        for message in _asked(exchange):
+            assert plugin.only_asks(message), message
+
+
+@pytest.mark.parametrize("plugin", EVERYBODY, ids=lambda plugin: plugin.name)
+@pytest.mark.parametrize("verb", ["start", "stop", "reset", "reference"])
+def test_every_command_has_a_telegram_that_commands(plugin, verb):
+    line = VirtualLine([virtual_drive(plugin.name, 1)])
+    if verb == "reset":
+        # Who has not tripped is only asked.
+        line.drives[0].trip(FAULTS[plugin.name], 0.0)
+        line.advance(20)
+    sent = []
+    with open_bus(line.port, trace=lambda event: sent.append(event) if event.what == "sent" else None) as bus:
+        drive = bus.drive(plugin.name, 1)
+        drive.set_reference(percent=10) if verb == "reference" else getattr(drive, verb)()
+    assert any(not only_asks(event.data, EVERYBODY) for event in sent)
+
+
+def _packaged_requests():
+    for plugin in EVERYBODY:
+        for vector in packaged_vectors(plugin).vectors:
+            if vector.valid and vector.direction == "request" and not vector.options:
+                yield pytest.param(plugin, vector, id=f"{plugin.name}-{vector.id}")
+
+
+@pytest.mark.parametrize(("plugin", "vector"), [*_packaged_requests()])
+def test_packaged_requests_are_known(plugin, vector):
+    found = {each.name: message for each, message in meanings(vector.data, EVERYBODY)}
+    assert plugin.name in found
+    assert only_asks(vector.data, EVERYBODY) <= plugin.only_asks(found[plugin.name])
+
+
+def test_what_is_no_request_does_not_only_ask():
+    assert not only_asks(b"", EVERYBODY)
+    assert not only_asks(b"hello", EVERYBODY)
+    assert not only_asks(bytes.fromhex("04 41 30 30 34 38 31 05"), [])
+
+
+def test_a_protocol_that_does_not_say_so_is_not_trusted():
+    silent = replace(installed["vabus"], only_asks=None)
+    assert not only_asks(bytes.fromhex("04 41 30 30 34 38 31 05"), [silent])
+
+
+def test_requests_for_people():
+    assert described(bytes.fromhex("04 41 30 30 34 38 31 05"), EVERYBODY) == "04 41 30 30 34 38 31 05 (vabus:1 enquiry)"
+    assert described(bytes.fromhex("04"), EVERYBODY) == "04 (vabus eot)"
+    assert described(b"?!", EVERYBODY) == "3F 21"

@@ -1,0 +1,101 @@
+"""Who sent what, found out from the bytes of a tap."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings, strategies as st
+from sessions import everybody, read_everybody, record, work_with_everybody
+
+import drivecomm
+from drivecomm.capture import Capture, Piece, Provenance
+from drivecomm.protocol import installed
+from drivecomm.traffic.replay import exchanged, telling_apart
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+EVERYBODY = list(installed.working())
+READ = bytes.fromhex("04 41 30 30 34 38 31 05")
+
+
+def overheard(capture):
+    """Return the capture as a tap would have made it."""
+    return replace(capture, pieces=[replace(piece, source="unknown") for piece in capture.pieces])
+
+
+def said(capture):
+    return [(each.request, each.reply) for each in exchanged(capture)]
+
+
+@pytest.mark.parametrize("program", [read_everybody, work_with_everybody])
+def test_all_protocols_on_one_line(program):
+    capture, _ = record(program)
+    told = telling_apart(overheard(capture), EVERYBODY)
+    assert said(told) == said(capture)
+    assert b"".join(piece.data for piece in told.pieces) == b"".join(piece.data for piece in capture.pieces)
+
+
+@pytest.mark.parametrize("name", ["vabus", "danfoss-fc", "vlt3500", "fuji"])
+def test_one_protocol_alone(name):
+    def work(bus):
+        drive = bus.drive(name, 1)
+        drive.set_reference(percent=30)
+        drive.start()
+        drive.status()
+        drive.stop()
+
+    capture, _ = record(work, VirtualLine([virtual_drive(name, 1)]))
+    assert said(telling_apart(overheard(capture), [installed[name]])) == said(capture)
+
+
+@given(cuts=st.lists(st.floats(0, 1), max_size=30))
+@settings(max_examples=60, deadline=None)
+def test_however_it_came_in_pieces(cuts):
+    capture = overheard(SESSION)
+    pieces = []
+    for piece, cut in zip(capture.pieces, [*cuts, *[0.0] * len(capture.pieces)], strict=False):
+        place = round(cut * len(piece.data))
+        halves = [replace(piece, data=data) for data in (piece.data[:place], piece.data[place:]) if data]
+        pieces += halves
+    assert said(telling_apart(replace(capture, pieces=pieces), EVERYBODY)) == said(SESSION)
+
+
+SESSION, _ = record(work_with_everybody)
+
+
+def test_a_request_that_is_repeated_is_no_reply():
+    capture, _ = record(lambda bus: _silence(bus.drive("danfoss-fc", 9, attempts=3)), everybody())
+    told = telling_apart(overheard(capture), EVERYBODY)
+    assert [piece.source for piece in told.pieces] == ["master"] * 3
+
+
+def _silence(drive):
+    with pytest.raises(drivecomm.NoReplyError):
+        drive.read("16-30")
+
+
+def test_what_is_no_telegram_stays_unknown():
+    noise = Capture(
+        provenance=Provenance(),
+        pieces=[
+            Piece(time_s=0.0, data=b"\xff\xfe"),
+            Piece(time_s=0.1, data=READ[:5]),
+            Piece(time_s=0.5, data=b"\xff" + READ + b"\x7f"),
+        ],
+    )
+    told = telling_apart(noise, [installed["vabus"]])
+    assert b"".join(piece.data for piece in told.pieces) == b"".join(piece.data for piece in noise.pieces)
+    assert [(piece.time_s, piece.data) for piece in told.pieces if piece.data == READ] == [(0.5, READ)]
+    assert next(piece.data for piece in told.pieces if piece.source == "unknown") == b"\xff\xfe"
+
+
+def test_what_is_known_stays():
+    capture = Capture(provenance=Provenance(), pieces=[Piece(time_s=0.0, data=READ, source="drive")])
+    assert telling_apart(capture, EVERYBODY) == capture
+
+
+def test_lines_are_kept_apart():
+    whole = [Piece(time_s=n / 1000, data=READ[n : n + 1], line=line) for n in range(8) for line in ("one", "two")]
+    told = telling_apart(Capture(provenance=Provenance(), pieces=whole), EVERYBODY)
+    assert sorted((piece.line, piece.data, piece.source) for piece in told.pieces) == [
+        ("one", READ, "master"),
+        ("two", READ, "master"),
+    ]

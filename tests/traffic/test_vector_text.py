@@ -1,0 +1,164 @@
+"""Vectors out of captures: the kit's strict reader takes them, and every check of the kit passes."""
+
+import tomllib
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import pytest
+from hypothesis import given, strategies as st
+from sessions import record, work_with_everybody
+from test_telling_apart import overheard
+
+from drivecomm.capture import Capture, Piece, Provenance
+from drivecomm.errors import TelegramError
+from drivecomm.protocol import installed
+from drivecomm.testing import carry_out, checks_of, load_vectors, packaged_vectors, run_checks
+from drivecomm.traffic.replay import heard_telegrams, vectors_text
+from drivecomm.traffic.replay.vector_text import _written
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+READ = bytes.fromhex("04 41 30 30 34 38 31 05")
+NAMES = ["vabus", "danfoss-fc", "vlt3500", "fuji"]
+SESSION, _ = record(work_with_everybody)
+
+
+def loaded(tmp_path, capture, name, **options):
+    path = tmp_path / "captured.toml"
+    path.write_text(vectors_text(capture, installed[name], name="session.jsonl", options=options), encoding="utf-8")
+    return load_vectors(path, protocol=name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_captured_vectors_pass_every_check(tmp_path, name):
+    found = loaded(tmp_path, SESSION, name)
+    report = run_checks(installed[name], found)
+    assert list(report.failed) == []
+    sent = {each.data for each in found.vectors if each.direction == "request"}
+    replies = [each for each in found.vectors if each.direction == "reply"]
+    assert sent
+    assert replies
+    assert all(reply.answers and reply.answers_to in sent for reply in replies)
+    assert len({(each.data, each.answers_to) for each in found.vectors}) == len(found.vectors)
+    assert {each.source for each in found.vectors} == {"captured in session.jsonl"}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_tap_gives_the_same(tmp_path, name):
+    line = VirtualLine([virtual_drive(name, 1)])
+    capture, _ = record(lambda bus: [bus.drive(name, 1).start(), bus.drive(name, 1).status()], line)
+    assert loaded(tmp_path, overheard(capture), name) == loaded(tmp_path, capture, name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("seen", [lambda capture: capture, overheard], ids=["recorded", "overheard"])
+def test_other_protocols_are_left_out(name, seen):
+    """Their telegrams hold bytes that are a telegram of another by chance, such as the EOT of VABus."""
+    line = VirtualLine([virtual_drive(name, 1)])
+    capture, _ = record(lambda bus: [bus.drive(name, 1).start(), bus.drive(name, 1).stop()], line)
+    for other in NAMES:
+        assert bool(heard_telegrams(seen(capture), installed[other], {})) == (other == name)
+
+
+def test_where_they_come_from(tmp_path):
+    about = Provenance(began=datetime(2026, 5, 4, 9, tzinfo=UTC), tool="tap 1", port="COM3", note="pumps")
+    read = Piece(time_s=0, data=bytes.fromhex("04 41 30 30 34 38 31 05"), source="master")
+    found = loaded(tmp_path, Capture(provenance=about, pieces=[read, read]), "vabus")
+    assert len(found.vectors) == 1
+    vector = found.vectors[0]
+    assert vector.source == "captured in session.jsonl, 2026-05-04T09:00:00+00:00, at COM3, by tap 1, pumps"
+    assert not vector.printed
+    assert vector.canonical
+    assert vector.id == "captured-request-enquiry-1"
+    assert vector.fields == {"kind": "enquiry", "address": 1, "sys": 0, "dataset": 0, "parameter": 481}
+
+
+def test_options_stand_in_each(tmp_path):
+    old = {"model": "vlt5000", "pnu_bits": 11}
+    line = VirtualLine([virtual_drive("danfoss-fc", 3, **old)])
+    capture, _ = record(lambda bus: bus.drive("danfoss-fc", 3, **old).read("520"), line)
+    found = loaded(tmp_path, capture, "danfoss-fc", pnu_bits=11)
+    assert all(vector.options == {"pnu_bits": 11} for vector in found.vectors)
+    assert "spm" in found.vectors[0].fields
+
+
+def test_broadcasts_expect_no_reply(tmp_path):
+    for name in NAMES:
+        capture, _ = record(lambda bus, name=name: bus.broadcast(name).stop())
+        found = loaded(tmp_path, capture, name)
+        told = [vector for vector in found.vectors if vector.direction == "request" and not vector.reply_expected]
+        assert told, name
+        assert run_checks(installed[name], found).failed == ()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_telegram_there_is(tmp_path, name):
+    """Whatever telegrams a line carries, the kit accepts what is made of them."""
+    sources = {"request": "master", "reply": "drive"}
+    shown = [vector for vector in packaged_vectors(installed[name]).vectors if vector.valid and not vector.options]
+    pieces = [
+        Piece(time_s=float(time_s), data=vector.data, source=sources[vector.direction])
+        for time_s, vector in enumerate(shown)
+    ]
+    found = loaded(tmp_path, Capture(provenance=Provenance(), pieces=pieces), name)
+    assert {vector.data for vector in found.vectors} == {vector.data for vector in shown}
+    canonical = {vector.data for vector in shown if vector.canonical}
+    assert all(vector.canonical for vector in found.vectors if vector.data in canonical)
+    decoding = [check for check in checks_of(installed[name], found) if check.name.endswith(("/decode", "/encode"))]
+    assert len(decoding) == 2 * len(found.vectors)
+    assert list(carry_out(decoding).failed) == []
+
+
+class Particular:
+    """A codec that reads what it would not write."""
+
+    def __init__(self, codec, written):
+        self.measure, self.decode, self._written = codec.measure, codec.decode, written
+
+    def encode(self, message):
+        if self._written is None:
+            raise TelegramError("field", f"{message.kind} is never sent")
+        return self._written
+
+
+@pytest.mark.parametrize(("written", "canonical"), [(READ, True), (b"otherwise", False), (None, False)])
+def test_freedoms_of_the_sender_are_told(written, canonical):
+    """Bytes that our encoder would not write so are marked, not lost."""
+    vabus = installed["vabus"]
+    plugin = replace(vabus, codec=lambda options: Particular(vabus.codec(options), written))
+    capture = Capture(provenance=Provenance(), pieces=[Piece(time_s=0, data=READ, source="master")])
+    text = vectors_text(capture, plugin, name="a", options={})
+    assert tomllib.loads(text)["vector"][0].get("canonical", True) is canonical
+
+
+def test_damage_makes_no_vector():
+    read = bytearray(bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03 48"))
+    read[-1] ^= 1
+    capture = Capture(provenance=Provenance(), pieces=[Piece(time_s=0, data=bytes(read), source="drive")])
+    assert heard_telegrams(capture, installed["vabus"], {}) == []
+
+
+def test_a_reply_to_something_else_has_no_request():
+    pieces = [
+        Piece(time_s=0, data=bytes.fromhex("04 41 30 30 34 38 31 05"), source="master"),
+        Piece(time_s=0.1, data=bytes.fromhex("42 06"), source="drive"),
+    ]
+    found = heard_telegrams(Capture(provenance=Provenance(), pieces=pieces), installed["vabus"], {})
+    assert [(each.direction, each.answers) for each in found] == [("request", b""), ("reply", b"")]
+
+
+def test_what_was_cut_off_does_not_go_on_later():
+    reply = bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03 48")
+    pieces = [Piece(time_s=0.1, data=reply[:9], source="drive"), Piece(time_s=5, data=reply, source="drive")]
+    found = heard_telegrams(Capture(provenance=Provenance(), pieces=pieces), installed["vabus"], {})
+    assert [each.data for each in found] == [reply]
+
+
+@given(
+    st.recursive(
+        st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.text(st.characters(exclude_categories=["Cs"])),
+        lambda inner: st.lists(inner, max_size=3),
+        max_leaves=6,
+    )
+)
+def test_values_are_written_as_toml_reads_them(value):
+    assert tomllib.loads(f"value = {_written(value)}")["value"] == value

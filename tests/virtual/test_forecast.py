@@ -1,0 +1,358 @@
+"""Forecasts: what they say beforehand is what then happens on a line."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import AddressError, FileFormatError, UsageError
+from drivecomm.polling import Plan, PlannedDrive, PlannedRead, read_plan
+from drivecomm.virtual import VirtualLine, forecast, virtual_drive
+
+PARAMETERS = {
+    "vabus": ["480", "481", "482", "410", "411"],
+    "danfoss-fc": ["16-13", "16-30", "3-41", "1-20", "16-92"],
+    "vlt3500": ["215", "200", "205", "207", "216"],
+    "fuji": ["M09", "M10", "F07", "S05", "M14"],
+}
+DRIVES = [
+    ("vabus", 1, {"model": "agile"}),
+    ("vabus", 2, {"model": "agile", "baudrate": 9600}),
+    ("danfoss-fc", 3, {"model": "fc300"}),
+    ("danfoss-fc", 4, {"model": "fc300", "baudrate": 19200}),
+    ("vlt3500", 5, {"model": "vlt3500"}),
+    ("vlt3500", 6, {"model": "vlt3500", "baudrate": 4800}),
+    ("fuji", 7, {"model": "frenic"}),
+    ("fuji", 8, {"model": "frenic", "baudrate": 19200}),
+]
+
+
+def drive(protocol="vabus", address=1, **facts):
+    return PlannedDrive(protocol=protocol, address=address, **facts)
+
+
+def plan_of(*parameters, period_s=1.0, one=None, **facts):
+    return Plan(
+        reads=tuple(
+            PlannedRead(drive=one or drive(), parameter=parameter, period_s=period_s, **facts)
+            for parameter in parameters
+        )
+    )
+
+
+def mixed_plan(period_s):
+    """Forty parameters of eight drives of four protocols, no two neighbours with the same line settings."""
+    return Plan(
+        reads=tuple(
+            PlannedRead(drive=drive(protocol, address, options=options), parameter=parameter, period_s=period_s)
+            for protocol, address, options in DRIVES
+            for parameter in PARAMETERS[protocol]
+        )
+    )
+
+
+def mixed_line():
+    """The line as a user would set it up, by itself: nothing of it comes from the forecast."""
+    return VirtualLine([virtual_drive(protocol, address, **options) for protocol, address, options in DRIVES])
+
+
+def test_a_mixed_line_does_what_the_forecast_says():
+    plan = mixed_plan(period_s=0.0)
+    expected = forecast(plan)
+    with drivecomm.open_bus(mixed_line().port) as bus:
+        results = list(bus.poll(plan.items({"": bus}), cycles=4))
+    assert {result.error for result in results} == {None}
+    asked = [result.due_s + result.late_s for result in results]
+    rounds = [asked[40 * number] for number in range(4)]
+    for began, ended in pairwise(rounds[1:]):
+        assert ended - began == pytest.approx(expected.cycle_s, rel=1e-9)
+    for number, item in enumerate(expected.items):
+        # An item's time ends with its last character, which may go out after its result is there.
+        assert asked[81 + number] - asked[80 + number] == pytest.approx(item.seconds, abs=0.002)
+
+
+@pytest.mark.parametrize("period_s", [1.5, 2.2])
+def test_a_plan_with_periods_goes_as_the_forecast_says(period_s):
+    plan = mixed_plan(period_s)
+    expected = forecast(plan)
+    with drivecomm.open_bus(mixed_line().port) as bus:
+        results = list(bus.poll(plan.items({"": bus}), duration_s=8 * period_s))
+    later = [result for result in results if result.due_s > 2 * period_s]
+    assert expected.fits == (period_s == 2.2)
+    assert expected.fits == all(not result.missed and result.late_s < period_s for result in later)
+    # Each read once a period, or on a line that is too slow once a round.
+    every = max(period_s, expected.cycle_s)
+    assert len(results) == pytest.approx(40 * 8 * period_s / every, rel=0.04)
+    assert expected.utilisation == pytest.approx(expected.cycle_s / period_s)
+
+
+def test_the_parts_of_a_read():
+    (item,) = forecast(plan_of("481", one=drive(options={"model": "agile"})), reply_delay_s=0.004).items
+    character_s = 10 / 19200
+    # Enquiry and reply of a long value, and the EOT that closes: short description, section 5.
+    assert item.wire_s == pytest.approx((8 + 19 + 1) * character_s)
+    assert item.delay_s == pytest.approx(0.004)
+    assert item.pause_s == pytest.approx(0.002)
+    assert item.rest_s == pytest.approx(0)
+    assert item.seconds == pytest.approx(item.wire_s + item.delay_s + item.pause_s)
+
+
+@pytest.mark.parametrize("protocol", PARAMETERS)
+def test_reply_delays(protocol):
+    def delays(**facts):
+        plan = plan_of(*PARAMETERS[protocol][:2], one=drive(protocol, **facts.pop("drive", {})))
+        return [item.delay_s for item in forecast(plan, **facts).items]
+
+    assert delays(reply_delay_s=0.012) == pytest.approx([0.012, 0.012])
+    assert delays(reply_delay_s=0.012, drive={"reply_delay_s": 0.003}) == pytest.approx([0.003, 0.003])
+    assert all(0 < delay < 0.02 for delay in delays())
+
+
+def test_line_facts_of_drive_and_of_call():
+    slow = forecast(plan_of("481", one=drive(options={"baudrate": 2400})))
+    assert slow.drives[0].settings == "2400 7E1"
+    assert slow.items[0].wire_s == pytest.approx(8 * forecast(plan_of("481")).items[0].wire_s)
+    assert forecast(plan_of("481"), baudrate=2400) == slow
+    assert forecast(plan_of("481"), turnaround_s=0.05).items[0].pause_s == pytest.approx(0.05)
+
+
+def test_guard_time_is_counted_where_settings_change():
+    alternating = Plan(
+        reads=tuple(
+            PlannedRead(
+                drive=drive("vabus", 1 + number % 2, options={"baudrate": 9600 * (1 + number % 2)}), parameter=p
+            )
+            for number, p in enumerate(["480", "481", "482", "483"])
+        )
+    )
+    quick, slow = (forecast(alternating, guard_s=guard_s) for guard_s in (0.010, 0.050))
+    assert slow.cycle_s - quick.cycle_s == pytest.approx(4 * 0.040)
+
+
+def test_a_parameter_that_the_model_does_not_know_has_the_length_of_its_type():
+    plan = Plan(
+        reads=(
+            PlannedRead(drive=drive(), parameter="481"),
+            PlannedRead(drive=drive(), parameter="1222", options={"type": "long"}),
+            PlannedRead(drive=drive(), parameter="1223", options={"type": "uint"}),
+        )
+    )
+    known, long, short = forecast(plan).items
+    assert not long.cause
+    assert long.wire_s == pytest.approx(known.wire_s)
+    assert long.wire_s - short.wire_s == pytest.approx(4 * 10 / 19200)
+
+
+def test_what_cannot_be_read_is_said_and_does_not_disturb_the_rest():
+    found = forecast(plan_of("48x", "481", "1999"))
+    assert found.fits
+    assert [bool(item.cause) for item in found.items] == [True, False, True]
+    assert found.advice == tuple(
+        f"vabus:1 {item.parameter} cannot be read: {item.cause}" for item in found.items if item.cause
+    )
+
+
+def test_a_drive_that_is_slower_than_its_reply_time():
+    found = forecast(plan_of("481"), reply_delay_s=0.2, reply_timeout_s=0.1, attempts=2)
+    (item,) = found.items
+    assert "did not answer within 100 ms" in item.cause
+    assert item.rest_s > 0.2
+
+
+# Advice
+
+
+def forecast_of_reads(number, period_s, **options):
+    parameters = [str(480 + place) for place in range(number)]
+    return forecast(plan_of(*parameters, period_s=period_s, one=drive(options={"model": "agile", **options})))
+
+
+def test_a_plan_that_fits_needs_no_advice():
+    found = forecast_of_reads(4, 1.0)
+    assert found.fits
+    assert found.advice == ()
+
+
+def test_the_period_that_is_advised_fits():
+    found = forecast_of_reads(4, 0.09)
+    assert not found.fits
+    assert found.utilisation > 1
+    sentence = next(text for text in found.advice if text.startswith("a period of"))
+    assert forecast_of_reads(4, float(sentence.split()[3])).fits
+    # And it is not far more than what is needed.
+    assert float(sentence.split()[3]) < 1.15 * found.cycle_s
+
+
+def test_the_baud_rate_that_is_advised_fits():
+    found = forecast_of_reads(4, 0.15, baudrate=4800)
+    assert not found.fits
+    assert any(text.startswith("19200 baud for vabus:1 would fit") for text in found.advice)
+    assert forecast_of_reads(4, 0.15, baudrate=19200).fits
+    assert not forecast_of_reads(4, 0.15, baudrate=9600).fits
+
+
+def test_when_no_baud_rate_is_enough_delays_and_pauses_are_named():
+    found = forecast_of_reads(4, 0.04)
+    assert any(text.startswith("no baud rate is enough: at 115200 baud") for text in found.advice)
+    assert any(text.startswith("the drives' reply delays take") for text in found.advice)
+    pausing = forecast(plan_of("M09", "M10", period_s=0.05, one=drive("fuji", 1)), turnaround_s=0.05)
+    assert any(text.startswith("pauses take") and "fuji:1" in text for text in pausing.advice)
+
+
+def test_a_line_of_its_own_for_the_drive_that_needs_most():
+    plan = Plan(
+        reads=(
+            *(PlannedRead(drive=drive(), parameter=p, period_s=0.1) for p in ("480", "481", "482")),
+            PlannedRead(drive=drive(address=2), parameter="481", period_s=0.1),
+        )
+    )
+    found = forecast(plan)
+    assert not found.fits
+    assert any(text.startswith("a line of its own for vabus:1 would fit") for text in found.advice)
+    assert forecast(Plan(reads=plan.reads[:3])).fits
+    assert forecast(Plan(reads=plan.reads[3:])).fits
+
+
+def test_drives_are_grouped_by_settings():
+    def reads(order):
+        return Plan(
+            reads=tuple(
+                PlannedRead(
+                    drive=drive(address=address, options={"baudrate": 9600 * (1 + address % 2)}),
+                    parameter=parameter,
+                    period_s=0.15,
+                )
+                for address, parameter in order
+            )
+        )
+
+    mixed, grouped = ([1, 2, 1, 2, 1, 2], [1, 1, 1, 2, 2, 2])
+    parameters = ["480", "481", "482", "483", "484", "485"]
+    advice = forecast(reads(zip(mixed, parameters, strict=True)), guard_s=0.02).advice
+    assert any("6 changes of settings in a round become 2, which saves 80 ms" in text for text in advice)
+    advice = forecast(reads(zip(grouped, parameters, strict=True)), guard_s=0.02).advice
+    assert any("the same line settings for all drives would save up to 40 ms" in text for text in advice)
+
+
+def test_a_short_period_behind_a_long_read():
+    slow = drive(address=2, options={"baudrate": 1200})
+    plan = Plan(
+        reads=(
+            PlannedRead(drive=drive(), parameter="481", period_s=0.1),
+            PlannedRead(drive=slow, parameter="481", period_s=10.0),
+        )
+    )
+    found = forecast(plan)
+    assert found.utilisation < 0.5
+    assert not found.fits
+    assert any(text.startswith("vabus:1 481 comes up to") for text in found.advice)
+
+
+# Plans
+
+
+def test_one_line_at_a_time():
+    two = Plan(
+        reads=tuple(
+            PlannedRead(drive=drive(port=port, name=port), parameter="481", period_s=1.0) for port in ("east", "west")
+        )
+    )
+    with pytest.raises(UsageError, match="the plan has 2 lines"):
+        forecast(two)
+    assert forecast(two.on_line("west")).port == "west"
+
+
+def test_drives_that_cannot_be():
+    with pytest.raises(AddressError, match="vabus has no drive at address 99"):
+        forecast(plan_of("481", one=drive(address=99)))
+    with pytest.raises(UsageError, match="no option 'colour'"):
+        forecast(plan_of("481", one=drive(options={"colour": "red"})))
+    with pytest.raises(UsageError, match="no fact 'speed'"):
+        forecast(plan_of("481"), speed=5)
+    with pytest.raises(UsageError, match="a reply delay of -1"):
+        drive(reply_delay_s=-1)
+    with pytest.raises(UsageError, match="two drives of the plan are named vabus:1"):
+        Plan(reads=plan_of("481").reads + plan_of("480", one=drive(options={"baudrate": 9600})).reads)
+    with pytest.raises(UsageError, match="at least one parameter"):
+        Plan(reads=())
+
+
+FILE = """
+format = 1
+
+[[drive]]
+name = "pump"
+drive = "vabus:1"
+port = "east"
+options = { model = "agile", baudrate = 9600 }
+reply_delay_s = 0.005
+
+[[drive]]
+drive = "fuji:7"
+
+[[poll]]
+drive = "pump"
+parameters = ["481", "480"]
+period_s = 0.2
+priority = 2
+options = { dataset = 1 }
+
+[[poll]]
+drive = "fuji:7"
+parameters = ["M09"]
+"""
+
+
+def written(tmp_path, text):
+    path = tmp_path / "plan.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_plan_file(tmp_path):
+    plan = read_plan(written(tmp_path, FILE))
+    pump, fan = plan.drives
+    assert pump == drive(name="pump", port="east", options={"model": "agile", "baudrate": 9600}, reply_delay_s=0.005)
+    assert (fan.name, fan.port, fan.options, fan.reply_delay_s) == ("fuji:7", "", {}, None)
+    first, second, third = plan.reads
+    assert first == PlannedRead(drive=pump, parameter="481", period_s=0.2, priority=2, options={"dataset": 1})
+    assert second == replace(first, parameter="480")
+    assert third == PlannedRead(drive=fan, parameter="M09", period_s=1.0, priority=0)
+    assert plan.ports == ("east", "")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ("format = 1", "format = 2", "begins with format = 1"),
+        ("format = 1", "format = 1\nspeed = 3", "the file: 'speed' is no key here"),
+        ("format = 1", "format = ", "cannot be read as a poll plan"),
+        ('drive = "vabus:1"', 'drive = "vabus"', "drive 1: 'vabus' names no drive"),
+        ('drive = "vabus:1"', "", "drive 1: the key 'drive' is missing"),
+        ('port = "east"', "port = 3", "drive 1: port cannot be 3"),
+        ('port = "east"', 'ports = "east"', "drive 1: 'ports' is no key here"),
+        ("reply_delay_s = 0.005", "reply_delay_s = -1", "a reply delay of -1"),
+        ("reply_delay_s = 0.005", "reply_delay_s = true", "drive 1: reply_delay_s cannot be True"),
+        ('drive = "fuji:7"\n\n[', 'drive = "fuji:7"\nname = "pump"\n\n[', "two drives are named 'pump'"),
+        ('drive = "pump"', 'drive = "fan"', "poll 1: there is no drive 'fan' in this plan"),
+        ('["481", "480"]', "[]", "poll 1: parameters is a list of texts"),
+        ('["481", "480"]', "[481]", "poll 1: parameters is a list of texts"),
+        ("priority = 2", "priority = 2.5", "poll 1: priority cannot be 2.5"),
+    ],
+)
+def test_plan_files_that_cannot_be(tmp_path, before, after, message):
+    assert before in FILE
+    path = written(tmp_path, FILE.replace(before, after, 1))
+    with pytest.raises(FileFormatError, match=message) as raised:
+        read_plan(path)
+    assert str(path) in str(raised.value)
+
+
+def test_plan_files_that_are_not_there_or_empty(tmp_path):
+    with pytest.raises(FileFormatError, match="there is no such file"):
+        read_plan(tmp_path / "none.toml")
+    with pytest.raises(FileFormatError, match=r"a plan has one or more \[\[drive\]\]"):
+        read_plan(written(tmp_path, "format = 1"))
+    with pytest.raises(FileFormatError, match=r"a plan has one or more \[\[poll\]\]"):
+        read_plan(written(tmp_path, 'format = 1\ndrive = [{ drive = "vabus:1" }]'))

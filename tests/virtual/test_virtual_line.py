@@ -1,0 +1,417 @@
+"""The virtual line: how long things take, who hears what, and what goes wrong on the way."""
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import AddressError, LinkDownError, NoReplyError, UsageError
+from drivecomm.models import load_model
+from drivecomm.plant import Fault, FaultPlan
+from drivecomm.protocol import Framed, LineSettings, Motor, VirtualReply, installed
+from drivecomm.virtual import Station, VirtualLine, heard, virtual_drive
+from drivecomm_vabus.telegrams import Ack, Enquiry, Select, VabusCodec
+
+ENQUIRY = bytes.fromhex("0441303034383105")
+SETTINGS = LineSettings(baudrate=9600, bytesize=7, parity="E")
+PLUGINS = list(installed.working())
+
+
+class Parrot:
+    """A drive that answers everything it hears with ACK, after a time."""
+
+    def __init__(self, address=1, settings=SETTINGS, delay_s=0.01):
+        self.address = address
+        self.settings = settings
+        self.gap_s = 0.05
+        self.motor = Motor()
+        self.codec = VabusCodec()
+        self.delay_s = delay_s
+        self.heard = []
+
+    def hear(self, find, now):
+        self.heard.append((round(now, 6), find.data))
+        address = getattr(getattr(find, "message", None), "address", None)
+        if not isinstance(find, Framed) or address != self.address:
+            return None
+        return VirtualReply(data=self.codec.encode(Ack(address=self.address)), delay_s=self.delay_s)
+
+
+def master(line, settings=SETTINGS):
+    port = line.port()
+    assert port.configure(settings) == ""
+    return port
+
+
+# Time
+
+
+def test_characters_take_their_time():
+    parrot = Parrot()
+    port = master(VirtualLine([parrot]))
+    port.write(ENQUIRY)
+    assert port.now() == 0.0
+    character = 10 / 9600
+    assert port.read(1.0, 1) == b"\x41"
+    # Eight characters there, the answer's delay, one character back.
+    assert port.now() == pytest.approx(9 * character + 0.01)
+    assert port.read(1.0, 1) == b"\x06"
+    assert port.now() == pytest.approx(10 * character + 0.01)
+    assert parrot.heard == [(pytest.approx(8 * character, abs=1e-5), ENQUIRY)]
+
+
+def test_a_read_ends_at_its_time():
+    port = master(VirtualLine([Parrot(delay_s=0.5)]))
+    port.write(ENQUIRY)
+    assert port.read(0.1, 1) == b""
+    assert port.now() == 0.1
+    assert port.read(2.0, 2) == b"\x41\x06"
+    assert port.now() < 0.6
+
+
+def test_a_read_for_more_than_comes_gives_what_there_is():
+    port = master(VirtualLine([Parrot()]))
+    port.write(ENQUIRY)
+    assert port.read(0.3, 10) == b"\x41\x06"
+    assert port.now() == 0.3
+
+
+def test_a_read_in_the_past_takes_no_time():
+    port = master(VirtualLine())
+    port.wait(1.0)
+    assert port.read(0.5, 1) == b""
+    port.wait(0.5)
+    assert port.now() == port.wall_time() == 1.0
+
+
+def test_what_is_sent_too_early_waits_its_turn():
+    parrot = Parrot()
+    line = VirtualLine([parrot])
+    port = master(line)
+    port.write(ENQUIRY)
+    port.write(b"\x04")
+    port.wait(1.0)
+    character = 10 / 9600
+    assert parrot.heard[0][0] == pytest.approx(8 * character, abs=1e-5)
+    assert port.read(1.1, 9) == b"\x41\x06"
+
+
+def test_what_was_handed_over_is_out_when_all_of_it_is():
+    line = VirtualLine([])
+    port = master(line)
+    port.write(ENQUIRY)
+    port.write(ENQUIRY)
+    assert line.backlog_s == pytest.approx(16 * 10 / 9600)
+    line.advance(0.01)
+    assert line.backlog_s == pytest.approx(16 * 10 / 9600 - 0.01)
+
+
+def test_a_drive_does_not_answer_into_what_its_master_says_next():
+    line, speakers = VirtualLine([Parrot(delay_s=0.01)]), []
+    line.monitor = lambda sent: speakers.append(sent.source)
+    port = master(line)
+    port.write(ENQUIRY)
+    line.advance(8 * 10 / 9600 + 0.001)
+    port.write(b"U" * 30)
+    line.advance(1.0)
+    assert speakers == ["master", "master"]
+    port.write(ENQUIRY)
+    line.advance(1.0)
+    assert speakers[2:] == ["master", "drive"]
+
+
+def test_stop_bits_count():
+    slow = LineSettings(baudrate=300, bytesize=8, stopbits=2)
+    assert slow.character_s == pytest.approx(11 / 300)
+    parrot = Parrot(settings=slow)
+    port = master(VirtualLine([parrot]), slow)
+    port.write(ENQUIRY)
+    port.wait(8 * 11 / 300 - 0.001)
+    assert parrot.heard == []
+    port.wait(8 * 11 / 300 + 0.001)
+    assert len(parrot.heard) == 1
+
+
+# Who hears whom
+
+
+def test_a_drive_hears_others_but_not_itself():
+    one, two = Parrot(1), Parrot(2)
+    port = master(VirtualLine([one, two]))
+    port.write(ENQUIRY)
+    port.wait(1.0)
+    assert [data for _, data in one.heard] == [ENQUIRY]
+    assert [data for _, data in two.heard] == [ENQUIRY], "a reply is noise to who expects requests"
+
+
+def test_echo():
+    port = master(VirtualLine([Parrot()], echo=True))
+    port.write(ENQUIRY)
+    assert port.read(1.0, 10) == ENQUIRY + b"\x41\x06"
+
+
+def test_injected_bytes_reach_everybody():
+    parrot = Parrot()
+    line = VirtualLine([parrot])
+    port = master(line)
+    line.inject(b"\x7f" + ENQUIRY)
+    assert port.read(1.0, 11) == b"\x7f" + ENQUIRY + b"\x41\x06"
+    assert len(parrot.heard) == 1
+
+
+def test_a_gap_ends_what_a_station_has_heard():
+    parrot = Parrot()
+    station = Station(parrot)
+    assert station.hear(ENQUIRY[:4], 0.0, 0.004) == []
+    assert station.hear(ENQUIRY[4:], 0.010, 0.014) != []
+    assert station.hear(ENQUIRY[:4], 1.0, 1.004) == []
+    assert station.hear(ENQUIRY, 1.1, 1.108) != []
+    assert [data for _, data in parrot.heard] == [ENQUIRY, ENQUIRY[:4], ENQUIRY]
+
+
+def test_a_telegram_that_only_a_gap_ends_is_heard_when_the_next_comes():
+    parrot = Parrot()
+    station = Station(parrot)
+    station.hear(b"\x04", 0.0, 0.001)
+    assert parrot.heard == []
+    station.hear(ENQUIRY, 0.5, 0.508)
+    assert [data for _, data in parrot.heard] == [b"\x04", ENQUIRY]
+
+
+# Mismatched settings
+
+
+@pytest.mark.parametrize("bytesize", [7, 8])
+@pytest.mark.parametrize("parity", ["N", "E", "O", "M", "S"])
+@pytest.mark.parametrize("stopbits", [1, 1.5, 2])
+def test_equal_settings_hear_everything(bytesize, parity, stopbits):
+    settings = LineSettings(bytesize=bytesize, parity=parity, stopbits=stopbits)
+    data = bytes(range(1 << bytesize))
+    assert heard(data, settings, settings) == data
+
+
+def test_seven_bits_lose_the_eighth():
+    seven = LineSettings(bytesize=7)
+    assert heard(b"\x80\xff", seven, seven) == b"\x00\x7f"
+
+
+def test_a_wrong_baud_rate_is_garbage():
+    sender, receiver = LineSettings(baudrate=9600), LineSettings(baudrate=19200)
+    assert heard(ENQUIRY, sender, receiver) != ENQUIRY
+    assert heard(ENQUIRY, receiver, sender) != ENQUIRY
+    assert 0 < len(heard(ENQUIRY, receiver, sender)) < len(ENQUIRY)
+    assert len(heard(ENQUIRY, sender, receiver)) > len(ENQUIRY)
+
+
+def test_a_wrong_parity_shifts_nothing_that_is_not_looked_at():
+    even, odd = LineSettings(bytesize=7, parity="E"), LineSettings(bytesize=7, parity="O")
+    # The parity bit is not checked, as with common receivers' default settings.
+    assert heard(ENQUIRY, even, odd) == ENQUIRY
+
+
+def test_seven_even_heard_as_eight_none_has_the_parity_in_the_eighth_bit():
+    received = heard(ENQUIRY, LineSettings(bytesize=7, parity="E"), LineSettings(bytesize=8))
+    assert bytes(byte & 0x7F for byte in received) == ENQUIRY
+    assert received != ENQUIRY
+
+
+def test_nothing_heard_is_nothing():
+    assert heard(b"", LineSettings(), LineSettings(baudrate=300)) == b""
+
+
+def test_a_little_off_is_still_heard():
+    nearly = LineSettings(baudrate=9700)
+    assert heard(ENQUIRY, LineSettings(), nearly) == ENQUIRY
+
+
+def test_a_drive_with_other_settings_does_not_answer():
+    drive = virtual_drive("vabus", 1, baudrate=9600)
+    line, speakers = VirtualLine([drive]), []
+    line.monitor = lambda sent: speakers.append(sent.source)
+    with drivecomm.open_bus(line.port) as bus:
+        with pytest.raises(NoReplyError):
+            bus.drive("vabus", 1, attempts=1).read("481")
+        assert set(speakers) == {"master"}
+        assert bus.drive("vabus", 1, baudrate=9600).read("481").raw == drive.peek("481", line.time)
+
+
+# Faults
+
+
+def disturbed(kind, **options):
+    plan = FaultPlan(rate=1.0, kinds=[kind], **options)
+    return plan, [plan.reply(b"0123456789") for _ in range(200)]
+
+
+def test_no_fault_changes_nothing():
+    plan = FaultPlan(rate=0.0)
+    assert plan.request(b"abc") == plan.reply(b"abc") == [(0.0, b"abc")]
+    assert plan.happened == {}
+
+
+def test_dropped():
+    plan, arrivals = disturbed(Fault.DROP)
+    assert arrivals == [[]] * 200
+    assert plan.happened == {Fault.DROP: 200}
+
+
+def test_corrupted_in_one_character():
+    _, arrivals = disturbed(Fault.CORRUPT)
+    for ((delay, data),) in arrivals:
+        assert delay == 0
+        assert sum(a != b for a, b in zip(data, b"0123456789", strict=True)) == 1
+
+
+def test_corrupted_in_one_bit():
+    _, arrivals = disturbed(Fault.CORRUPT, bits=1)
+    for ((_, data),) in arrivals:
+        assert sum((a ^ b).bit_count() for a, b in zip(data, b"0123456789", strict=True)) == 1
+
+
+def test_truncated():
+    _, arrivals = disturbed(Fault.TRUNCATE)
+    assert {len(data) for ((_, data),) in arrivals} == set(range(10))
+    assert all(b"0123456789".startswith(data) for ((_, data),) in arrivals)
+
+
+def test_delayed():
+    _, arrivals = disturbed(Fault.DELAY, delay_s=0.3)
+    assert all(0 <= delay <= 0.3 and data == b"0123456789" for ((delay, data),) in arrivals)
+    assert max(delay for ((delay, _),) in arrivals) > 0.25
+
+
+def test_duplicated():
+    _, arrivals = disturbed(Fault.DUPLICATE)
+    assert arrivals == [[(0.0, b"0123456789")] * 2] * 200
+
+
+def test_the_same_seed_is_the_same_course():
+    def course(seed):
+        plan = FaultPlan(rate=0.5, seed=seed)
+        return [plan.request(b"0123456789") for _ in range(100)]
+
+    assert course(1) == course(1)
+    assert course(1) != course(2)
+
+
+def test_only_one_direction_is_disturbed():
+    assert FaultPlan(rate=1.0, kinds=[Fault.DROP], requests=False).request(b"a") == [(0.0, b"a")]
+    assert FaultPlan(rate=1.0, kinds=[Fault.DROP], replies=False).reply(b"a") == [(0.0, b"a")]
+
+
+def test_a_repeated_reply_follows_the_first():
+    port = master(VirtualLine([Parrot()], faults=FaultPlan(rate=1.0, kinds=[Fault.DUPLICATE], requests=False)))
+    port.write(ENQUIRY)
+    assert port.read(1.0, 10) == b"\x41\x06\x41\x06"
+
+
+def test_a_repeated_request_is_heard_twice():
+    parrot = Parrot()
+    port = master(VirtualLine([parrot], faults=FaultPlan(rate=1.0, kinds=[Fault.DUPLICATE], replies=False)))
+    port.write(ENQUIRY)
+    port.wait(1.0)
+    assert [data for _, data in parrot.heard] == [ENQUIRY, ENQUIRY]
+
+
+def test_a_truncation_to_nothing_is_silence():
+    class Nothing(FaultPlan):
+        def request(self, data):
+            return [(0.0, data[:0])]
+
+    parrot = Parrot()
+    port = master(VirtualLine([parrot], faults=Nothing(rate=0.0)))
+    port.write(ENQUIRY)
+    assert port.read(1.0, 1) == b""
+    assert parrot.heard == []
+
+
+# A broken line
+
+
+def test_a_broken_line_fails_every_use_of_its_port():
+    line = VirtualLine()
+    port = master(line)
+    line.broken = True
+    for use in (
+        lambda: port.write(b"a"),
+        lambda: port.read(1.0, 1),
+        lambda: port.wait(1.0),
+        lambda: port.configure(SETTINGS),
+        line.port,
+    ):
+        with pytest.raises(LinkDownError, match="the virtual line is broken"):
+            use()
+    port.close()
+    line.broken = False
+    port.write(b"a")
+
+
+# Virtual drives
+
+
+def test_virtual_drives_are_made_by_name():
+    drive = virtual_drive("vabus", 7, baudrate=9600, gap_s=0.1, ram_datasets=False)
+    assert drive.address == 7
+    assert drive.settings == LineSettings(baudrate=9600, bytesize=7, parity="E")
+    assert drive.gap_s == 0.1
+    assert virtual_drive("vabus", 7, model="act").peek("481", 0.0) == drive.peek("481", 0.0)
+
+
+def test_virtual_drives_that_cannot_be():
+    with pytest.raises(AddressError, match="vabus has no drive at address 31"):
+        virtual_drive("vabus", 31)
+    with pytest.raises(UsageError, match=r"vabus drives have no option 'colour'; they have .*sys"):
+        virtual_drive("vabus", 1, colour="red")
+    with pytest.raises(UsageError, match="no model 'none'"):
+        virtual_drive("vabus", 1, model="none")
+
+
+@pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
+def test_every_protocol_answers_its_own_probe(plugin):
+    addresses = [plugin.addresses[0], plugin.addresses[-1]]
+    line = VirtualLine([virtual_drive(plugin.name, address) for address in addresses])
+    with drivecomm.open_bus(line.port) as bus:
+        for address in addresses:
+            bus.drive(plugin.name, address).probe()
+        with pytest.raises(NoReplyError):
+            bus.drive(plugin.name, plugin.addresses[2]).probe()
+
+
+def test_drives_of_all_protocols_share_a_line_and_ignore_each_other():
+    settings = {"baudrate": 9600, "bytesize": 8, "parity": "N"}
+    drives = {plugin.name: virtual_drive(plugin.name, plugin.addresses[3], **settings) for plugin in PLUGINS}
+    line = VirtualLine(drives.values())
+    with drivecomm.open_bus(line.port, **settings) as bus:
+        for _ in range(3):
+            for plugin in PLUGINS:
+                name = plugin.parameter_examples[0]
+                model = load_model(plugin.package, plugin.name, plugin.default_model)
+                reading = bus.drive(plugin.name, plugin.addresses[3], model=model).read(name)
+                assert reading.raw == drives[plugin.name].peek(name, line.time)
+        assert all(not counter["retries"] and not counter["damaged"] for counter in bus.counters.values())
+
+
+def test_a_trip_has_consequences():
+    drive = virtual_drive("vabus", 1)
+    line = VirtualLine([drive])
+    with drivecomm.open_bus(line.port) as bus:
+        drive.trip(0x0103, line.time)
+        status = bus.drive("vabus", 1).status()
+    assert status.fault
+    assert status.fault_code == 0x0103
+
+
+def test_references_beyond_any_motor_do_not_stop_a_virtual_drive():
+    # 480 has no limits in the model; the sum with the percentage no longer fits parameter 283.
+    drive = virtual_drive("vabus", 1)
+    codec = VabusCodec()
+
+    def hear(message, now):
+        return drive.hear(Framed(codec.encode(message), message), now)
+
+    assert hear(Select(address=1, dataset=5, parameter=520, data="7FFF"), 1.0)
+    assert hear(Select(address=1, dataset=5, parameter=480, data="7FFFFFFF"), 2.0)
+    assert hear(Enquiry(address=1, parameter=283), 3.0)
+
+
+@pytest.mark.parametrize("sender", [LineSettings(stopbits=2), LineSettings(stopbits=1.5), LineSettings(parity="M")])
+def test_a_longer_stop_is_no_hindrance(sender):
+    assert heard(ENQUIRY, sender, LineSettings()) == ENQUIRY

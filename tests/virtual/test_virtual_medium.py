@@ -1,0 +1,491 @@
+"""The virtual line as a medium: what meets on the wire, late and replaced answers, foreign traffic, echo, power."""
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import LinkDownError, NoReplyError, UsageError
+from drivecomm.plant import Fault, FaultPlan
+from drivecomm.protocol import Command, Framed, LineSettings, Motor, VirtualReply
+from drivecomm.virtual import Medium, Transmission, VirtualLine, virtual_drive
+from drivecomm_vabus.telegrams import Ack, Enquiry, VabusCodec, Value
+
+SETTINGS = LineSettings(baudrate=9600, bytesize=7, parity="E")
+CHARACTER_S = 10 / 9600
+
+
+class Teller:
+    """A drive that answers an enquiry with its value, a new one each time, after a time."""
+
+    def __init__(self, address=1, delay_s=0.01):
+        self.address = address
+        self.settings = SETTINGS
+        self.gap_s = 0.05
+        self.motor = Motor()
+        self.codec = VabusCodec()
+        self.delay_s = delay_s
+        self.asked = []
+        self.asked_at = []
+        self.cycled = []
+
+    def hear(self, find, now):
+        if not isinstance(find, Framed) or getattr(find.message, "address", None) != self.address:
+            return None
+        self.asked_at.append(now)
+        self.asked.append(find.message.parameter)
+        return VirtualReply(data=value(find.message.parameter, self.address), delay_s=self.delay_s)
+
+    def power_cycle(self, now):
+        self.cycled.append(now)
+
+
+def enquiry(parameter, address=1):
+    return VabusCodec().encode(Enquiry(address=address, parameter=parameter))
+
+
+def value(parameter, address=1):
+    return VabusCodec().encode(Value(address=address, sys=0, dataset=0, parameter=parameter, data=f"{parameter:04X}"))
+
+
+ENQUIRY = enquiry(481)
+REPLY = value(481)
+REPLY_AT = 8 * CHARACTER_S + 0.01
+
+
+def on(*drives, **options):
+    """Return a line with these drives, and its port at their settings."""
+    line = VirtualLine(drives, **options)
+    port = line.port()
+    port.configure(SETTINGS)
+    return line, port
+
+
+def sent(data, began, source="drive"):
+    ended = began + len(data) * CHARACTER_S
+    return Transmission(source=source, sender=None, settings=SETTINGS, data=data, began=began, ended=ended)
+
+
+# What meets
+
+
+def test_only_what_overlaps_is_spoilt_on_both_sides():
+    medium = Medium()
+    first, second = sent(b"ABCDEF", 0.0), sent(b"uvwxyz", 3.5 * CHARACTER_S)
+    medium.begin(first)
+    medium.begin(second)
+    assert first.data == b"ABC\0\0\0"
+    assert second.data == b"\0\0\0xyz"
+    assert first.garbled
+    assert second.garbled
+
+
+def test_what_follows_at_once_is_not_spoilt():
+    medium = Medium()
+    first, second = sent(b"ABC", 0.0), sent(b"xyz", 3 * CHARACTER_S)
+    medium.begin(first)
+    medium.begin(second)
+    assert (first.data, second.data) == (b"ABC", b"xyz")
+    assert not first.garbled
+    assert not second.garbled
+
+
+def test_a_short_one_spoils_the_middle_of_a_long_one():
+    medium = Medium()
+    first, second = sent(b"ABCDEF", 0.0), sent(b"x", 2 * CHARACTER_S)
+    medium.begin(first)
+    medium.begin(second)
+    assert (first.data, second.data) == (b"AB\0DEF", b"\0")
+
+
+def test_an_echo_is_spoilt_by_others_and_spoils_nobody():
+    medium = Medium()
+    request, echo, reply = sent(b"ABC", 0.0, "master"), sent(b"ABC", 0.0, "echo"), sent(b"x", 2 * CHARACTER_S)
+    for each in (request, echo, reply):
+        medium.begin(each)
+    assert echo.data == request.data == b"AB\0"
+    # It is the request that it met.
+    assert reply.data == b"\0"
+    later = sent(b"ABC", 1.0, "echo")
+    reply = sent(b"x", 1.0)
+    medium.begin(reply)
+    medium.begin(later)
+    assert (later.data, reply.data) == (b"\0BC", b"x")
+
+
+def test_a_reply_that_meets_the_next_request_spoils_it_and_is_spoilt():
+    drive = Teller()
+    _, port = on(drive)
+    port.write(ENQUIRY)
+    port.wait(REPLY_AT + 2 * CHARACTER_S)
+    port.write(ENQUIRY)
+    assert port.read(1.0, 100) == REPLY[:2] + REPLY[10:]
+    assert drive.asked == [481], "the second request is noise to the drive"
+
+
+def test_what_has_been_heard_before_stays_heard():
+    line, port = on(Teller())
+    port.write(ENQUIRY)
+    assert port.read(1.0, 3) == REPLY[:3]
+    line.inject(b"!")
+    assert port.read(1.0, 100) == REPLY[4:]
+
+
+def test_two_drives_that_answer_at_once_spoil_each_other():
+    _, port = on(Teller(), Teller())
+    port.write(ENQUIRY)
+    assert port.read(1.0, 100) == b""
+
+
+def test_a_sender_never_meets_itself():
+    line, port = on()
+    line.inject(b"ABC")
+    line.inject(b"DEF")
+    assert port.read(1.0, 100) == b"ABCDEF"
+
+
+# Reading
+
+
+def test_a_read_ends_with_the_character_that_it_waits_for():
+    _, port = on(Teller())
+    port.write(ENQUIRY)
+    for number in range(1, len(REPLY) + 1):
+        assert port.read(1.0, 1) == REPLY[number - 1 : number]
+        assert port.now() == pytest.approx(REPLY_AT + number * CHARACTER_S)
+    _, port = on(Teller())
+    port.write(ENQUIRY)
+    assert port.read(1.0, 7) == REPLY[:7]
+    assert port.now() == pytest.approx(REPLY_AT + 7 * CHARACTER_S)
+
+
+def test_a_read_that_ends_within_a_telegram_leaves_the_rest():
+    _, port = on(Teller())
+    port.write(ENQUIRY)
+    assert port.read(REPLY_AT + 2.5 * CHARACTER_S, 100) == REPLY[:2]
+    assert port.read(1.0, 100) == REPLY[2:]
+
+
+def test_characters_are_exact_after_a_day():
+    _, port = on(Teller())
+    port.wait(86400.123)
+    began = port.now()
+    port.write(ENQUIRY)
+    assert port.read(began + 1.0, 5) == REPLY[:5]
+    assert port.now() == pytest.approx(began + REPLY_AT + 5 * CHARACTER_S)
+
+
+def test_take_takes_no_time():
+    _, port = on(Teller())
+    assert port.take() == b""
+    port.write(ENQUIRY)
+    port.wait(REPLY_AT + 4 * CHARACTER_S)
+    now = port.now()
+    assert port.take() == REPLY[:4]
+    assert port.take() == b""
+    assert port.now() == now
+
+
+def test_a_change_of_settings_keeps_what_came_before():
+    _, port = on(Teller())
+    port.write(ENQUIRY)
+    port.wait(REPLY_AT + 4 * CHARACTER_S)
+    port.configure(LineSettings(baudrate=19200))
+    heard = port.read(1.0, 100)
+    assert heard[:4] == REPLY[:4]
+    assert heard[4:] != REPLY[4:]
+
+
+def test_what_a_port_says_of_itself():
+    port = VirtualLine().port()
+    assert (port.paced, port.real_time, port.descriptor) == (True, False, None)
+    port.hold_back(14)
+    assert port.read(0.1, 1) == b""
+
+
+def test_taking_from_a_broken_line_fails():
+    line, port = on()
+    line.broken = True
+    with pytest.raises(LinkDownError):
+        port.take()
+
+
+# One answer
+
+
+def test_a_later_request_takes_the_place_of_one_that_is_not_answered_yet():
+    drive = Teller(delay_s=0.05)
+    _, port = on(drive)
+    port.write(enquiry(480))
+    port.wait(0.03)
+    port.write(enquiry(481))
+    assert port.read(1.0, 100) == value(481)
+    assert drive.asked == [480, 481]
+
+
+def test_a_request_for_another_drive_takes_no_place():
+    _, port = on(Teller(1, delay_s=0.1), Teller(2, delay_s=0.01))
+    port.write(enquiry(480, 1))
+    port.wait(0.02)
+    port.write(enquiry(481, 2))
+    assert port.read(1.0, 100) == value(481, 2) + value(480, 1)
+
+
+def test_an_answer_that_is_late_on_its_way_arrives_and_holds_nobody_up():
+    class Late(FaultPlan):
+        delays = iter((0.5, 0.0))
+
+        def reply(self, data):
+            return [(next(self.delays), data)]
+
+    _, port = on(Teller(), faults=Late(rate=0.0))
+    port.write(enquiry(480))
+    port.wait(0.1)
+    port.write(enquiry(481))
+    assert port.read(0.4, 100) == value(481)
+    assert port.read(1.0, 100) == value(480)
+    assert len(value(480)) * CHARACTER_S < 0.5
+
+
+def test_a_request_that_is_late_on_its_way_holds_nobody_up():
+    class Late(FaultPlan):
+        delays = iter((0.5, 0.0))
+
+        def request(self, data):
+            return [(next(self.delays), data)]
+
+    drive = Teller()
+    _, port = on(drive, faults=Late(rate=0.0))
+    port.write(enquiry(480))
+    port.write(enquiry(481))
+    assert port.read(1.0, 100) == value(481) + value(480)
+    assert drive.asked == [481, 480]
+
+
+# Foreign traffic and echo
+
+
+def test_foreign_traffic_is_heard_by_all():
+    drive = Teller(delay_s=0.2)
+    plan = FaultPlan(rate=1.0, kinds=[Fault.FOREIGN], traffic=[enquiry(482)], traffic_within_s=0.1, replies=False)
+    _, port = on(drive, faults=plan)
+    port.write(b"\x04")
+    assert port.read(0.15, 100) in (enquiry(482), b"\0" + enquiry(482)[1:])
+    assert drive.asked == [482]
+    assert 8 * CHARACTER_S < drive.asked_at[0] < 0.1 + 8 * CHARACTER_S
+    assert plan.happened == {Fault.FOREIGN: 1}
+
+
+def test_foreign_traffic_at_the_same_time_spoils_a_request():
+    drive = Teller()
+    plan = FaultPlan(rate=1.0, kinds=[Fault.FOREIGN], traffic=[enquiry(482)], traffic_within_s=0.0)
+    _, port = on(drive, faults=plan)
+    port.write(ENQUIRY)
+    assert port.read(0.5, 100) == b""
+    assert drive.asked == []
+
+
+def test_without_traffic_nobody_speaks():
+    plan = FaultPlan(rate=1.0, kinds=[Fault.FOREIGN])
+    assert plan.foreign() == []
+    assert plan.happened == {}
+
+
+def test_an_echo_that_is_incomplete():
+    plan = FaultPlan(rate=1.0, kinds=[Fault.ECHO_PARTIAL])
+    echoes = [plan.echo(b"0123456789") for _ in range(200)]
+    assert {len(echo) for echo in echoes} == set(range(10))
+    assert all(b"0123456789".startswith(echo[:1]) or echo[0] != ord("0") for echo in echoes)
+    for echo in echoes:
+        first = next((place for place in range(len(echo)) if echo[place] != ord("0") + place), len(echo))
+        assert b"0123456789".startswith(echo[:first])
+        assert b"0123456789".endswith(echo[first:])
+
+
+def test_an_echo_that_is_changed():
+    plan = FaultPlan(rate=1.0, kinds=[Fault.ECHO_NOISY])
+    echoes = [plan.echo(b"0123456789") for _ in range(200)]
+    assert {len(echo) for echo in echoes} == {10}
+    wrong = [sum(a != b for a, b in zip(echo, b"0123456789", strict=True)) for echo in echoes]
+    assert set(wrong) <= {0, 1, 2, 3}
+    assert wrong.count(0) < 5
+
+
+def test_the_drive_hears_what_the_echo_lacks():
+    drive = Teller()
+    _, port = on(drive, echo=True, faults=FaultPlan(rate=1.0, kinds=[Fault.ECHO_PARTIAL]))
+    port.write(ENQUIRY)
+    heard = port.read(1.0, 100)
+    assert drive.asked == [481]
+    assert heard.endswith(REPLY)
+    assert len(heard) < len(ENQUIRY + REPLY)
+
+
+def test_other_faults_leave_an_echo_alone():
+    plan = FaultPlan(rate=1.0, kinds=[Fault.CORRUPT, Fault.DROP])
+    assert plan.echo(ENQUIRY) == ENQUIRY
+    assert plan.foreign() == []
+    assert plan.power() is None
+    assert plan.happened == {}
+
+
+def test_the_usual_faults_are_those_of_a_transmission():
+    plan = FaultPlan(rate=1.0, traffic=[b"x"])
+    for _ in range(200):
+        plan.request(b"0123")
+        assert plan.foreign() == []
+        assert plan.echo(b"0123") == b"0123"
+    assert {fault.value for fault in plan.happened} == {"drop", "corrupt", "truncate", "delay", "duplicate"}
+
+
+# Power
+
+
+def test_a_drive_without_power_neither_hears_nor_answers():
+    drive = Teller()
+    line, port = on(drive)
+    line.power_off(drive)
+    port.write(ENQUIRY)
+    assert port.read(1.0, 100) == b""
+    assert drive.asked == []
+    line.power_on(drive)
+    assert drive.cycled == [1.0]
+    port.write(ENQUIRY)
+    assert port.read(2.0, 100) == REPLY
+
+
+def test_power_that_goes_while_a_drive_answers_cuts_its_answer():
+    drive = Teller()
+    line, port = on(drive)
+    line.call_at(REPLY_AT + 3.5 * CHARACTER_S, lambda: line.power_off(drive))
+    port.write(ENQUIRY)
+    assert port.read(1.0, 100) == REPLY[:3]
+
+
+def test_power_that_goes_before_an_answer_takes_it_away():
+    drive = Teller()
+    line, port = on(drive)
+    port.write(ENQUIRY)
+    port.wait(REPLY_AT - 0.001)
+    line.power_off(drive)
+    line.power_on(drive)
+    assert port.read(1.0, 100) == b""
+
+
+def test_half_a_telegram_is_forgotten_without_power():
+    drive = Teller()
+    line, port = on(drive)
+    port.write(ENQUIRY[:4])
+    port.wait(4.1 * CHARACTER_S)
+    line.power_off(drive)
+    line.power_on(drive)
+    port.write(ENQUIRY[4:])
+    assert port.read(1.0, 100) == b""
+
+
+def test_a_motor_without_power_coasts():
+    drive = Teller()
+    line, _ = on(drive)
+    drive.motor.run(20.0, 0.0)
+    line.advance(10.0)
+    line.power_off(drive)
+    assert drive.motor.command is Command.OFF
+
+
+def test_a_drive_may_come_back_with_other_line_settings():
+    drive = virtual_drive("danfoss-fc", 3, baudrate=19200)
+    line = VirtualLine([drive])
+    with drivecomm.open_bus(line.port) as bus:
+        fan = bus.drive("danfoss-fc", 3, baudrate=19200, attempts=1)
+        fan.probe()
+        line.power_off(drive)
+        line.power_on(drive, LineSettings(baudrate=9600, parity="E"))
+        with pytest.raises(NoReplyError):
+            fan.probe()
+        bus.drive("danfoss-fc", 3, baudrate=9600).probe()
+
+
+def test_volatile_values_are_gone_where_the_virtual_drive_knows_which():
+    drive = virtual_drive("danfoss-fc", 3)
+    line = VirtualLine([drive])
+    before = drive.peek("3-41", 0.0)
+    with drivecomm.open_bus(line.port) as bus:
+        bus.drive("danfoss-fc", 3, model="fc300").write("3-41", 7)
+        assert drive.peek("3-41", line.time) != before
+        line.power_off(drive)
+        line.power_on(drive)
+    assert drive.peek("3-41", line.time) == before
+
+
+def test_switching_a_drive_that_is_elsewhere():
+    line, _ = on(Teller())
+    for switch in (line.power_off, line.power_on):
+        with pytest.raises(UsageError, match="the drive at address 7 is not on this virtual line"):
+            switch(Teller(7))
+
+
+def test_power_faults_come_and_go():
+    factory = LineSettings(baudrate=4800, bytesize=7, parity="E")
+    drive = Teller()
+    plan = FaultPlan(rate=1.0, kinds=[Fault.POWER], factory=factory, outage_s=0.5, mismatch_s=0.5)
+    line, port = on(drive, faults=plan)
+    seen = set()
+    for _ in range(30):
+        port.write(ENQUIRY)
+        plan.rate = 1.0
+        cut = port.read(line.time + 0.05, 100)
+        plan.rate = 0.0
+        assert cut != REPLY
+        for _ in range(30):
+            port.wait(line.time + 0.05)
+            seen.add(drive.settings)
+        assert drive.settings == SETTINGS
+        port.write(ENQUIRY)
+        assert port.read(line.time + 0.1, 100) == REPLY
+    assert seen == {SETTINGS, factory}
+    assert plan.happened == {Fault.POWER: 30}
+
+
+# Watching and arranging
+
+
+def test_things_can_be_arranged_for_a_time():
+    line, port = on()
+    done = []
+    line.call_at(0.5, lambda: done.append(line.time))
+    line.call_at(0.2, lambda: done.append(line.time))
+    assert port.read(1.0, 1) == b""
+    assert done == [0.2, 0.5]
+    line.call_at(0.3, lambda: done.append(line.time))
+    port.wait(1.0)
+    assert done == [0.2, 0.5, 1.0]
+
+
+def test_a_monitor_hears_everything_but_echoes():
+    drive = Teller()
+    line, port = on(drive, echo=True)
+    seen = []
+    line.monitor = seen.append
+    port.write(ENQUIRY)
+    port.wait(0.5)
+    line.inject(b"?")
+    port.wait(1.0)
+    assert [(each.source, each.sender, each.data, each.garbled) for each in seen] == [
+        ("master", None, ENQUIRY, False),
+        ("drive", drive, REPLY, False),
+        ("foreign", None, b"?", False),
+    ]
+    assert seen[1].began == pytest.approx(REPLY_AT)
+    assert seen[1].ended == pytest.approx(REPLY_AT + len(REPLY) * CHARACTER_S)
+
+
+def test_an_acknowledgement_is_as_good_as_any():
+    class Yes(Teller):
+        def hear(self, find, now):
+            return None if super().hear(find, now) is None else VirtualReply(data=ACK, delay_s=0.0)
+
+    _, port = on(Yes())
+    port.write(ENQUIRY)
+    assert port.read(1.0, 2) == ACK
+    assert port.now() == pytest.approx(10 * CHARACTER_S)
+
+
+ACK = VabusCodec().encode(Ack(address=1))
