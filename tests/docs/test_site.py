@@ -11,6 +11,7 @@ from pages import ROOT
 from drivecomm.protocol import installed
 
 pytest.importorskip("mkdocs", reason="the pages need the extra named docs")
+pytestmark = pytest.mark.soak
 
 # What a browser fetches by itself, as against what a reader may click on.
 FETCHED = re.compile(
