@@ -32,15 +32,17 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo, Protocol
 
 _LOG = logging.getLogger("mkdocs.hooks.generate")
+_PROTOCOLS = "reference/protocols"
 _DRAWING_WIDTH = 96
 _LABEL_WIDTH = 14
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """List the protocols' pages in the navigation, under the section that mkdocs.yml calls Protocols."""
-    for section in config.nav or []:
+    """List the protocols' pages in the navigation, under Reference in the section that mkdocs.yml calls Protocols."""
+    parts = {name: pages for part in config.nav or [] for name, pages in part.items()}
+    for section in parts.get("Reference", []):
         if "Protocols" in section:
-            section["Protocols"] += [{plugin.title: f"protocols/{plugin.name}.md"} for plugin in installed.working()]
+            section["Protocols"] += [{plugin.title: f"{_PROTOCOLS}/{plugin.name}.md"} for plugin in installed.working()]
     return config
 
 
@@ -49,9 +51,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for name, reason in installed.broken().items():
         _LOG.warning("no page for the protocol %s: %s", name, reason)
     plugins = list(installed.working())
-    files.append(File.generated(config, "protocols/index.md", content=_overview(plugins)))
+    files.append(File.generated(config, f"{_PROTOCOLS}/index.md", content=_overview(plugins)))
     for plugin in plugins:
-        files.append(File.generated(config, f"protocols/{plugin.name}.md", content=protocol_page(plugin)))
+        files.append(File.generated(config, f"{_PROTOCOLS}/{plugin.name}.md", content=protocol_page(plugin)))
     changelog = Path(config.config_file_path).with_name("CHANGELOG.md").read_text(encoding="utf-8")
     files.append(File.generated(config, "changelog.md", content=changelog))
     return files

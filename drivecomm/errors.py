@@ -216,7 +216,7 @@ def closest(name: object, known: Iterable[str]) -> str:
 def near(name: object, known: Iterable[str]) -> str:
     """Return a question that names what was perhaps meant, nothing where no known name is like this one."""
     found = closest(name, known)
-    return f"is {found} meant?" if found else ""
+    return f"did you mean {found!r}?" if found else ""
 
 
 def meant(name: object, known: Iterable[str], listed: str) -> str:
@@ -228,6 +228,12 @@ def meant(name: object, known: Iterable[str], listed: str) -> str:
     there = f"{listed} {', '.join(names) or 'none'}"
     question = near(name, names)
     return f"{question} {there[0].upper()}{there[1:]}" if question else there
+
+
+def unknown_key(key: str, known: Iterable[str]) -> str:
+    """Return the words for a key that a file must not have: what was probably meant, or all keys that there are."""
+    names = list(known)
+    return f"unknown key {key!r}; {near(key, names) or 'the keys are ' + ', '.join(names)}"
 
 
 def shortened(name: object) -> str:

@@ -1,15 +1,145 @@
-"""TOML files of the user's, read in one way: UTF-8 with or without a byte order mark, whatever ends the lines."""
+"""TOML files of the user's: read strictly, with file, line and key in every error; written and replaced in one way.
+
+    top = read_toml(path, "a plant")
+    given = top.take({"format": WHOLE, "drive": TABLES}, "format")
+    for drive in top.tables("drive"):
+        drive.take({"name": TEXT, "armed": CHOICE})
+
+Text is UTF-8, with or without a byte order mark, whatever ends the lines.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import os
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from drivecomm.errors import FileFormatError
+from drivecomm.errors import FileFormatError, unknown_key
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
     from importlib.resources.abc import Traversable
-    from pathlib import Path
+
+_HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
+_KEY = re.compile(r"""\s*(?:"([^"]*)"|'([^']*)'|([A-Za-z0-9_-]+))\s*=""")
+_LARGEST = 2**63
+"""No number in a file of ours is larger, and larger ones are too much for a float."""
+
+
+class Kind(NamedTuple):
+    """What a key may hold: its types in Python, and what an error says to write."""
+
+    types: tuple[type, ...]
+    words: str
+
+
+TEXT = Kind((str,), "a text in quotes")
+WHOLE = Kind((int,), "a whole number")
+NUMBER = Kind((int, float), "a number")
+SECONDS = Kind((int, float), "seconds")
+CHOICE = Kind((bool,), "true or false")
+TABLE = Kind((dict,), "a table in braces, such as { key = value }")
+LIST = Kind((list,), 'a list, such as ["one", "two"]')
+TABLES = Kind((list,), "a table of its own each time, under a header in double brackets")
+
+
+class Places:
+    """In which line of a file a table or a key stands; what is inline or over several lines has the line of its key."""
+
+    def __init__(self, text: str) -> None:
+        self._lines: dict[tuple[str, int, str], int] = {}
+        counted: dict[str, int] = {}
+        table, number = "", 0
+        for line, content in enumerate(text.splitlines(), start=1):
+            if header := _HEADER.match(content):
+                table = header[2]
+                number = counted[table] = counted.get(table, -1) + 1
+                self._lines.setdefault((table, number, ""), line)
+            elif key := _KEY.match(content):
+                self._lines.setdefault((table, number, key[1] or key[2] or key[3]), line)
+
+    def of(self, table: str, number: int = 0, key: str = "") -> int:
+        """Return the line, from 1, of a key in the table with this name and number, of the table itself without a key.
+
+        A key that is not there has the line of its table; a table that is not there the first line.
+        """
+        whole = self._lines.get((table, number, ""), 1)
+        return self._lines.get((table, number, key), whole)
+
+
+class Table:
+    """One table of a file, whose errors name the file, the line, which table it is, and the key.
+
+    content: what it holds. name: how errors call it, such as "drive 2 (pump)"; empty for the file as a whole.
+    """
+
+    def __init__(
+        self, content: Mapping[str, Any], shown: str, line_of: Callable[[str], int] | None = None, name: str = ""
+    ) -> None:
+        self.content = content
+        self.name = name
+        self._shown = shown
+        self._line_of = line_of
+        self._places: Places | None = None
+
+    @classmethod
+    def of_file(cls, content: Mapping[str, Any], text: str, shown: str) -> Table:
+        """Return the top table of a file with this text."""
+        top = cls(content, shown)
+        top._places = Places(text)
+        top._line_of = lambda key: top._places.of("", 0, key) if top._places else 1
+        return top
+
+    def error(self, what: str, key: str = "") -> FileFormatError:
+        """Return the error that says what is wrong with this table, or one key of it."""
+        place = f"{self._shown}, line {self._line_of(key)}" if self._line_of else self._shown
+        return FileFormatError(": ".join(each for each in (place, self.name, what) if each))
+
+    def take(self, known: Mapping[str, Kind], *needed: str) -> dict[str, Any]:
+        """Return what the table holds. Raises FileFormatError for an unknown, missing or wrong key."""
+        for key in sorted(set(self.content) - set(known)):
+            raise self.error(unknown_key(key, known), key)
+        for key in needed:
+            if key not in self.content:
+                raise self.error(f"the key {key!r} is missing; write {key} = {known[key].words}")
+        for key, value in self.content.items():
+            kind = known[key]
+            if not isinstance(value, kind.types) or (isinstance(value, bool) and bool not in kind.types):
+                raise self.error(f"{key} cannot be {value!r}; write {kind.words}", key)
+            if isinstance(value, int) and abs(value) > _LARGEST:
+                raise self.error(f"{key} is too large a number", key)
+        return dict(self.content)
+
+    def table(self, key: str) -> Table:
+        """Return the table behind a key, an empty one where there is none."""
+        found = self.content.get(key, {})
+        if not isinstance(found, dict):
+            raise self.error(f"{key} cannot be {found!r}; write {TABLE.words}", key)
+        name = f"{self.name}, {key}" if self.name else key
+        places = self._places
+        if places is not None:
+            return Table(found, self._shown, lambda inner: places.of(key, 0, inner) if found else 1, name)
+        return Table(found, self._shown, self._at(key), name)
+
+    def tables(self, key: str) -> list[Table]:
+        """Return the tables behind a key: each [[key]] of a file, or each of an inline list."""
+        found = self.content.get(key, [])
+        if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
+            raise self.error(f"write {key} as tables: [[{key}]] and the keys below, for each", key)
+        return [self._numbered(key, number, each) for number, each in enumerate(found)]
+
+    def _numbered(self, key: str, number: int, content: Mapping[str, Any]) -> Table:
+        own = content.get("name")
+        name = f"{key} {number + 1} ({own})" if isinstance(own, str) and own else f"{key} {number + 1}"
+        places = self._places
+        if places is not None:
+            return Table(content, self._shown, lambda inner: places.of(key, number, inner), name)
+        return Table(content, self._shown, self._at(key), f"{self.name}, {name}" if self.name else name)
+
+    def _at(self, key: str) -> Callable[[str], int] | None:
+        line_of = self._line_of
+        return None if line_of is None else lambda _: line_of(key)
 
 
 def read_text_file(path: Path | Traversable, what: str, *, shown: str = "") -> str:
@@ -29,10 +159,11 @@ def read_text_file(path: Path | Traversable, what: str, *, shown: str = "") -> s
 
 def read_toml(
     path: Path | Traversable, what: str, *, shown: str = "", parse_float: Callable[[str], Any] = float
-) -> tuple[str, dict[str, Any]]:
-    """Return the text of a TOML file, and what it says. Raises FileFormatError as `read_text_file` does."""
+) -> Table:
+    """Return the top table of a TOML file. Raises FileFormatError as `read_text_file` does."""
     text = read_text_file(path, what, shown=shown)
-    return text, parse_toml(text, f"{shown or path}: cannot be read as {what}", parse_float=parse_float)
+    content = parse_toml(text, f"{shown or path}: cannot be read as {what}", parse_float=parse_float)
+    return Table.of_file(content, text, shown or str(path))
 
 
 def parse_toml(text: str, refusal: str, *, parse_float: Callable[[str], Any] = float) -> dict[str, Any]:
@@ -48,3 +179,57 @@ def parse_toml(text: str, refusal: str, *, parse_float: Callable[[str], Any] = f
 def no_such_file(name: object) -> str:
     """Return the sentence for a file that is not there."""
     return f"{name}: there is no such file"
+
+
+def toml_line(key: object, value: Any) -> str:
+    """Return `key = value`, with what is nested written inline. Raises TypeError for what TOML has no form for."""
+    return f"{_key(key)} = {toml_value(value)}"
+
+
+def toml_value(value: Any) -> str:
+    """Return a value as TOML has it, in one line. Raises TypeError for what TOML has no form for."""
+    import tomli_w  # noqa: PLC0415 - loaded by who writes a file
+
+    if isinstance(value, dict):
+        inside = ", ".join(toml_line(key, each) for key, each in value.items())
+        return f"{{ {inside} }}" if inside else "{}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(toml_value, value))}]"
+    return tomli_w.dumps({"k": value}).removeprefix("k = ").rstrip("\n")
+
+
+def _key(key: object) -> str:
+    import tomli_w  # noqa: PLC0415 - as above
+
+    return tomli_w.dumps({str(key): 0}).removesuffix(" = 0\n")
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file, in place of the one that is there: whatever happens, one of both is there whole.
+
+    Raises FileFormatError where it cannot be written.
+    """
+    import tempfile  # noqa: PLC0415 - as above
+
+    try:
+        handle, beside = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+            Path(beside).chmod(_mode(path))
+            Path(beside).replace(path)
+        except BaseException:
+            Path(beside).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _mode(path: Path) -> int:
+    if path.exists():
+        return path.stat().st_mode & 0o777
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask

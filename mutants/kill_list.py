@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
     from planting import Fate
 
-PAGE = HERE.parent / "docs" / "mutants.md"
-FRAMEWORK_PAGE = HERE.parent / "docs" / "mutants-framework.md"
+PAGE = HERE.parent / "docs" / "development" / "mutants.md"
+FRAMEWORK_PAGE = HERE.parent / "docs" / "development" / "mutants-framework.md"
 _BEGIN = "<!-- the list: written by mutants/run.py --write -->\n"
 _LIST = re.compile(re.escape(_BEGIN) + ".*", re.DOTALL)
 

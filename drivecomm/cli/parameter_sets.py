@@ -15,7 +15,7 @@ from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.opened_drive import opened_drive
 from drivecomm.cli.output import complain, emit, plain, say
 from drivecomm.commissioning.parameter_sets import (
-    Wishes,
+    RestoreOptions,
     back_up,
     carry_out_plan,
     compare as compared,
@@ -141,12 +141,12 @@ def restore(
     journal = None
     if not dry_run:
         journal = (found_journal if resume else new_journal)(at, known, str(name))
-    wishes = Wishes(
+    options = RestoreOptions(
         only=frozenset(only or []), communication=communication, another_drive=another_drive, volatile=volatile
     )
     with _drive(line, drive, model, known) as one:
         with _progress("reading", line) as progress:
-            plan = plan_restore(one, known, wishes, progress=progress)
+            plan = plan_restore(one, known, options, progress=progress)
         if journal is None:
             _show_plan(plan, name, as_json=line.json)
             return INCOMPLETE if plan.missed else 0

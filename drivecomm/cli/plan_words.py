@@ -72,7 +72,7 @@ def _plan_in(file: Path) -> Plan:
     from drivecomm.polling import plan_in  # noqa: PLC0415
     from drivecomm.tomlfile import read_toml  # noqa: PLC0415
 
-    _, content = read_toml(file, "a poll plan")
+    content = read_toml(file, "a poll plan").content
     # Only plants have lines, and only poll plans have polls beside their drives.
     if "line" in content and "poll" not in content:
         return plan_of_plant(plant_in(content, file), str(file))

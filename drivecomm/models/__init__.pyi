@@ -8,14 +8,13 @@ from .files import (
     read_model as read_model,
     user_folders as user_folders,
 )
-from .link_loss import link_loss_of as link_loss_of
 from .quantities import (
     CommonName as CommonName,
     not_said as not_said,
     parameter_at as parameter_at,
     quantities as quantities,
 )
+from .rules import link_loss_of as link_loss_of
 from .schema import PARAMETER_KEYS as PARAMETER_KEYS, TABLES as TABLES, TEXTS as TEXTS
-from .toml_places import Places as Places
 from .units import converted as converted, factor_between as factor_between
 from .writing import model_text as model_text

@@ -1,6 +1,6 @@
 """Models as files.
 
-A model is a TOML file; `docs/models.md` explains every key:
+A model is a TOML file; `docs/reference/models.md` explains every key:
 
 format = 1
 protocol = "vabus"
@@ -58,9 +58,8 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, UsageError, meant, shortened
 from drivecomm.models.schema import EXACT, PARAMETER_KEYS, PLAIN, TEXT_TYPES, Mistake, mistakes_in, number_in
-from drivecomm.models.toml_places import Places
 from drivecomm.protocol import Model, ParameterInfo, Watchdog
-from drivecomm.tomlfile import read_toml
+from drivecomm.tomlfile import Places, parse_toml, read_text_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -146,8 +145,8 @@ class ModelFile:
 
 def open_model_file(path: Path) -> ModelFile:
     """Read a file without judging what it says. Raises FileFormatError where there is none, or it is no TOML."""
-    text, content = read_toml(path, "a model")
-    return ModelFile(path, content, Places(text))
+    text = read_text_file(path, "a model")
+    return ModelFile(path, parse_toml(text, f"{path}: cannot be read as a model"), Places(text))
 
 
 def base_of(file: ModelFile, protocol: str, package: str, extended_by: Sequence[Path] = ()) -> Model | None:

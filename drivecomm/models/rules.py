@@ -17,7 +17,7 @@ from drivecomm.models.units import factor_between
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from drivecomm.protocol import Model, ParameterInfo, Watchdog
+    from drivecomm.protocol import LinkLoss, Model, ParameterInfo, Watchdog
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
 _NO_SOURCE = "nothing says where it is from; name the manual and the page under source"
@@ -167,3 +167,27 @@ def _watchdog(watchdog: Watchdog, given: Given, model: Model) -> Iterator[Mistak
 
 def _in_watchdog(key: str, text: str) -> Mistake:
     return Mistake(text=text, key=key, table="watchdog")
+
+
+_DOES: dict[LinkLoss, str] = {
+    "hold": "it goes on",
+    "ramp": "it stops down its ramp",
+    "coast": "it coasts",
+    "trip": "it trips",
+}
+_NOTHING_KNOWN = "no page that was read says what these drives do"
+
+
+def link_loss_of(model: Model) -> str:
+    """Return what drives of this model do when their master falls silent, and which parameters decide it."""
+    watchdog = model.watchdog
+    if watchdog is None:
+        return model.link_loss or _NOTHING_KNOWN
+    never = "" if watchdog.off is None else f", never with {watchdog.off}"
+    when = f"after the time in {watchdog.time}{never}"
+    if not watchdog.action:
+        said = f"{_DOES[next(iter(watchdog.actions))]} {when}"
+    else:
+        does = ", ".join(f"{code} {_DOES[policy]}" for policy, code in watchdog.actions.items())
+        said = f"what {watchdog.action} says ({does}), {when}"
+    return f"{said}; {watchdog.note}" if watchdog.note else said

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any, get_args
 
-from drivecomm.errors import near
+from drivecomm.errors import unknown_key
 from drivecomm.protocol import Access, Kind, LinkLoss, ParameterInfo, Storage, Sureness, Watchdog
 
 if TYPE_CHECKING:
@@ -58,8 +58,7 @@ def mistakes_in(content: Mapping[str, Any], protocol: str) -> Iterator[Mistake]:
     if content.get("protocol") != protocol:
         yield Mistake(key="protocol", text=f"is a model for {content.get('protocol')!r}, not for {protocol!r}")
     for key in sorted(set(content) - _TOP):
-        known = f"its keys are {', '.join(sorted(_TOP))}"
-        yield Mistake(key=key, text=f"no model has the key {key!r}; {near(key, _TOP) or known}")
+        yield Mistake(key=key, text=unknown_key(key, sorted(_TOP)))
     if "name" not in content:
         yield Mistake(text="the key 'name' is missing")
     for key in TEXTS:
@@ -127,8 +126,7 @@ def _watchdog(table: str, given: Mapping[str, Any] | None) -> Iterator[Mistake]:
     if given is None:
         return
     for key in sorted(set(given) - _WATCHDOG):
-        known = f"its keys are {', '.join(sorted(_WATCHDOG))}"
-        yield Mistake(table=table, key=key, text=f"no watchdog has this key; {near(key, _WATCHDOG) or known}")
+        yield Mistake(table=table, key=key, text=unknown_key(key, sorted(_WATCHDOG)))
     if not isinstance(given.get("time"), str):
         yield Mistake(table=table, key="time", text="a watchdog names the parameter with its time")
     actions = given.get("actions", {})

@@ -7,7 +7,15 @@ from dataclasses import dataclass, fields, replace
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import DriveCommError, NotSupported, ParameterAddressError, UsageError, ValueRefusedError, near
+from drivecomm.errors import (
+    DriveCommError,
+    NotSupported,
+    ParameterAddressError,
+    UsageError,
+    ValueRefusedError,
+    near,
+    unknown_key,
+)
 from drivecomm.models.files import load_model
 from drivecomm.models.rules import starts_within_limits
 from drivecomm.models.schema import PARAMETER_KEYS, Mistake
@@ -58,9 +66,7 @@ def wrong_keys(entries: Sequence[tuple[int, Mapping[str, Any]]], plugin: Protoco
     known = PARAMETER_KEYS | plugin.parameter_keys
     for number, entry in entries:
         for key in sorted(set(entry) - known):
-            remedy = near(key, known) or f"its keys are {', '.join(sorted(known))}"
-            text = f"no parameter of {plugin.name} has this key; {remedy}"
-            yield Mistake(table="parameter", number=number, key=key, text=text)
+            yield Mistake(table="parameter", number=number, key=key, text=unknown_key(key, sorted(known)))
 
 
 def failed_trials(own: Sequence[tuple[int, ParameterInfo]], model: Model, plugin: Protocol) -> Iterator[Mistake]:

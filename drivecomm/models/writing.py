@@ -1,17 +1,17 @@
 """Models as text: what `drivecomm.models.files` reads, one key a line, so that two editions compare well.
 
-Only keys that say something are written, in the order in which docs/models.md explains them.
+Only keys that say something are written, in the order in which docs/reference/models.md explains them.
 """
 
 from __future__ import annotations
 
-import re
 from dataclasses import fields
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
 from drivecomm.protocol import ParameterInfo, Watchdog
+from drivecomm.tomlfile import toml_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model
 
 _FORMAT = 1
-_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
-_ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
 _ALWAYS_WRITTEN = ("address", "name", "title", "access")
 _DEFAULTS = {field.name: field.default for field in fields(ParameterInfo)}
 _WATCHDOG_DEFAULTS = {field.name: field.default for field in fields(Watchdog)}
@@ -68,36 +66,12 @@ def _watchdog(watchdog: Watchdog) -> dict[str, Any]:
 
 
 def _lines(items: Iterable[tuple[Any, Any]]) -> str:
-    return "".join(f"{_key(key)} = {_value(value)}\n" for key, value in items)
+    try:
+        return "".join(f"{toml_line(key, _exact(value))}\n" for key, value in items)
+    except TypeError as error:
+        raise UsageError(f"this cannot be written into a model file: {error}") from error
 
 
-def _key(key: object) -> str:
-    text = str(key)
-    return text if _BARE_KEY.fullmatch(text) else _quoted(text)
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, str):
-        return _quoted(value)
-    if isinstance(value, Decimal):
-        return _quoted(f"{value:f}")
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_value, value))}]"
-    if isinstance(value, dict):
-        inside = ", ".join(f"{_key(key)} = {_value(each)}" for key, each in value.items())
-        return f"{{ {inside} }}" if inside else "{}"
-    raise UsageError(f"{value!r} cannot be written into a model file; TOML has no form for {type(value).__name__}")
-
-
-def _quoted(text: str) -> str:
-    return '"' + "".join(map(_character, text)) + '"'
-
-
-def _character(one: str) -> str:
-    if one in _ESCAPES:
-        return _ESCAPES[one]
-    return f"\\u{ord(one):04x}" if ord(one) < 0x20 or ord(one) == 0x7F else one
+def _exact(value: Any) -> Any:
+    """Numbers that must stay exact are texts in a model file."""
+    return f"{value:f}" if isinstance(value, Decimal) else value

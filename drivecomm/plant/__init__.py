@@ -1,8 +1,8 @@
 """A plant: its lines and drives as data, as a file, as its masters open it, and how all of it is.
 
 What a plant is, is here; `drivecomm.plant.files` reads one, `drivecomm.plant.opened` opens it for masters, and
-`drivecomm.virtual.virtual_plant` makes virtual drives of it. docs/plant-file.md and docs/virtual-plant.md explain the
-files.
+`drivecomm.virtual.virtual_plant` makes virtual drives of it. docs/reference/plant-file.md and
+docs/how-to/virtual-plant.md explain the files.
 """
 
 import lazy_loader

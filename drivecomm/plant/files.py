@@ -163,7 +163,7 @@ _LARGEST = 2**63
 
 def read_plant(path: Path) -> Plant:
     """Read a plant file. Raises FileFormatError with the file's name, the entry and what is wrong in it."""
-    return plant_in(read_toml(path, "a plant")[1], path)
+    return plant_in(read_toml(path, "a plant").content, path)
 
 
 def plant_in(content: Mapping[str, Any], path: Path) -> Plant:

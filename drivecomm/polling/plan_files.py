@@ -53,7 +53,7 @@ _POLL_KEYS: Mapping[str, tuple[type, ...]] = {
 
 def read_plan(path: Path) -> Plan:
     """Read a plan file. Raises FileFormatError with the file's name, the entry and what is wrong in it."""
-    return plan_in(read_toml(path, "a poll plan")[1], path)
+    return plan_in(read_toml(path, "a poll plan").content, path)
 
 
 def plan_in(content: Mapping[str, Any], path: Path) -> Plan:

@@ -1,6 +1,6 @@
 """Drive models: what the parameters of one drive series mean, as data with a source.
 
-`drivecomm.models.files` reads them; docs/models.md explains the files.
+`drivecomm.models.files` reads them; docs/reference/models.md explains the files.
 """
 
 from __future__ import annotations

@@ -112,9 +112,7 @@ def _load(name: str) -> Protocol:
             "reinstall or uninstall it"
         ) from error
     if not isinstance(protocol, Protocol):
-        raise ProtocolLoadError(
-            f"the entry point {name!r} of {_owner(entry)} is no drivecomm.protocol.contract.Protocol"
-        )
+        raise ProtocolLoadError(f"the entry point {name!r} of {_owner(entry)} is no drivecomm.protocol.Protocol")
     if protocol.name != name:
         raise ProtocolLoadError(
             f"the entry point {name!r} of {_owner(entry)} brings a protocol named {protocol.name!r}"

@@ -127,7 +127,7 @@ def _packaged(package: str, protocol: str) -> VectorFile:
 
 
 def _read(place: Path | Traversable, name: str, shown: str, protocol: str | None) -> VectorFile:
-    _, content = read_toml(place, "a vector file", shown=shown)
+    content = read_toml(place, "a vector file", shown=shown).content
     if type(content.get("format")) is not int or content["format"] != FORMAT:
         raise FileFormatError(f"{shown}: a vector file begins with format = {FORMAT}")
     named = content.get("protocol")

@@ -16,11 +16,10 @@ from .listening import (
     shared_listening_port as shared_listening_port,
 )
 from .opening import cannot_open as cannot_open, error_number as error_number
-from .port_names import same_port as same_port
+from .port_names import same_port as same_port, stable_name as stable_name
 from .port_report import PortReport as PortReport, UsbIdentity as UsbIdentity, local_report as local_report
 from .pyserial_channel import PyserialChannel as PyserialChannel
 from .readiness import Readable as Readable, send_all as send_all
 from .rfc2217_client import Rfc2217Client as Rfc2217Client
 from .serial_port import SerialPort as SerialPort
 from .socket_channel import SocketChannel as SocketChannel
-from .stable_name import stable_name as stable_name

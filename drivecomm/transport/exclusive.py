@@ -12,7 +12,7 @@ import contextlib
 import fcntl
 import termios
 
-from drivecomm.transport.pseudo_terminal import is_pseudo
+from drivecomm.transport.port_names import is_pseudo
 
 
 def lock(descriptor: int) -> None:

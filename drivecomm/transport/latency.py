@@ -43,7 +43,7 @@ def require_low(port: Any, name: str, sysfs: Path = _SYSFS) -> None:
     if not make_low(port, name, sysfs):
         raise PortError(
             f"port {name} has no low-latency mode that this program may set; "
-            f"open it without low_latency, or let who administrates this machine write 1 to {_timer_file(name, sysfs)}"
+            f"open it without low_latency, or have an administrator write 1 to {_timer_file(name, sysfs)}"
         )
 
 

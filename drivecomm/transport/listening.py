@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from drivecomm.errors import LinkDownError, PortError, UsageError
 from drivecomm.transport.holders import holder_of_port
 from drivecomm.transport.opening import cannot_open, error_number
-from drivecomm.transport.pseudo_terminal import is_pseudo
+from drivecomm.transport.port_names import is_pseudo
 from drivecomm.transport.readiness import Readable
 from drivecomm.transport.server_connection import connected
 

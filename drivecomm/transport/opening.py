@@ -97,9 +97,9 @@ def _membership(name: str) -> str:
         found = os.stat(name)  # noqa: PTH116 - may be a name that Path would change
         group = grp.getgrgid(found.st_gid).gr_name
     except (ImportError, OSError, KeyError):
-        return "ask who administrates this machine for access to it"
+        return "ask an administrator for access to it"
     if not found.st_mode & stat.S_IRGRP or group == "root":
-        return f"it belongs to the group {group}, so ask who administrates this machine for access to it"
+        return f"it belongs to the group {group}, so ask an administrator for access to it"
     return f"it belongs to the group {group}, so join it (sudo usermod -a -G {group} $USER) and log in again"
 
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
+import sys
+from pathlib import Path
 from urllib.parse import urlsplit
 
 _HERE = frozenset({"localhost", "127.0.0.1", "::1"})
@@ -23,3 +26,39 @@ def _place(port: str) -> object:
         return port
     # A server has one line behind a number, whichever way its bytes are carried.
     return ("here" if host in _HERE else host, number)
+
+
+_BY_ID = Path("/dev/serial/by-id")
+
+
+def stable_name(url: str, by_id: Path = _BY_ID) -> str:
+    """Return the link in this folder that leads to the port; the name itself where there is none.
+
+    A name that is a link already, and a URL, stay as they are: they were chosen.
+    """
+    if "://" in url:
+        return url
+    try:
+        if Path(url).is_symlink():
+            return url
+        port = Path(url).resolve(strict=True)
+        # A link of an adapter that has gone leads to a name that nothing has, and so to no port.
+        return min((str(link) for link in by_id.iterdir() if link.resolve() == port), default=url)
+    except (OSError, ValueError):
+        # No such folder, or no such port.
+        return url
+
+
+# Linux, Documentation/admin-guide/devices.txt: the far ends of pseudo-terminals.
+_LINUX_MAJORS = range(136, 144)
+_NAMES = re.compile(r"/dev/(pts/\d+|ttys\d+|tty[p-zP-T][0-9a-f])")
+
+
+def is_pseudo(descriptor: int) -> bool:
+    """Whether this open terminal is the far end of a pseudo-terminal."""
+    if sys.platform == "linux":
+        return os.major(os.fstat(descriptor).st_rdev) in _LINUX_MAJORS
+    try:
+        return _NAMES.fullmatch(os.ttyname(descriptor)) is not None
+    except OSError:
+        return False

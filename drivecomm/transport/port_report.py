@@ -10,7 +10,7 @@ from serial.tools import list_ports
 
 from drivecomm.transport.direction import direction
 from drivecomm.transport.latency import latency_timer_ms, low_latency
-from drivecomm.transport.stable_name import stable_name
+from drivecomm.transport.port_names import stable_name
 
 if TYPE_CHECKING:
     from drivecomm.transport.direction import Direction

@@ -21,10 +21,10 @@ from drivecomm.protocol import LineSettings
 from drivecomm.transport.alarm import open_alarm
 from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
 from drivecomm.transport.opening import cannot_open
+from drivecomm.transport.port_names import stable_name
 from drivecomm.transport.pyserial_channel import POLL_S, PyserialChannel, release
 from drivecomm.transport.rfc2217_client import Rfc2217Client
 from drivecomm.transport.socket_channel import SocketChannel
-from drivecomm.transport.stable_name import stable_name
 
 if TYPE_CHECKING:
     from drivecomm.transport.alarm import Alarm

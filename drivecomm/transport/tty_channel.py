@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
 from drivecomm.transport.exclusive import keep_others_out, let_others_in
 from drivecomm.transport.opening import error_number
-from drivecomm.transport.pseudo_terminal import is_pseudo
+from drivecomm.transport.port_names import is_pseudo
 from drivecomm.transport.pyserial_channel import release, set_at_once
 from drivecomm.transport.readiness import Readable, send_all
 

@@ -119,7 +119,7 @@ def test_both_are_opened_by_the_same_arguments():
 def test_the_public_face_has_both():
     for name in ("AsyncBus", "AsyncDrive", "AsyncBroadcast", "open_bus_async"):
         assert getattr(drivecomm, name).__name__ == name
-    with pytest.raises(AttributeError, match="has no attribute 'AsyncNothing'"):
+    with pytest.raises(AttributeError, match="No drivecomm attribute AsyncNothing"):
         _ = drivecomm.AsyncNothing
 
 

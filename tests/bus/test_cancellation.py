@@ -309,7 +309,7 @@ class Clock:
 
 def select(parameter):
     message = Select(address=1, dataset=5, parameter=parameter, data="00000001")
-    return (yield drivecomm.exchange.Ask(message=message, nameless=True, acts=True))
+    return (yield drivecomm.protocol.Ask(message=message, nameless=True, acts=True))
 
 
 def waits_long(clock):

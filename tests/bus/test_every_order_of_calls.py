@@ -137,7 +137,7 @@ class Scene:
         self.step()
 
     def another_masters_stop(self):
-        plugin = drivecomm.registry.installed[self.protocol]
+        plugin = drivecomm.protocol.installed[self.protocol]
         exchange = plugin.operations(ADDRESS, plugin.options(), None).stop(Stop.RAMP)
         command = next(exchange)
         while command is not None:

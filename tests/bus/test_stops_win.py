@@ -11,8 +11,7 @@ from benches import Mortal, Recorder
 import drivecomm
 from drivecomm.bus import keep, keep_async, open_bus_async
 from drivecomm.errors import CommandCancelledError, DriveCommError, NoReplyError, OvertakenError, StateError, UsageError
-from drivecomm.virtual import Server, VirtualLine, virtual_drive
-from drivecomm.virtual.serving import parse_listen
+from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
 
 
 @pytest.fixture

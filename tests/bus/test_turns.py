@@ -14,7 +14,7 @@ import pytest
 from benches import PROTOCOLS, READABLE, Mortal, Port, Recorder
 
 import drivecomm
-import drivecomm.protocol.registry
+import drivecomm.protocol
 from drivecomm.bus import AsyncTurns, Queue, Rank, Turn, Turns
 from drivecomm.errors import DriveCommError, OvertakenError, UsageError
 from drivecomm.virtual import VirtualLine
@@ -39,7 +39,7 @@ class QuickPort:
     now = wall_time = staticmethod(time.monotonic)
 
     def __init__(self):
-        codec = drivecomm.registry.installed["vabus"].codec(VabusOptions())
+        codec = drivecomm.protocol.installed["vabus"].codec(VabusOptions())
         self._replies = {}
         for address in (3, 4):
             for sent, reply in (

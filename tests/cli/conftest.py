@@ -47,6 +47,6 @@ def shell(capsys, monkeypatch):
     monkeypatch.delenv("DRIVECOMM_PORT", raising=False)
     one = Shell(capsys)
     monkeypatch.setattr(
-        drivecomm.bus, "port_opener", lambda port, **_: (lambda: one.open(port)) if isinstance(port, str) else port
+        drivecomm.bus.bus, "port_opener", lambda port, **_: (lambda: one.open(port)) if isinstance(port, str) else port
     )
     return one

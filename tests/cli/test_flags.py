@@ -68,7 +68,7 @@ def heard(shell, tmp_path, monkeypatch):
             PLANT if name == "plant.toml" else PLANT.replace('"fan"', '"mill"').replace("fc:3", "fc:4")
         )
     seen = []
-    opened, drive = drivecomm.bus.open_bus, drivecomm.bus.Bus.drive
+    opened, drive = drivecomm.bus.bus.open_bus, drivecomm.bus.bus.Bus.drive
 
     def open_bus(port, **opening):
         seen.append((port, sorted((key, str(value)) for key, value in opening.items() if key != "trace")))
@@ -80,8 +80,8 @@ def heard(shell, tmp_path, monkeypatch):
         seen.append((found.facts, options.get("read_only", ""), place))
         return found
 
-    monkeypatch.setattr(drivecomm.bus, "open_bus", open_bus)
-    monkeypatch.setattr(drivecomm.bus.Bus, "drive", made)
+    monkeypatch.setattr(drivecomm.bus.bus, "open_bus", open_bus)
+    monkeypatch.setattr(drivecomm.bus.bus.Bus, "drive", made)
 
     def run(*call):
         seen.clear()

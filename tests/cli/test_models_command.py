@@ -188,7 +188,7 @@ def test_checking_says_everything(models, tmp_path):
     first, second, third = out.splitlines()
     assert first == f"{good}: in order"
     assert second.startswith(f"{bad}, line 7: colour: no model has the key 'colour'; its keys are ")
-    assert third == f"{bad}, line 9: profil: fuji drives have no such option; is profile meant?"
+    assert third == f"{bad}, line 9: profil: fuji drives have no such option; did you mean 'profile'?"
 
 
 def test_checking_as_json(models, tmp_path):
@@ -196,7 +196,7 @@ def test_checking_as_json(models, tmp_path):
     path.write_text(OWN + "[options]\nprofil = 'vg'\n", encoding="utf-8")
     code, out, err = models("check", str(path), "--json")
     assert (code, err) == (2, "")
-    text = "fuji drives have no such option; is profile meant?"
+    text = "fuji drives have no such option; did you mean 'profile'?"
     assert objects(out) == [
         {"file": str(path), "line": 8, "key": "profil", "text": text},
         {"file": str(path), "findings": 1},

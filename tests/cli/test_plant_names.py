@@ -173,15 +173,15 @@ def test_a_plant_file_that_cannot_be_read_keeps_nobody_from_stopping(shell, plan
 
 def test_a_suggestion_for_a_name(shell, plant):
     assert shell("status", "pmup", "--plant", plant.path, port=None) == 2
-    assert "there is no drive 'pmup' in this plant; is pump meant? It has pump, fan, mixer" in shell.err
+    assert "there is no drive 'pmup' in this plant; did you mean 'pump'? It has pump, fan, mixer" in shell.err
     assert shell("read", "pump", "output_frequncy", "--plant", plant.path, port=None) == 2
-    assert "is output_frequency meant?" in shell.err
+    assert "did you mean 'output_frequency'?" in shell.err
     assert shell("status", "pump", "--model", "agil", "--plant", plant.path, port=None) == 2
-    assert "vabus has no model 'agil'; is agile meant?" in shell.err
+    assert "vabus has no model 'agil'; did you mean 'agile'?" in shell.err
     assert shell("status", "vabsu:1", port="HALL") == 2
-    assert "no installed protocol is named 'vabsu'; is vabus meant?" in shell.err
+    assert "no installed protocol is named 'vabsu'; did you mean 'vabus'?" in shell.err
     assert shell("call", "fan", "jgo", "--plant", plant.path, port=None) == 2
-    assert "is jog meant?" in shell.err
+    assert "did you mean 'jog'?" in shell.err
     assert shell("status", "pump,modle=agile", "--plant", plant.path, port=None) == 2
     assert "no option 'modle'" in shell.err
 
@@ -596,14 +596,14 @@ class TestScan:
     def test_what_was_found_is_kept_when_it_ends_early(self, shell, tmp_path, monkeypatch, trouble, code):
         line = self.odd_line(shell)
         path = tmp_path / "plant.toml"
-        asked = drivecomm.bus.Bus.scan
+        asked = drivecomm.bus.bus.Bus.scan
 
         def scan(bus, *arguments, **options):
             for one in asked(bus, *arguments, **options):
                 yield one
                 raise trouble
 
-        monkeypatch.setattr(drivecomm.bus.Bus, "scan", scan)
+        monkeypatch.setattr(drivecomm.bus.bus.Bus, "scan", scan)
         assert shell("scan", "--wide", "--protocol", "vabus", "-a", "1-3", "--write", str(path)) == code
         assert "1 drive found" in shell.out
         assert shell.err.count("\n") == 2

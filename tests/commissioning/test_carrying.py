@@ -13,7 +13,7 @@ from drivecomm.bus import read_watchdog
 from drivecomm.commissioning.parameter_sets import (
     Entry,
     ParameterSet,
-    Wishes,
+    RestoreOptions,
     back_up,
     carry_out_plan,
     compare,
@@ -23,8 +23,8 @@ from drivecomm.errors import UsageError
 from drivecomm.protocol import ParameterInfo
 from drivecomm.virtual import VirtualLine, virtual_drive
 
-ANOTHER = Wishes(another_drive=True)
-TIMEOUT = Wishes(another_drive=True, only=frozenset({"link_timeout"}))
+ANOTHER = RestoreOptions(another_drive=True)
+TIMEOUT = RestoreOptions(another_drive=True, only=frozenset({"link_timeout"}))
 
 
 class Site:
@@ -43,8 +43,8 @@ WATCHED = [case for case in cases() if case.model.watchdog]
 PAIRS = [pair for pair in permutations(WATCHED, 2) if pair[0].plugin is not pair[1].plugin]
 
 
-def restored(source, target, wishes=TIMEOUT):
-    return carry_out_plan(target.drive, plan_restore(target.drive, back_up(source.drive), wishes))
+def restored(source, target, options=TIMEOUT):
+    return carry_out_plan(target.drive, plan_restore(target.drive, back_up(source.drive), options))
 
 
 def reasons(done):

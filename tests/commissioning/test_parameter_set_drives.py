@@ -10,7 +10,7 @@ from set_drives import Case, cases
 import drivecomm
 from drivecomm.bus import open_bus_async
 from drivecomm.commissioning.parameter_sets import (
-    Wishes,
+    RestoreOptions,
     back_up,
     back_up_async,
     carry_out_plan,
@@ -140,7 +140,7 @@ def test_a_motor_drive_of_another_maker():
             "maximum_frequency": ("60.0 Hz", "50.00 Hz"),
             "motor_rated_power": ("5.50 kW", "4.0 kW"),
         }
-        plan = plan_restore(pump, saved, Wishes(another_drive=True))
+        plan = plan_restore(pump, saved, RestoreOptions(another_drive=True))
         assert carry_out_plan(pump, plan).complete
         assert pump.read("376[3]").value == pump.read("motor_rated_power").value
         assert str(pump.read("motor_rated_power")) == "5.5 kW"
@@ -186,4 +186,4 @@ def test_volatile_only_where_it_makes_a_difference():
     with drivecomm.open_bus(line.port) as bus:
         drive = case.drive(bus)
         with pytest.raises(NotSupported, match="keeps every write over power-off"):
-            plan_restore(drive, back_up(drive), Wishes(volatile=True))
+            plan_restore(drive, back_up(drive), RestoreOptions(volatile=True))

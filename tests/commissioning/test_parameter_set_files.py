@@ -96,7 +96,7 @@ def test_a_change_of_one_parameter_is_a_change_of_one_line(known, new):
 
 
 def test_the_file_of_the_page(tmp_path):
-    page = ROOT / "docs" / "parameter-sets.md"
+    page = ROOT / "docs" / "how-to" / "parameter-sets.md"
     (block,) = [block for block in blocks_of(page) if block.title == "fan.toml"]
     path = tmp_path / "fan.toml"
     path.write_text(block.code, encoding="utf-8")
@@ -117,25 +117,31 @@ HEAD = 'format = 1\nprotocol = "vabus"\ndrive = "vabus:1"\nmodel = "agile"\n'
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("format = 2", "line 1: format: a parameter set begins with format = 1"),
-        ('format = 1\ndrive = "vabus:1"', "protocol: is missing"),
-        (f"{HEAD}colour = 1", "line 5: colour: no parameter set has this key"),
-        (f"{HEAD}time = 12", "line 5: time: cannot be 12; write it as 2026-"),
-        (f"{HEAD}time = 2026-11-21T19:00:00", "line 5: time"),
-        (f"{HEAD}firmware = 5", "line 5: firmware: 5 is no text"),
-        (f"{HEAD}settings = 5", "line 5: settings: is no table"),
-        (f'{HEAD}[settings]\n"481" = 5', "line 6: 481: write { name"),
-        (f'{HEAD}[settings]\n\n"481" = {{ valeu = 5 }}', "line 7: 481: no parameter has the key 'valeu'"),
-        (f'{HEAD}[settings]\n"481" = {{ name = "x" }}', "line 6: 481: the key 'value' is missing"),
-        (f'{HEAD}[settings]\n"481" = {{ value = true }}', "line 6: 481: value cannot be True"),
-        (f'{HEAD}[settings]\n"481" = {{ value = nan }}', "line 6: 481: no drive holds such a number"),
-        (f'{HEAD}[settings]\n"481" = {{ value = 1e999999999 }}', "line 6: 481: no drive holds such a number"),
-        (f'{HEAD}[settings]\n"481" = {{ value = 1, common = "speed" }}', "line 6: 481: 'speed' is no common name"),
+        ("format = 2", "line 1: a parameter set begins with format = 1"),
+        ('format = 1\ndrive = "vabus:1"', "the key 'protocol' is missing"),
+        (f"{HEAD}colour = 1", "line 5: unknown key 'colour'; the keys are format, protocol"),
+        (f"{HEAD}time = 12", "line 5: time cannot be 12; write a time with its zone, as 2026-"),
+        (f"{HEAD}time = 2026-11-21T19:00:00", "line 5: time cannot be 2026-11-21 19:00:00; write it with its zone"),
+        (f"{HEAD}firmware = 5", "line 5: firmware cannot be 5; write a text in quotes"),
+        (f"{HEAD}settings = 5", "line 5: settings cannot be 5; write a table"),
+        (f'{HEAD}[settings]\n"481" = 5', "line 6: settings: 481 cannot be 5; write a table in braces"),
+        (
+            f'{HEAD}[settings]\n\n"481" = {{ valeu = 5 }}',
+            "481: unknown key 'valeu'; did you mean 'value'?",
+        ),
+        (f'{HEAD}[settings]\n"481" = {{ name = "x" }}', "line 6: settings, 481: the key 'value' is missing"),
+        (f'{HEAD}[settings]\n"481" = {{ value = true }}', "line 6: settings, 481: value cannot be True"),
+        (f'{HEAD}[settings]\n"481" = {{ value = nan }}', "line 6: settings, 481: no drive holds such a number"),
+        (f'{HEAD}[settings]\n"481" = {{ value = 1e999999999 }}', "line 6: settings, 481: no drive holds such a number"),
+        (
+            f'{HEAD}[settings]\n"481" = {{ value = 1, common = "speed" }}',
+            "481: unknown common name 'speed'",
+        ),
         (
             f'{HEAD}[settings]\n"1" = {{ value = 1 }}\n[measured]\n"1" = {{ value = 1 }}',
-            "line 8: 1: stands under [sett",
+            "line 8: measured: 1 stands under [sett",
         ),
-        (f"{HEAD}[identity]\nserial = 5", "line 6: serial: 5 is no text"),
+        (f"{HEAD}[identity]\nserial = 5", "line 6: identity: serial cannot be 5; write a text in quotes"),
         (f"{HEAD}[settings", "cannot be read as a parameter set"),
         (f"{HEAD}x = 1e9999999999999999999999", "cannot be read as a parameter set"),
         ("\udcff", "cannot be read as a parameter set"),

@@ -8,7 +8,14 @@ import pytest
 from set_drives import cases
 
 import drivecomm
-from drivecomm.commissioning.parameter_sets import Entry, ParameterSet, Wishes, back_up, carry_out_plan, plan_restore
+from drivecomm.commissioning.parameter_sets import (
+    Entry,
+    ParameterSet,
+    RestoreOptions,
+    back_up,
+    carry_out_plan,
+    plan_restore,
+)
 from drivecomm.errors import NoReplyError, ReadOnlyError, RefusedError, StateError, UsageError, ValueRefusedError
 from drivecomm.protocol import Model, ParameterInfo, Reading
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -109,8 +116,8 @@ def a_set(**values):
     )
 
 
-def restore(drive, known, **wishes):
-    return carry_out_plan(drive, plan_restore(drive, known, Wishes(**wishes)))
+def restore(drive, known, **options):
+    return carry_out_plan(drive, plan_restore(drive, known, RestoreOptions(**options)))
 
 
 def test_a_backup_holds_what_can_be_restored():
@@ -317,7 +324,7 @@ def test_the_set_of_another_maker():
 
 def test_volatile_where_every_write_is_kept():
     with pytest.raises(UsageError, match="keeps every write over power-off"):
-        plan_restore(Drive(), a_set(), Wishes(volatile=True))
+        plan_restore(Drive(), a_set(), RestoreOptions(volatile=True))
 
 
 def test_a_drive_without_a_model():
@@ -378,7 +385,7 @@ class TestAValueWhoseScaleNobodyKnows:
     def test_is_not_given_to_another_drive_and_that_is_no_whole_restore(self, bus):
         saved = back_up(inverter(bus))
         other = inverter(bus, 2)
-        plan = plan_restore(other, saved, Wishes(another_drive=True))
+        plan = plan_restore(other, saved, RestoreOptions(another_drive=True))
         assert [item.address for item in plan.missed] == ["F11"]
         assert not carry_out_plan(other, plan).complete
 
@@ -400,9 +407,9 @@ def test_communication_that_was_not_asked_for_is_left_alone_as_it_should_be():
     plan = plan_restore(drive, a_set(_106=1))
     assert [item.address for item in plan.to("skip")] == ["106"]
     assert plan.missed == []
-    assert [item.address for item in plan_restore(drive, a_set(_106=1), Wishes(only=frozenset({"106"}))).missed] == [
-        "106"
-    ], "it was asked for by its name"
+    assert [
+        item.address for item in plan_restore(drive, a_set(_106=1), RestoreOptions(only=frozenset({"106"}))).missed
+    ] == ["106"], "it was asked for by its name"
 
 
 def test_a_drive_that_is_read_only_is_refused_as_a_whole():

@@ -8,7 +8,7 @@ from pages import ROOT
 from drivecomm.link import COUNTERS, Echo
 from drivecomm.protocol import LINE_FACT_NAMES
 
-PAGE = (ROOT / "docs" / "bus-engine.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "explanation" / "bus.md").read_text(encoding="utf-8")
 
 
 def rows_under(heading):

@@ -10,7 +10,7 @@ from drivecomm import errors
 from drivecomm.cli.run import INTERRUPTED
 from drivecomm.cli.streams import NOT_READ
 
-PAGE = (ROOT / "docs" / "errors.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "reference" / "errors.md").read_text(encoding="utf-8")
 
 
 def tree(kind):

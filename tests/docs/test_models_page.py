@@ -9,7 +9,7 @@ from pages import ROOT, blocks_of
 from drivecomm.models import PARAMETER_KEYS, TABLES, TEXTS, check_model
 from drivecomm.protocol import Watchdog
 
-PAGE = ROOT / "docs" / "models.md"
+PAGE = ROOT / "docs" / "reference" / "models.md"
 
 
 @pytest.fixture

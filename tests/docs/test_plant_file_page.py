@@ -10,7 +10,7 @@ from pages import ROOT, blocks_of
 
 from drivecomm.plant import read_plant
 
-PAGE = ROOT / "docs" / "plant-file.md"
+PAGE = ROOT / "docs" / "reference" / "plant-file.md"
 
 
 @pytest.fixture

@@ -45,7 +45,7 @@ def test_nothing_is_fetched_from_elsewhere(site):
 
 def test_every_protocol_has_a_page_with_its_telegrams(site):
     for plugin in installed.working():
-        text = (site / "protocols" / f"{plugin.name}.html").read_text(encoding="utf-8")
+        text = (site / "reference" / "protocols" / f"{plugin.name}.html").read_text(encoding="utf-8")
         for title in plugin.forms():
             assert title in text
 

@@ -8,7 +8,7 @@ from pages import ROOT, blocks_of
 
 from drivecomm.testing import CATEGORIES, Refuse, Stream, Vector
 
-PAGE = ROOT / "docs" / "vectors.md"
+PAGE = ROOT / "docs" / "development" / "vectors.md"
 TEXT = PAGE.read_text(encoding="utf-8")
 
 

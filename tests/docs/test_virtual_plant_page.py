@@ -9,7 +9,7 @@ from pages import ROOT, blocks_of
 from drivecomm.plant import read_plant
 from drivecomm.virtual import VirtualPlant
 
-PAGE = ROOT / "docs" / "virtual-plant.md"
+PAGE = ROOT / "docs" / "how-to" / "virtual-plant.md"
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 from console import Console, must_match
 from pages import ROOT, blocks_of
 
-PAGE = ROOT / "docs" / "write-a-protocol.md"
+PAGE = ROOT / "docs" / "development" / "write-a-protocol.md"
 
 
 @pytest.fixture(scope="module")

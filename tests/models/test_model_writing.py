@@ -146,5 +146,5 @@ def test_what_no_file_can_hold():
     model = Model(
         protocol="toy", name="own", title="own", source="", parameters={}, faults={}, options={"odd": object()}
     )
-    with pytest.raises(UsageError, match="TOML has no form for object"):
+    with pytest.raises(UsageError, match="Object of type 'object' is not TOML serializable"):
         model_text(model)

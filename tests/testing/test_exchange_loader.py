@@ -98,7 +98,7 @@ def test_every_error_of_the_tree_has_its_name():
 
 
 def test_every_key_is_explained():
-    text = (Path(__file__).parents[2] / "docs" / "vectors.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs" / "development" / "vectors.md").read_text(encoding="utf-8")
     section = text.partition("## `[[exchange]]`")[2].partition("\n## ")[0]
     for name in [field.name for field in fields(ExchangeVector)] + [field.name for field in fields(Expected)]:
         assert f"`{name}`" in section, name

@@ -131,7 +131,7 @@ def test_a_test_that_fails_says_why(pytest_in):
     broken = """
 from dataclasses import replace
 from drivecomm.testing import QUICK
-from drivecomm.protocol.contract import installed
+from drivecomm.protocol import installed
 installed._loaded["vabus"] = replace(installed["vabus"], facts_source="?")
 """ + THREE_LINES.format(extent=", QUICK")
     done = pytest_in(broken, "-k", "documents")

@@ -315,7 +315,7 @@ def test_a_character_map_says_what_is_heard_of_any_text(sender, receiver, data):
 @pytest.fixture
 def toy(tmp_path, monkeypatch):
     """The protocol of the page about writing one, which nobody here has seen."""
-    page = (ROOT / "docs" / "write-a-protocol.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "development" / "write-a-protocol.md").read_text(encoding="utf-8")
     for name, content in re.findall(
         r'^```\w+ title="(drivecomm_toy/[^"]+)"\n(.*?)^```$', page, re.MULTILINE | re.DOTALL
     ):

@@ -27,7 +27,7 @@ from drivecomm.transport import (
     cannot_open,
     error_number,
     opening,
-    pseudo_terminal,
+    port_names,
     tty_channel,
 )
 from drivecomm.virtual import PretendedPort
@@ -189,8 +189,8 @@ def test_the_end_of_a_terminal_without_an_error(real_terminal, monkeypatch):
 )
 def test_pseudo_terminals_elsewhere_go_by_their_names(name, pseudo, monkeypatch):
     monkeypatch.setattr(sys, "platform", "darwin")
-    monkeypatch.setattr(pseudo_terminal.os, "ttyname", lambda _: name)
-    assert pseudo_terminal.is_pseudo(0) is pseudo
+    monkeypatch.setattr(port_names.os, "ttyname", lambda _: name)
+    assert port_names.is_pseudo(0) is pseudo
 
 
 def test_a_terminal_without_a_name_is_taken_for_a_real_one(monkeypatch):
@@ -198,8 +198,8 @@ def test_a_terminal_without_a_name_is_taken_for_a_real_one(monkeypatch):
         raise OSError(errno.ENODEV, "no name")
 
     monkeypatch.setattr(sys, "platform", "darwin")
-    monkeypatch.setattr(pseudo_terminal.os, "ttyname", nameless)
-    assert pseudo_terminal.is_pseudo(0) is False
+    monkeypatch.setattr(port_names.os, "ttyname", nameless)
+    assert port_names.is_pseudo(0) is False
 
 
 def test_a_broken_connection():

@@ -1,4 +1,3 @@
-from .arrival_grid import arrival_grid_s as arrival_grid_s
 from .diagnosis import examine as examine, harmless_bytes as harmless_bytes
 from .examination import Examination as Examination, Expected as Expected
-from .findings import Finding as Finding, judge as judge
+from .findings import Finding as Finding, arrival_grid_s as arrival_grid_s, judge as judge

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from drivecomm.commissioning.doctor.arrival_grid import arrival_grid_s
-
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from drivecomm.commissioning.doctor.examination import Examination, Listening, Replies, Sought
     from drivecomm.transport import PortReport
@@ -242,3 +241,22 @@ def _a(kind: str) -> str:
         "RFC 2217": "an RFC 2217 connection",
         "other": "no port of this machine",
     }.get(kind, f"a {kind}")
+
+
+_LEAST_INTERVALS = 7
+_OFF_GRID_S = 0.0008
+
+
+def arrival_grid_s(arrivals_s: Sequence[float], steps_s: Sequence[float] = (0.016, 0.008)) -> float | None:
+    """Return the step of time on which replies come that were asked for at uneven times; None where there is none.
+
+    A USB adapter with a latency timer hands over what it received at the timer's ticks only.
+    """
+    intervals = [later - earlier for earlier, later in pairwise(arrivals_s)]
+    if len(intervals) < _LEAST_INTERVALS:
+        return None
+    for step in steps_s:
+        off = sum(abs(interval - round(interval / step) * step) > _OFF_GRID_S for interval in intervals)
+        if off <= len(intervals) // 10:
+            return step
+    return None

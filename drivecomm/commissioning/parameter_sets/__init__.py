@@ -1,4 +1,4 @@
-"""Parameter sets: back up a drive, compare, restore; docs/parameter-sets.md tells how."""
+"""Parameter sets: back up a drive, compare, restore; docs/how-to/parameter-sets.md tells how."""
 
 import lazy_loader
 

@@ -28,9 +28,8 @@ from .parameter_set import (
     ParameterSet as ParameterSet,
     Part as Part,
     in_order as in_order,
+    same as same,
 )
-from .planning import Plan as Plan, Planned as Planned
+from .planning import Plan as Plan, Planned as Planned, RestoreOptions as RestoreOptions
 from .restoring import Restored as Restored
 from .subject import part_of as part_of
-from .values import same as same
-from .wishes import Wishes as Wishes

@@ -6,8 +6,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm.bus import Read, carry_out, reading_steps, setting_steps
-from drivecomm.commissioning.parameter_sets.common_values import common_values
-from drivecomm.commissioning.parameter_sets.effect import Held, counts_with, is_watchdog_time, watchdog_told
+from drivecomm.commissioning.parameter_sets.effect import (
+    Held,
+    common_values,
+    counts_with,
+    is_watchdog_time,
+    watchdog_told,
+)
 from drivecomm.commissioning.parameter_sets.parameter_set import WRITABLE
 from drivecomm.errors import DriveError, UsageError
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from drivecomm.commissioning.parameter_sets.common_values import common_values
-from drivecomm.commissioning.parameter_sets.effect import model_of
-from drivecomm.commissioning.parameter_sets.identity import changes_told
-from drivecomm.commissioning.parameter_sets.parameter_set import SETTINGS, in_order
-from drivecomm.commissioning.parameter_sets.values import in_unit, same
+from drivecomm.commissioning.parameter_sets.effect import common_values, model_of
+from drivecomm.commissioning.parameter_sets.parameter_set import SETTINGS, in_order, in_unit, same
+from drivecomm.commissioning.parameter_sets.subject import changes_told
 from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:

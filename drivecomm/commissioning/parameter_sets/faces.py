@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 from drivecomm.bus import carry_out, carry_out_async
 from drivecomm.commissioning.parameter_sets.journal import Forgetful
 from drivecomm.commissioning.parameter_sets.parameter_set import SETTINGS, WRITABLE
-from drivecomm.commissioning.parameter_sets.planning import planning
+from drivecomm.commissioning.parameter_sets.planning import RestoreOptions, planning
 from drivecomm.commissioning.parameter_sets.reading_out import factory_values, reading_out
 from drivecomm.commissioning.parameter_sets.restoring import restoring
 from drivecomm.commissioning.parameter_sets.subject import subject
-from drivecomm.commissioning.parameter_sets.wishes import Wishes
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -43,13 +42,13 @@ def factory_set(drive: Drive, parts: Collection[Part] = SETTINGS, *, progress: P
 
 
 def plan_restore(
-    drive: Drive, known: ParameterSet, wishes: Wishes | None = None, *, progress: Progress = _silent
+    drive: Drive, known: ParameterSet, options: RestoreOptions | None = None, *, progress: Progress = _silent
 ) -> Plan:
     """Find out what a restore would write, and what not and why; writes nothing.
 
     Raises UsageError for a set of another drive unless that is wished, ValueRefusedError when a value does not fit.
     """
-    return carry_out(drive, planning(subject(drive), known, wishes or Wishes(), progress))
+    return carry_out(drive, planning(subject(drive), known, options or RestoreOptions(), progress))
 
 
 def carry_out_plan(
@@ -78,10 +77,10 @@ async def factory_set_async(
 
 
 async def plan_restore_async(
-    drive: AsyncDrive, known: ParameterSet, wishes: Wishes | None = None, *, progress: Progress = _silent
+    drive: AsyncDrive, known: ParameterSet, options: RestoreOptions | None = None, *, progress: Progress = _silent
 ) -> Plan:
     """Find out what a restore would write, as `plan_restore` does."""
-    return await carry_out_async(drive, planning(subject(drive), known, wishes or Wishes(), progress))
+    return await carry_out_async(drive, planning(subject(drive), known, options or RestoreOptions(), progress))
 
 
 async def carry_out_plan_async(

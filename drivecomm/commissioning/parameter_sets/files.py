@@ -26,36 +26,33 @@ Numbers are exact: what stands behind the point counts as a decimal number, neve
 
 from __future__ import annotations
 
-import os
-import tempfile
 from datetime import UTC, datetime
 from decimal import Decimal
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING
 
 from drivecomm.commissioning.parameter_sets.parameter_set import PARTS, Entry, ParameterSet, in_order
-from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.models import Places, quantities
-from drivecomm.tomlfile import read_toml
+from drivecomm.errors import FileFormatError, UsageError, near
+from drivecomm.models import quantities
+from drivecomm.tomlfile import TABLE, TEXT, WHOLE, Kind, Table, read_toml, toml_line, toml_value, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+    from pathlib import Path
 
     from drivecomm.commissioning.parameter_sets.parameter_set import Part
     from drivecomm.protocol import Value
 
 _FORMAT = 1
 _HEAD = "# Parameters of a drive: values are physical, raw is what the telegram carried; drivecomm restore writes them."
-_TOP = frozenset(
-    {"format", "protocol", "drive", "model", "firmware", "time", "identity", "not_read", *PARTS}
-)  # fmt: skip
-_KEYS: Mapping[str, tuple[type, ...]] = {
-    "name": (str,),
-    "value": (int, Decimal, str),
-    "unit": (str,),
-    "raw": (int, str),
-    "common": (str,),
+_TOP = {
+    "format": WHOLE,
+    **dict.fromkeys(("protocol", "drive", "model", "firmware"), TEXT),
+    "time": Kind((datetime,), "a time with its zone, as 2026-11-21T19:00:00Z"),
+    **dict.fromkeys(("identity", *PARTS, "not_read"), TABLE),
 }
+_RAW = Kind((int, str), "a whole number, or a text in quotes")
+_VALUE = Kind((int, Decimal, str), "a number, or a text in quotes")
+_KEYS = {"name": TEXT, "value": _VALUE, "unit": TEXT, "raw": _RAW, "common": TEXT}
 _MOST_DIGITS = 40
 """No drive holds a number with more; one with millions would keep a program busy for ever."""
 
@@ -76,20 +73,7 @@ def write_set(path: Path, known: ParameterSet) -> None:
     Raises UsageError for a file that is anything else, or a place where none can be written.
     """
     must_be_free(path, known.drive)
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-                file.write(text_of(known))
-                file.flush()
-                os.fsync(file.fileno())
-            Path(temporary).chmod(_mode(path))
-            Path(temporary).replace(path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from error
+    write_whole(path, text_of(known))
 
 
 def must_be_free(path: Path, drive: str) -> None:
@@ -108,17 +92,7 @@ def must_be_free(path: Path, drive: str) -> None:
 
 def read_set(path: Path) -> ParameterSet:
     """Read a parameter set. Raises FileFormatError with the file, the line, the key, and what is wrong there."""
-    text, content = read_toml(path, "a parameter set", parse_float=Decimal)
-    return _Document(path, text).read(content)
-
-
-def _mode(path: Path) -> int:
-    """Return the rights that the file has, or that a new one gets."""
-    if path.exists():
-        return path.stat().st_mode & 0o777
-    mask = os.umask(0)
-    os.umask(mask)
-    return 0o666 & ~mask
+    return _set_in(read_toml(path, "a parameter set", parse_float=Decimal))
 
 
 # Writing
@@ -128,7 +102,7 @@ def _lines(known: ParameterSet) -> Iterator[str]:
     yield f"format = {_FORMAT}"
     for key in ("protocol", "drive", "model", "firmware"):
         if text := getattr(known, key):
-            yield f"{key} = {_quoted(text)}"
+            yield toml_line(key, text)
     if known.time is not None:
         yield f"time = {known.time.astimezone(UTC).strftime('%Y-%m-%dT%H:%M:%SZ')}"
     yield from _texts("identity", known.identity, list(known.identity))
@@ -144,7 +118,7 @@ def _ordered(known: ParameterSet, part: Part) -> list[Entry]:
 
 def _texts(table: str, texts: Mapping[str, str], order: list[str]) -> Iterator[str]:
     if texts:
-        yield from ("", f"[{table}]", *(f"{_quoted(key)} = {_quoted(texts[key])}" for key in order))
+        yield from ("", f"[{table}]", *(f"{toml_value(key)} = {toml_value(texts[key])}" for key in order))
 
 
 def _line(entry: Entry) -> str:
@@ -155,8 +129,8 @@ def _line(entry: Entry) -> str:
         "raw": entry.raw,
         "common": entry.common,
     }
-    told = [f"{key} = {_written(value)}" for key, value in fields.items() if key == "value" or value not in ("", None)]
-    return f"{_quoted(entry.address)} = {{ {', '.join(told)} }}"
+    told = {key: value for key, value in fields.items() if key == "value" or value not in ("", None)}
+    return f"{toml_value(entry.address)} = {toml_value(told)}"
 
 
 def _comment(entry: Entry) -> str:
@@ -164,97 +138,52 @@ def _comment(entry: Entry) -> str:
     return f" # {meaning}" if meaning else ""
 
 
-def _written(value: Value | None) -> str:
-    if isinstance(value, str):
-        return _quoted(value)
-    return format(value, "f") if isinstance(value, Decimal) else str(value)
-
-
-def _quoted(text: str) -> str:
-    return '"' + "".join(_escaped(sign) for sign in text) + '"'
-
-
-def _escaped(sign: str) -> str:
-    if sign in '"\\':
-        return "\\" + sign
-    if sign.isprintable():
-        return sign
-    return f"\\u{ord(sign):04X}" if ord(sign) < 0x10000 else f"\\U{ord(sign):08X}"
-
-
 # Reading
 
 
-class _Document:
-    """One file, whose errors name it, the line and the key."""
+def _set_in(top: Table) -> ParameterSet:
+    if top.content.get("format") != _FORMAT:
+        raise top.error(f"a parameter set begins with format = {_FORMAT}", "format")
+    given = top.take(_TOP, "protocol", "drive", "model")
+    for key in ("protocol", "drive", "model"):
+        if not given[key]:
+            raise top.error(f"{key} is empty; it says where the parameters are from", key)
+    time = given.get("time")
+    if time is not None and not time.tzinfo:
+        raise top.error(f"time cannot be {time}; write it with its zone, as 2026-11-21T19:00:00Z", "time")
+    entries: dict[str, Entry] = {}
+    for part in PARTS:
+        table = top.table(part)
+        for address in table.content:
+            if address in entries:
+                raise table.error(f"{address} stands under [{entries[address].part}], too", address)
+            entries[address] = _entry(part, address, table)
+    return ParameterSet(
+        protocol=given["protocol"],
+        drive=given["drive"],
+        model=given["model"],
+        firmware=given.get("firmware", ""),
+        time=time.astimezone(UTC) if time is not None else None,
+        identity=_texts_in(top.table("identity")),
+        entries={address: entries[address] for address in in_order(entries)},
+        not_read=_texts_in(top.table("not_read")),
+    )
 
-    def __init__(self, path: Path, text: str) -> None:
-        self._path = path
-        self._places = Places(text)
 
-    def read(self, content: Mapping[str, Any]) -> ParameterSet:
-        if content.get("format") != _FORMAT:
-            self._refuse("", "format", f"a parameter set begins with format = {_FORMAT}")
-        for key in sorted(set(content) - _TOP):
-            self._refuse("", key, f"no parameter set has this key; it has {', '.join(sorted(_TOP))}")
-        for key in ("protocol", "drive", "model"):
-            if not isinstance(content.get(key), str) or not content[key]:
-                self._refuse("", key, "is missing, or no text; it says where the parameters are from")
-        time = content.get("time")
-        if time is not None and not (isinstance(time, datetime) and time.tzinfo):
-            self._refuse("", "time", f"cannot be {time!r}; write it as 2026-11-21T19:00:00Z")
-        firmware = content.get("firmware", "")
-        if not isinstance(firmware, str):
-            self._refuse("", "firmware", f"{firmware!r} is no text")
-        entries: dict[str, Entry] = {}
-        for part in PARTS:
-            for address, given in self._table(content, part).items():
-                if address in entries:
-                    self._refuse(part, address, f"stands under [{entries[address].part}] too")
-                entries[address] = self._entry(part, address, given)
-        return ParameterSet(
-            protocol=content["protocol"],
-            drive=content["drive"],
-            model=content["model"],
-            firmware=firmware,
-            time=time.astimezone(UTC) if time is not None else None,
-            identity=self._texts(content, "identity"),
-            entries={address: entries[address] for address in in_order(entries)},
-            not_read=self._texts(content, "not_read"),
-        )
+def _entry(part: Part, address: str, table: Table) -> Entry:
+    inner = table.table(address)
+    given = inner.take(_KEYS, "value")
+    if not _is_sane(given["value"]) or not _is_sane(given.get("raw", 0)):
+        raise inner.error("no drive holds such a number")
+    common = given.get("common", "")
+    if common and common not in quantities():
+        known = near(common, quantities()) or "drivecomm models names lists them"
+        raise inner.error(f"unknown common name {common!r}; {known}")
+    return Entry(address=address, part=part, **given)
 
-    def _entry(self, part: Part, address: str, given: Any) -> Entry:
-        if not isinstance(given, dict):
-            self._refuse(part, address, "write { name = ..., value = ..., unit = ... }")
-        for key in sorted(set(given) - set(_KEYS)):
-            self._refuse(part, address, f"no parameter has the key {key!r} here; it has {', '.join(_KEYS)}")
-        if "value" not in given:
-            self._refuse(part, address, "the key 'value' is missing")
-        for key, value in given.items():
-            if not isinstance(value, _KEYS[key]) or isinstance(value, bool):
-                self._refuse(part, address, f"{key} cannot be {value!r}")
-        if not _is_sane(given["value"]) or not _is_sane(given.get("raw", 0)):
-            self._refuse(part, address, "no drive holds such a number")
-        common = given.get("common", "")
-        if common and common not in quantities():
-            self._refuse(part, address, f"{common!r} is no common name")
-        return Entry(address=address, part=part, **given)
 
-    def _table(self, content: Mapping[str, Any], name: str) -> dict[str, Any]:
-        found = content.get(name, {})
-        if not isinstance(found, dict):
-            self._refuse("", name, f"is no table; write [{name}] and its keys below")
-        return found
-
-    def _texts(self, content: Mapping[str, Any], table: str) -> dict[str, str]:
-        found = self._table(content, table)
-        for key, text in found.items():
-            if not isinstance(text, str):
-                self._refuse(table, key, f"{text!r} is no text")
-        return found
-
-    def _refuse(self, table: str, key: str, what: str) -> NoReturn:
-        raise FileFormatError(f"{self._path}, line {self._places.of(table, 0, key)}: {key}: {what}")
+def _texts_in(table: Table) -> dict[str, str]:
+    return table.take(dict.fromkeys(table.content, TEXT))
 
 
 def _is_sane(value: Value) -> bool:

@@ -13,12 +13,10 @@ from drivecomm.commissioning.parameter_sets.carrying import (
     reason_not_to_count,
 )
 from drivecomm.commissioning.parameter_sets.effect import model_of
-from drivecomm.commissioning.parameter_sets.identity import of_another_drive
 from drivecomm.commissioning.parameter_sets.ordering import Stage, stage_of
-from drivecomm.commissioning.parameter_sets.parameter_set import in_order
+from drivecomm.commissioning.parameter_sets.parameter_set import in_order, in_unit, same
 from drivecomm.commissioning.parameter_sets.reading_out import identity_told
-from drivecomm.commissioning.parameter_sets.subject import part_of
-from drivecomm.commissioning.parameter_sets.values import in_unit, same
+from drivecomm.commissioning.parameter_sets.subject import of_another_drive, part_of
 from drivecomm.errors import DriveError, NotSupported, ReadOnlyError, UsageError, ValueRefusedError
 
 if TYPE_CHECKING:
@@ -28,7 +26,6 @@ if TYPE_CHECKING:
     from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet
     from drivecomm.commissioning.parameter_sets.reading_out import Progress
     from drivecomm.commissioning.parameter_sets.subject import Subject
-    from drivecomm.commissioning.parameter_sets.wishes import Wishes
     from drivecomm.protocol import Model, ParameterInfo, Reading, Value
 
 Action: TypeAlias = Literal["write", "equal", "skip"]
@@ -80,28 +77,28 @@ class Plan:
     def missed(self) -> list[Planned]:
         """What is left alone although it should have been restored.
 
-        Of a set of the same model that is every setting, of what was named in the wishes all of it; communication
+        Of a set of the same model that is every setting, of what was named in the options all of it; communication
         settings that were not asked for and what has no meaning for another model are left alone as they should be.
         """
         return [item for item in self.items if item.missed]
 
 
-def planning(to: Subject, known: ParameterSet, wishes: Wishes, progress: Progress) -> Steps[Plan]:
+def planning(to: Subject, known: ParameterSet, options: RestoreOptions, progress: Progress) -> Steps[Plan]:
     """Find out what a restore would write; writes nothing.
 
     Raises UsageError for a set of another drive unless that is wished and for a drive that is read-only, and
     ValueRefusedError when a value of a set of the same protocol does not fit.
     """
-    store = _stored(to, wishes)
-    remarks, own = yield from _looked_at(to, known, wishes)
+    store = _stored(to, options)
+    remarks, own = yield from _looked_at(to, known, options)
     across = known.protocol != to.protocol
     model = _model_of(known) if across else to.model
     entries, skipped = _entries(to, known, model, across=across)
-    entries, skipped, without = _chosen(entries, skipped, wishes)
+    entries, skipped, without = _chosen(entries, skipped, options)
     items = list(skipped)
     wanted: list[Planned] = []
     for entry in entries:
-        for item in (yield from _items(to, entry, known, model, wishes, across=across, own=own)):
+        for item in (yield from _items(to, entry, known, model, options, across=across, own=own)):
             (items if item.action == "skip" else wanted).append(item)
     wanted, unfit, wrong = yield from _checked(wanted, store=store)
     for done, item in enumerate(wanted):
@@ -121,7 +118,7 @@ def planning(to: Subject, known: ParameterSet, wishes: Wishes, progress: Progres
     else:
         _must_fit(items, wrong)
     of_same_model = not across and known.model == to.model.name
-    items = [replace(item, missed=_is_missed(item, wishes, of_same_model=of_same_model)) for item in items]
+    items = [replace(item, missed=_is_missed(item, options, of_same_model=of_same_model)) for item in items]
     order = {address: place for place, address in enumerate(in_order(item.address for item in items))}
     items.sort(key=lambda item: (item.stage, order[item.address]))
     if without:
@@ -129,19 +126,19 @@ def planning(to: Subject, known: ParameterSet, wishes: Wishes, progress: Progres
     return Plan(drive=to.name, store=store, items=tuple(items), remarks=tuple(remarks))
 
 
-def _stored(to: Subject, wishes: Wishes) -> bool:
-    if not wishes.volatile:
+def _stored(to: Subject, options: RestoreOptions) -> bool:
+    if not options.volatile:
         return to.capabilities.stored_writes
     if not to.capabilities.volatile_writes:
         raise NotSupported(f"{to.name} keeps every write over power-off, or nobody knows; restore without volatile")
     return False
 
 
-def _looked_at(to: Subject, known: ParameterSet, wishes: Wishes) -> Steps[tuple[list[str], bool]]:
+def _looked_at(to: Subject, known: ParameterSet, options: RestoreOptions) -> Steps[tuple[list[str], bool]]:
     """Return what is to be remarked, and whether the set is of this drive."""
     identity = yield from identity_told()
     if reason := of_another_drive(known, to, identity):
-        if not wishes.another_drive:
+        if not options.another_drive:
             raise UsageError(
                 f"this parameter set is of another drive: {reason}; nothing was written; say that it is meant for "
                 "another drive (--another-drive) if it is"
@@ -168,9 +165,11 @@ def _entries(to: Subject, known: ParameterSet, model: Model, *, across: bool) ->
     return entries, [_skipped(entry, reason) for entry, reason in left]
 
 
-def _chosen(entries: list[Entry], skipped: list[Planned], wishes: Wishes) -> tuple[list[Entry], list[Planned], int]:
+def _chosen(
+    entries: list[Entry], skipped: list[Planned], options: RestoreOptions
+) -> tuple[list[Entry], list[Planned], int]:
     """Return what of the set was asked for, and how much was not."""
-    if not wishes.only:
+    if not options.only:
         return entries, skipped, 0
     # Under a common name, the name is that of the other maker, with its address.
     named = {
@@ -178,20 +177,20 @@ def _chosen(entries: list[Entry], skipped: list[Planned], wishes: Wishes) -> tup
         for entry in entries
     }
     named |= {item.address: {item.address, item.address.partition("[")[0], item.name} for item in skipped}
-    unknown = sorted(wishes.only - set().union(*named.values()))
+    unknown = sorted(options.only - set().union(*named.values()))
     if unknown:
         raise UsageError(f"the parameter set has no {unknown[0]!r}; name what is in it, by address or name")
-    chosen = [entry for entry in entries if named[entry.address] & wishes.only]
-    left = [item for item in skipped if named[item.address] & wishes.only]
+    chosen = [entry for entry in entries if named[entry.address] & options.only]
+    left = [item for item in skipped if named[item.address] & options.only]
     return chosen, left, len(named) - len(chosen) - len(left)
 
 
 def _items(
-    to: Subject, entry: Entry, known: ParameterSet, model: Model, wishes: Wishes, *, across: bool, own: bool
+    to: Subject, entry: Entry, known: ParameterSet, model: Model, options: RestoreOptions, *, across: bool, own: bool
 ) -> Steps[list[Planned]]:
     """Return what becomes of an entry; of the time of another maker's watchdog, of all that a watchdog consists of."""
     if not across:
-        return [_item(to, entry, wishes, across=False, own=own)]
+        return [_item(to, entry, options, across=False, own=own)]
     if is_about_watchdog(entry, to, model):
         try:
             values = yield from carried_watchdog(to, known, model)
@@ -202,27 +201,27 @@ def _items(
                     stage=Stage.WATCHDOG)
             for info, value in values
         ]  # fmt: skip
-    item = _item(to, entry, wishes, across=True, own=False)
+    item = _item(to, entry, options, across=True, own=False)
     if item.action == "write" and (reason := (yield from reason_not_to_count(to, entry))):
         return [_skipped(entry, reason, to.info(to.model.quantities[entry.common]))]
     return [item]
 
 
-def _item(to: Subject, entry: Entry, wishes: Wishes, *, across: bool, own: bool) -> Planned:
+def _item(to: Subject, entry: Entry, options: RestoreOptions, *, across: bool, own: bool) -> Planned:
     info = to.info(to.model.quantities[entry.common] if across else entry.address)
     if info is None:
         return _skipped(entry, f"model {to.model.name} has no such parameter")
-    reason = _reason_to_skip(entry, info, wishes, across=across)
+    reason = _reason_to_skip(entry, info, options, across=across)
     if reason:
         return _skipped(entry, reason, info)
-    unit, options = (entry.unit if across else info.unit), {}
+    unit, plain = (entry.unit if across else info.unit), {}
     try:
         value = in_unit(entry.value, entry.unit, unit)
     except UsageError as error:
         # The same number says the same to the drive that told it, whatever it counts.
         if not own or entry.unit or not to.plugin.plain_writing:
             return _skipped(entry, f"unit: {error}", info)
-        value, unit, options = entry.value, "", dict(to.plugin.plain_writing)
+        value, unit, plain = entry.value, "", dict(to.plugin.plain_writing)
     return Planned(
         action="write",
         address=entry.address,
@@ -230,11 +229,11 @@ def _item(to: Subject, entry: Entry, wishes: Wishes, *, across: bool, own: bool)
         value=value,
         unit=unit,
         stage=stage_of(info, entry.common, to.model.watchdog),
-        options=options,
+        options=plain,
     )
 
 
-def _reason_to_skip(entry: Entry, info: ParameterInfo, wishes: Wishes, *, across: bool) -> str:
+def _reason_to_skip(entry: Entry, info: ParameterInfo, options: RestoreOptions, *, across: bool) -> str:
     if not across and entry.name and entry.name != info.name:
         return f"it is {entry.name} in the set and {info.name} on this drive"
     part = part_of(info)
@@ -244,8 +243,8 @@ def _reason_to_skip(entry: Entry, info: ParameterInfo, wishes: Wishes, *, across
         return "it can only be read" if "w" not in info.access else "it is gone without power"
     if "communication" in (part, entry.part):
         if across:
-            return "how a drive is spoken to is no matter of another maker's"
-        if not wishes.communication:
+            return "communication settings are not copied between makers"
+        if not options.communication:
             return _NOT_TOLD
     return ""
 
@@ -262,8 +261,8 @@ def _skipped(entry: Entry, reason: str, info: ParameterInfo | None = None) -> Pl
     )
 
 
-def _is_missed(item: Planned, wishes: Wishes, *, of_same_model: bool) -> bool:
-    return item.action == "skip" and (bool(wishes.only) or (of_same_model and item.reason != _NOT_TOLD))
+def _is_missed(item: Planned, options: RestoreOptions, *, of_same_model: bool) -> bool:
+    return item.action == "skip" and (bool(options.only) or (of_same_model and item.reason != _NOT_TOLD))
 
 
 def _checked(wanted: list[Planned], *, store: bool) -> Steps[tuple[list[Planned], list[Planned], dict[str, str]]]:
@@ -301,3 +300,18 @@ def _compared(item: Planned) -> Steps[Planned]:
         return item
     held = item.held_by(reading)
     return replace(item, action="equal" if same(held, item.value) else "write", current=held)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RestoreOptions:
+    """What somebody who restores has said.
+
+    only: addresses, names or common names of the parameters to restore; empty for all. communication: also write
+    addresses, baud rates and the like, which can cut the line. another_drive: the set may be of another drive, of
+    another model or another maker. volatile: keep nothing over power-off, where the drive makes the difference.
+    """
+
+    only: frozenset[str] = frozenset()
+    communication: bool = False
+    another_drive: bool = False
+    volatile: bool = False

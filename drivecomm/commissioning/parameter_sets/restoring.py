@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.bus import AskStatus, Read, Write
 from drivecomm.commissioning.parameter_sets.ordering import Stage
-from drivecomm.commissioning.parameter_sets.values import same
+from drivecomm.commissioning.parameter_sets.parameter_set import same
 from drivecomm.errors import DriveError, ReplyError, StateError, UsageError
 
 if TYPE_CHECKING:

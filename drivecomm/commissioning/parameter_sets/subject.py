@@ -10,10 +10,10 @@ from drivecomm.models import quantities
 from drivecomm.protocol import installed, sort_out
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from drivecomm.bus import AsyncDrive, Drive
-    from drivecomm.commissioning.parameter_sets.parameter_set import Part
+    from drivecomm.commissioning.parameter_sets.parameter_set import ParameterSet, Part
     from drivecomm.protocol import Capabilities, Model, ParameterInfo, Protocol
 
 
@@ -66,3 +66,32 @@ def part_of(info: ParameterInfo) -> Part | None:
         return "communication"
     # What is gone without power is a reference or a command of the bus, and no setting.
     return "measured" if info.storage == "volatile" else "settings"
+
+
+# What a drive tells of itself and what may change while it stays the same drive.
+_PASSING = ("state", "software", "firmware", "version", "hours")
+
+
+def of_another_drive(known: ParameterSet, to: Subject, identity: Mapping[str, str]) -> str:
+    """Return how one sees that a parameter set is of another drive; empty when nothing says so."""
+    if known.protocol != to.protocol:
+        return f"it is of a {known.protocol} drive, and {to.name} is none"
+    if known.model != to.model.name:
+        return f"it is of model {known.model}, and {to.name} is opened as {to.model.name}"
+    if known.drive != to.name:
+        return f"it is of {known.drive}, and the drive is {to.name}"
+    return next(_differences(known.identity, identity), "")
+
+
+def changes_told(before: ParameterSet, after: ParameterSet) -> list[str]:
+    """Return what two sets of one drive say of it differently, as sentences."""
+    told = list(_differences(before.identity, after.identity, "there"))
+    if before.firmware != after.firmware and before.protocol == after.protocol:
+        told.append(f"firmware is {before.firmware or 'not known'} here and {after.firmware or 'not known'} there")
+    return told
+
+
+def _differences(before: Mapping[str, str], after: Mapping[str, str], where: str = "on this drive") -> Iterator[str]:
+    for key, text in before.items():
+        if key in after and after[key] != text and not any(word in key.lower() for word in _PASSING):
+            yield f"its {key} is {text!r}, and {after[key]!r} {where}"

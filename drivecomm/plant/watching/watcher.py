@@ -19,8 +19,7 @@ from drivecomm.bus import open_bus_async
 from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
 from drivecomm.link import Statistics
 from drivecomm.models import quantities
-from drivecomm.plant.watching.board import Board, DriveView, WatchedValue
-from drivecomm.plant.watching.happenings import Happening, changes
+from drivecomm.plant.watching.board import Board, DriveView, Happening, WatchedValue, changes
 from drivecomm.plant.watching.history import Trend
 from drivecomm.polling import PollItem, poll_async
 from drivecomm.protocol import Reading

@@ -1,0 +1,62 @@
+"""A module can move inside its room without anybody else noticing: others import the room."""
+
+import ast
+import importlib
+import types
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FACES = sorted(path.parent for path in (ROOT / "drivecomm").rglob("__init__.pyi") if path.parent.name != "drivecomm")
+ROOMS = {".".join(face.relative_to(ROOT).parts) for face in FACES}
+PLACES = (
+    "drivecomm",
+    "drivecomm_command",
+    "protocols",
+    "pytest_drivecomm",
+    "tests",
+    "benchmarks",
+    "fuzz",
+    "mutants",
+    "docs",
+)
+FILES = sorted(path for place in PLACES for path in (ROOT / place).rglob("*.py"))
+
+
+def room_of(module):
+    """The innermost room that a module, named with dots, is in; empty for one of the top floor or the command line."""
+    parts = module.split(".")
+    heads = (".".join(parts[:length]) for length in range(len(parts), 1, -1))
+    return next((head for head in heads if head in ROOMS), "")
+
+
+def imported(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            yield node.module, {alias.name for alias in node.names}
+
+
+def at_home(path, room):
+    relative = path.relative_to(ROOT)
+    if relative.parts[0] == "tests":
+        return len(relative.parts) > 2 and room.split(".")[1] == relative.parts[1]
+    return relative.parts[0] == "drivecomm" and room == room_of(".".join(relative.with_suffix("").parts))
+
+
+def test_others_import_the_room():
+    found = [
+        f"{path.relative_to(ROOT)}: {module}"
+        for path in FILES
+        for module, names in imported(path)
+        if (room := room_of(module)) and module != room and not at_home(path, room)
+        if not all(name.startswith("_") for name in names)
+    ]
+    assert not found
+
+
+@pytest.mark.parametrize("room", sorted({"drivecomm", *ROOMS}))
+def test_a_room_has_what_it_promises(room):
+    face = importlib.import_module(room)
+    for name in face.__all__:
+        assert not isinstance(getattr(face, name), types.ModuleType), f"{room} hides {name} behind a module"
