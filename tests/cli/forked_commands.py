@@ -24,11 +24,13 @@ import drivecomm.cli.stop_at_once
 import drivecomm.cli.stop_only
 import drivecomm.cli.stopping
 import drivecomm.plant.files  # noqa: F401
+from drivecomm.cli.app import app
 from drivecomm.cli.run import run
 from drivecomm.protocol import installed
 from drivecomm_command import main
 
 PATIENCE_S = 30
+built = cache(typer.main.get_command)
 
 
 class Commands:
@@ -67,11 +69,10 @@ def _serve():
     # A fork begins as any process does, with the usual end by Ctrl-C.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     list(installed.working())
-    # So that the tree of commands, which every process builds, is not built by each fork.
-    typer.main.get_command = cache(typer.main.get_command)
     jobs, answers = os.fdopen(os.dup(0), "r"), os.fdopen(os.dup(1), "w")
     with contextlib.redirect_stdout(io.StringIO()):
         run(["encode", "vabus", "kind=enquiry", "address=1", "parameter=481", "--json"])
+    built(app)
     # What is there is not looked through again by each fork.
     gc.freeze()
     for text in jobs:
@@ -127,6 +128,9 @@ def _become(job, *files):
         name = ("stdin", "stdout", "stderr")[descriptor]
         setattr(sys, name, stream)
         setattr(sys, f"__{name}__", stream)
+    if job["signal_after_s"] is None:
+        # Every process builds the tree of commands; a signal may come while it does.
+        typer.main.get_command = built
     sys.argv = ["drivecomm", *job["arguments"]]
     sys.exit(main())
 
