@@ -88,7 +88,9 @@ def encode(
     fields: Annotated[
         list[str], typer.Argument(metavar="NAME=VALUE...", help="Fields as decode shows them, such as kind=enquiry.")
     ],
-    direction: Annotated[Literal["request", "reply"], typer.Option("--direction", "-d")] = "request",
+    direction: Annotated[
+        Literal["request", "reply"], typer.Option("--direction", "-d", help="To the drive, or from it.")
+    ] = "request",
     option: Options = None,
     json: AsJson = False,
 ) -> int:

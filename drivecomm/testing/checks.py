@@ -78,6 +78,7 @@ EXCHANGE_CHECKS = {
     "noise": exchange_checks.passes_over_noise,
     "script": exchange_checks.goes_as_written_without_a_line,
 }
+"""The checks of exchanges, by name."""
 
 
 def _checks_for(vector: Vector) -> Iterator[tuple[str, Callable[[Case], None]]]:

@@ -208,3 +208,4 @@ PROPERTIES = (
     compiled_is_interpreted,
     survives_whatever_it_hears,
 )
+"""What must hold for every protocol, whatever it is given."""

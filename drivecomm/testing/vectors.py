@@ -31,8 +31,10 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Direction, Protocol
 
 FORMAT = 2
+"""The format of vector files that is read and written."""
 
 CATEGORIES: tuple[Category, ...] = get_args(Category)
+"""The categories in which an invalid telegram is refused."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -77,3 +77,4 @@ class UnknownBytes:
 
 
 Finding: TypeAlias = HeardTelegram | DamagedTelegram | AmbiguousTelegram | UnknownBytes
+"""What the sniffer makes of bytes."""
