@@ -27,4 +27,4 @@ def shape_of_vector(vector):
 
 def shape_of_exchange(exchange):
     """What a line sees of an exchange: what happens on it and which calls are made."""
-    return frozenset(step.deed for step in exchange.steps), frozenset(call.call for call in exchange.calls)
+    return frozenset(step.action for step in exchange.steps), frozenset(call.call for call in exchange.calls)
