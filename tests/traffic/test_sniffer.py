@@ -383,3 +383,13 @@ def test_what_is_said_again_without_a_pause_or_after_the_time_of_a_reply_is_no_r
     events += watch.finish()
     assert [event.finding.direction for event in events if event.finding][-3:] == ["request"] * 3
     assert [event.retries for event in events if event.finding][-3:] == [0, 1, 2]
+
+
+def test_a_reply_unlike_the_few_before_it_still_answers_its_request():
+    said = ["U@@@@0516+00030076", "U@CF@0516+03000287", "C@@@@0000+00000043", "C@CF@0000+00000052"]
+    said += ["COGD@0000+00000069", "CG@N@0000+00000064", "C@@@@0000+00000043", "CG@N@0000+00000064"]
+    said += ["COCD@0000+00000065", "CG@N@0000+00000064"]
+    pieces = [Piece(time_s=0.033 * n, data=f"<01{text}>".encode()) for n, text in enumerate(said, start=1)]
+    sniffer = Sniffer([installed["vlt3500"]])
+    found = [finding for piece in pieces for finding in sniffer.feed(piece)] + sniffer.finish()
+    assert [finding.direction for finding in found] == ["request", "reply"] * 5

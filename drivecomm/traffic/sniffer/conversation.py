@@ -306,7 +306,10 @@ class Conversation:
             if set(asked).isdisjoint(answered):
                 like_requests += byte in asked
                 like_replies += byte in answered
-        return max(-_MOST_ALIKE, min(_MOST_ALIKE, _ALIKE * (like_requests - like_replies)))
+        # In a few examples bytes differ by chance, which says little about a telegram that is none of them.
+        is_new = reading.data not in requests and reading.data not in replies
+        most = min(_MOST_ALIKE, len(requests), len(replies)) if is_new else _MOST_ALIKE
+        return max(-most, min(most, _ALIKE * (like_requests - like_replies)))
 
 
 class Beginning:
