@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from datetime import timedelta
 from typing import TYPE_CHECKING, Literal, TypeAlias, cast
 
-from drivecomm.capture.headers import is_header, provenance_of
+from drivecomm.capture.json_lines import is_header, provenance_of
 from drivecomm.capture.pcapng_fields import (
     BYTE_ORDER,
     COMMENT,

@@ -6,7 +6,7 @@ import json
 import struct
 from typing import TYPE_CHECKING
 
-from drivecomm.capture.headers import header_of
+from drivecomm.capture.json_lines import header_of
 from drivecomm.capture.pcapng_fields import (
     BYTE_ORDER,
     COMMENT,

@@ -1,7 +1,7 @@
 """A virtual line on a virtual clock: several drives of several protocols, character times, echo, faults, power.
 
 Whoever owns the line lets its time pass: a master in the same program by waiting (`VirtualPort`), a server by following
-the clock on the wall (`drivecomm.virtual.served_line`).
+the clock on the wall (`drivecomm.virtual.serving`).
 """
 
 from __future__ import annotations

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Self
 
 from drivecomm.errors import UsageError
-from drivecomm.virtual.control_door import ControlDoor, parse_place
+from drivecomm.virtual.control_socket import ControlDoor, parse_place
 from drivecomm.virtual.listeners import parse_listen
-from drivecomm.virtual.served_line import ServedLine
-from drivecomm.virtual.serving import LineServer
+from drivecomm.virtual.serving import LineServer, ServedLine
 
 if TYPE_CHECKING:
     from threading import Event

@@ -14,7 +14,7 @@ from drivecomm.errors import TelegramError
 from drivecomm.protocol import installed
 from drivecomm.testing import carry_out, checks_of, load_vectors, packaged_vectors, run_checks
 from drivecomm.traffic.replay import heard_telegrams, vectors_text
-from drivecomm.traffic.replay.vector_text import _written
+from drivecomm.traffic.replay.vector_files import _written
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 READ = bytes.fromhex("04 41 30 30 34 38 31 05")

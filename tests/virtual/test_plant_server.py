@@ -14,7 +14,7 @@ import drivecomm
 from drivecomm.errors import LinkDownError, NoReplyError, PortError, UsageError
 from drivecomm.plant import Fault, Plant, PlantDrive, PlantLine, PowerCutStep, TelegramFault
 from drivecomm.virtual import LONGEST_ORDER, PlantControl, PlantServer, VirtualPlant, parse_place
-from drivecomm.virtual.control_door import _MOST_GUESTS
+from drivecomm.virtual.control_socket import _MOST_GUESTS
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="Unix sockets and pseudo-terminals are of POSIX systems")
 

@@ -6,16 +6,14 @@ from dataclasses import dataclass, replace
 from random import Random
 from typing import TYPE_CHECKING
 
-from drivecomm.traffic.cohabitation import reasons
-from drivecomm.traffic.cohabitation.advice import advice
+from drivecomm.traffic.cohabitation import explanations
 from drivecomm.traffic.cohabitation.drives import partners_of
-from drivecomm.traffic.cohabitation.hearing import Hearing, Reader, character_map
+from drivecomm.traffic.cohabitation.explanations import advice
 from drivecomm.traffic.cohabitation.outlines import as_usual
-from drivecomm.traffic.cohabitation.search import find_proof
-from drivecomm.traffic.cohabitation.traffic import Sightings, Traffic
-from drivecomm.traffic.cohabitation.trial import try_out
+from drivecomm.traffic.cohabitation.sampling import any_telegram
+from drivecomm.traffic.cohabitation.search import find_proof, try_out
+from drivecomm.traffic.cohabitation.traffic import Hearing, Reader, Sightings, Traffic, character_map
 from drivecomm.traffic.cohabitation.verdicts import Outcome, Proof, Verdict
-from drivecomm.traffic.cohabitation.writing import any_telegram
 from drivecomm.virtual import heard
 
 if TYPE_CHECKING:
@@ -114,7 +112,9 @@ def _examine(speaker: Partner, spoken: Sequence[Outline], ear: Ear) -> Verdict:
     proof: Proof | None
     if hears is None:
         proof = try_out(spoken, speaker, ear.settings, ear.reader, chance)
-        outcome, reason = (Outcome.TAKEN, "") if proof else (Outcome.UNHEARD, reasons.unheard(speaker, ear.settings))
+        outcome, reason = (
+            (Outcome.TAKEN, "") if proof else (Outcome.UNHEARD, explanations.unheard(speaker, ear.settings))
+        )
     else:
         traffic = Traffic(spoken, hears)
         sightings, whole = _sightings(traffic, speaker, ear, chance)
@@ -127,13 +127,13 @@ def _examine(speaker: Partner, spoken: Sequence[Outline], ear: Ear) -> Verdict:
             usual = replace(ear, wanted=list(map(as_usual, ear.wanted)), of_anybody=list(map(as_usual, ear.of_anybody)))
             left, _ = _sightings(Traffic(list(map(as_usual, spoken)), hears), speaker, usual, chance)
             if left.starts:
-                outcome, reason = Outcome.OPEN, reasons.open_question(left)
+                outcome, reason = Outcome.OPEN, explanations.open_question(left)
             else:
-                outcome, reason = Outcome.UNHEARD, reasons.never_read(left)
+                outcome, reason = Outcome.UNHEARD, explanations.never_read(left)
         else:
-            outcome, reason = Outcome.SAFE, reasons.safe(sightings, whole=whole)
+            outcome, reason = Outcome.SAFE, explanations.safe(sightings, whole=whole)
     if proof is not None:
-        outcome, reason = Outcome.TAKEN, reasons.taken(proof, speaker.name, ear.name)
+        outcome, reason = Outcome.TAKEN, explanations.taken(proof, speaker.name, ear.name)
     return Verdict(speaker=speaker.name, listener=ear.name, outcome=outcome, reason=reason, proof=proof)
 
 

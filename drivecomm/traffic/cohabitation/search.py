@@ -7,19 +7,19 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from drivecomm.protocol import fields_of
+from drivecomm.traffic.cohabitation.sampling import Draft, Window, any_sizes, any_telegram
 from drivecomm.traffic.cohabitation.traffic import is_next_telegram
 from drivecomm.traffic.cohabitation.verdicts import Proof, ProofTelegram
-from drivecomm.traffic.cohabitation.writing import Draft, Window, any_sizes
 from drivecomm.virtual import heard
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from random import Random
 
+    from drivecomm.protocol import LineSettings
     from drivecomm.traffic.cohabitation.drives import Partner
-    from drivecomm.traffic.cohabitation.hearing import Hearing, Reader
     from drivecomm.traffic.cohabitation.outlines import Outline, Spot
-    from drivecomm.traffic.cohabitation.traffic import Sightings, State
+    from drivecomm.traffic.cohabitation.traffic import Hearing, Reader, Sightings, State
 
 ALIGNMENTS = 400
 """Ways to lay one telegram over the other that are tried, half of them within a single telegram."""
@@ -162,3 +162,51 @@ def _proof(telegrams: Sequence[ProofTelegram], title: str, bits: int, reader: Re
         fields=fields_of(found.message),
         bits=bits,
     )
+
+
+TELEGRAMS = 1500
+_TOGETHER = 6
+"""So many follow each other, before the listener is given a pause."""
+
+
+def try_out(
+    spoken: Sequence[Outline], speaker: Partner, settings: LineSettings, reader: Reader, chance: Random
+) -> Proof | None:
+    """Return telegrams with arbitrary contents that the reader takes for its own, None where none of those tried is."""
+    for _ in range(TELEGRAMS // _TOGETHER):
+        telegrams = list(conversation(spoken, speaker, settings, chance, _TOGETHER))
+        taken = reader.taken(each.heard for each in telegrams)
+        if taken is not None:
+            offset, found = taken
+            return Proof(
+                telegrams=tuple(telegrams),
+                offset=offset,
+                taken=found.data,
+                title=found.message.kind,
+                fields=fields_of(found.message),
+                bits=None,
+            )
+    return None
+
+
+def conversation(
+    spoken: Sequence[Outline], speaker: Partner, settings: LineSettings, chance: Random, length: int
+) -> Iterator[ProofTelegram]:
+    """Yield telegrams with arbitrary contents, a reply behind a request only."""
+    before = "reply"
+    left = length
+    while left:
+        left -= 1
+        behind = [each for each in spoken if each.direction == "request" or before == "request"] or list(spoken)
+        outline = chance.choice(behind)
+        content = any_telegram(outline, chance)
+        data = None if content is None else speaker.settled(content, outline)
+        if data is None:
+            continue
+        before = outline.direction
+        yield ProofTelegram(
+            title=outline.title,
+            direction=outline.direction,
+            data=data,
+            heard=heard(data, speaker.settings, settings),
+        )

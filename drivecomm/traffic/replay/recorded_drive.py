@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from drivecomm.errors import NotSupported, TelegramError, UsageError
 from drivecomm.protocol import Framed, LineSettings, Motor, VirtualReply
-from drivecomm.traffic.replay.conversation import exchanged
+from drivecomm.traffic.replay.exchanges import exchanged
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from drivecomm.capture import Capture
     from drivecomm.protocol import Codec, Damaged, Direction, Message
-    from drivecomm.traffic.replay.conversation import Exchanged
+    from drivecomm.traffic.replay.exchanges import Exchanged
 
 # A master on a network may hand over one telegram in pieces.
 _GAP_S = 0.05

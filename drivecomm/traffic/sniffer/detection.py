@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol as Interface
 
 from drivecomm.protocol import LineSettings
-from drivecomm.traffic.sniffer.heard import AmbiguousTelegram, HeardTelegram
+from drivecomm.traffic.sniffer.findings import AmbiguousTelegram, HeardTelegram
 from drivecomm.traffic.sniffer.sniffer import Sniffer
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from drivecomm.capture import Piece
     from drivecomm.protocol import Parity, Protocol
-    from drivecomm.traffic.sniffer.heard import Finding
+    from drivecomm.traffic.sniffer.findings import Finding
 
 BAUD_RATES = (9600, 19200, 38400, 4800, 57600, 115200, 2400, 1200)
 """Most likely first."""

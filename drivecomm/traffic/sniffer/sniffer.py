@@ -14,19 +14,25 @@ from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from drivecomm.traffic.sniffer.choosing import Candidate, choose
 from drivecomm.traffic.sniffer.conversation import Beginning, Conversation, Heard
-from drivecomm.traffic.sniffer.heard import AmbiguousTelegram, DamagedTelegram, UnknownBytes
-from drivecomm.traffic.sniffer.readings import Broken, Reader, Reading, SevenBitReader, Unfinished
+from drivecomm.traffic.sniffer.findings import (
+    AmbiguousTelegram,
+    DamagedTelegram,
+    UnknownBytes,
+    ambiguous_of,
+    drive_named_in,
+    telegram_of,
+    ways_of,
+)
+from drivecomm.traffic.sniffer.readings import Broken, Candidate, Reader, Reading, SevenBitReader, Unfinished, choose
 from drivecomm.traffic.sniffer.stretch import Stretch
-from drivecomm.traffic.sniffer.telling import ambiguous_of, drive_named_in, telegram_of, ways_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from drivecomm.capture import Piece
     from drivecomm.protocol import Direction, LineSettings, Protocol
-    from drivecomm.traffic.sniffer.heard import Finding
+    from drivecomm.traffic.sniffer.findings import Finding
 
 _DIRECTIONS: tuple[Direction, Direction] = ("request", "reply")
 _SENDERS: dict[str, Direction] = {"master": "request", "drive": "reply"}
@@ -36,7 +42,7 @@ Belief: TypeAlias = Literal["yes", "no", "wait", "perhaps"]
 _LONGEST_RIDDLE = 4096
 # So many readings that share bytes are looked at together; what is sound by chance seldom shares them with two others.
 _TOGETHER = 16
-# What a pause inside a telegram says against it, see drivecomm.traffic.sniffer.choosing.
+# What a pause inside a telegram says against it, see drivecomm.traffic.sniffer.readings.
 _TORN = 6
 # So often in a row a single character is noise.
 _MANY = 4

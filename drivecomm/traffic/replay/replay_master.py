@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import TelegramError, UsageError
 from drivecomm.link import EchoFilter
 from drivecomm.protocol import fields_of
-from drivecomm.traffic.replay.requests import meanings, only_asks
+from drivecomm.traffic.replay.exchanges import meanings, only_asks
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from drivecomm.link import Echo, Port
     from drivecomm.protocol import LineSettings, Protocol
-    from drivecomm.traffic.replay.conversation import Exchanged
+    from drivecomm.traffic.replay.exchanges import Exchanged
 
 # However fast it goes: no protocol that ships with drivecomm wants a longer pause before a request (Fuji, 10 ms).
 _LEAST_PAUSE_S = 0.010

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Self
 
 from drivecomm.capture import Capture, read_capture
 from drivecomm.protocol import installed
-from drivecomm.traffic.replay.conversation import exchanged
-from drivecomm.traffic.replay.requests import described
+from drivecomm.traffic.replay.exchanges import described, exchanged
 
 if TYPE_CHECKING:
     from pathlib import Path

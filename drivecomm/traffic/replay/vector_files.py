@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import Framed, Framer, fields_of, installed
-from drivecomm.traffic.replay.telling_apart import telling_apart
+from drivecomm.traffic.replay.exchanges import telling_apart
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
