@@ -9,9 +9,9 @@ from .direct import carry_out as carry_out
 from .drive_setup import OfDrive as OfDrive
 from .drives import drive_type as drive_type, virtual_drive as virtual_drive
 from .forecast import Forecast as Forecast, forecast as forecast
-from .line import _MOST_AUDIBLE as _MOST_AUDIBLE, _ROOM as _ROOM, VirtualLine as VirtualLine
+from .line import VirtualLine as VirtualLine
 from .listeners import Listener as Listener, parse_listen as parse_listen
-from .medium import Medium as Medium, Transmission as Transmission
+from .medium import _MOST_AUDIBLE as _MOST_AUDIBLE, _ROOM as _ROOM, Medium as Medium, Transmission as Transmission
 from .plant_server import PlantServer as PlantServer
 from .port import VirtualPort as VirtualPort
 from .rfc2217_listener import PretendedPort as PretendedPort, Rfc2217Listener as Rfc2217Listener

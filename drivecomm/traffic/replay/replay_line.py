@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Self
 from drivecomm.capture import Capture, read_capture
 from drivecomm.protocol import installed
 from drivecomm.traffic.replay.exchanges import described, exchanged
+from drivecomm.virtual import VirtualPort
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -47,10 +48,12 @@ class Replayed:
         self._free_at = 0.0
         self.time = 0.0
         """The line's time, in seconds; it passes only while the master waits."""
+        # What comes may have come at once then, over a pseudo-terminal say, and is to be believed now.
+        self.paced = self.broken = False
 
-    def port(self) -> ReplayPort:
+    def port(self) -> VirtualPort:
         """Open the master's end of the line, for `drivecomm.open_bus` and `open_bus_async`."""
-        return ReplayPort(self)
+        return VirtualPort(self)
 
     def configure(self, settings: LineSettings) -> None:
         """Set the master's line settings; they say how long a request takes."""
@@ -79,7 +82,7 @@ class Replayed:
             self.time = max(self.time, self._arriving[0][0])
             came += self.take()
         if len(came) < at_least:
-            self.time = max(self.time, until)
+            self.pass_time(until)
         return came
 
     def take(self) -> bytes:
@@ -88,6 +91,10 @@ class Replayed:
         while self._arriving and self._arriving[0][0] <= self.time:
             came += self._arriving.popleft()[1]
         return came
+
+    def pass_time(self, until: float) -> None:
+        """Let time pass up to then; a time in the past is ignored."""
+        self.time = max(self.time, until)
 
     def finish(self) -> None:
         """Raise ReplayError when something of the capture was not sent."""
@@ -106,50 +113,3 @@ class Replayed:
     ) -> None:
         if error is None:
             self.finish()
-
-
-class ReplayPort:
-    """The master's end of a line on which a capture happens again."""
-
-    # What comes may have come at once then, over a pseudo-terminal say, and is to be believed now.
-    paced = False
-    real_time = False
-    descriptor = None
-
-    def __init__(self, line: Replayed) -> None:
-        self._line = line
-
-    def now(self) -> float:
-        """Return the line's time."""
-        return self._line.time
-
-    def wall_time(self) -> float:
-        """Return the line's time."""
-        return self._line.time
-
-    def configure(self, settings: LineSettings) -> str:
-        """Set the line settings."""
-        self._line.configure(settings)
-        return ""
-
-    def write(self, data: bytes) -> None:
-        """Send."""
-        self._line.transmit(data)
-
-    def read(self, until: float, at_least: int) -> bytes:
-        """Let time pass until this many bytes have come, or until then."""
-        return self._line.receive(until, at_least)
-
-    def take(self) -> bytes:
-        """Return what has come by now."""
-        return self._line.take()
-
-    def hold_back(self, at_least: int) -> None:
-        """Nothing to hold back: there is no descriptor."""
-
-    def wait(self, until: float) -> None:
-        """Let time pass."""
-        self._line.time = max(self._line.time, until)
-
-    def close(self) -> None:
-        """Nothing to give back."""

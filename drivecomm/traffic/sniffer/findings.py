@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from drivecomm.traffic.sniffer.conversation import is_broadcast
+from drivecomm.traffic.sniffer.directions import is_broadcast
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from drivecomm.errors import TelegramError
     from drivecomm.protocol import Direction, Message, Protocol
-    from drivecomm.traffic.sniffer.conversation import Heard
+    from drivecomm.traffic.sniffer.directions import Observation
     from drivecomm.traffic.sniffer.readings import Reading
 
 EVERYBODY = "all"
@@ -89,12 +89,12 @@ def ways_of(readings: Iterable[Reading]) -> tuple[tuple[str, Direction, Any], ..
     return tuple((reading.protocol.name, reading.direction, reading.message) for reading in readings)
 
 
-def ambiguous_of(heard: Heard) -> AmbiguousTelegram:
+def ambiguous_of(heard: Observation) -> AmbiguousTelegram:
     """Return the finding for what may have gone either way."""
     return AmbiguousTelegram(time_s=heard.ended_s, data=heard.readings[0].data, readings=ways_of(heard.readings))
 
 
-def telegram_of(reading: Reading, heard: Heard) -> HeardTelegram:
+def telegram_of(reading: Reading, heard: Observation) -> HeardTelegram:
     """Return the finding for what was read so."""
     protocol, message = reading.protocol, reading.message
     named = getattr(message, "address", None) is not None

@@ -10,21 +10,17 @@ telegrams, and are what a request waits for; a request of one character where su
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from drivecomm.traffic.sniffer.conversation import Beginning, Conversation, Heard
+from drivecomm.traffic.sniffer.damage import DamageReport
+from drivecomm.traffic.sniffer.directions import DirectionEstimator, Observation
 from drivecomm.traffic.sniffer.findings import (
     AmbiguousTelegram,
-    DamagedTelegram,
-    UnknownBytes,
-    ambiguous_of,
-    drive_named_in,
-    telegram_of,
     ways_of,
 )
-from drivecomm.traffic.sniffer.readings import Broken, Candidate, Reader, Reading, SevenBitReader, Unfinished, choose
+from drivecomm.traffic.sniffer.pending import PendingFindings
+from drivecomm.traffic.sniffer.readings import Candidate, Reader, Reading, SevenBitReader, Unfinished, choose
 from drivecomm.traffic.sniffer.stretch import Stretch
 
 if TYPE_CHECKING:
@@ -48,14 +44,6 @@ _TORN = 6
 _MANY = 4
 
 
-@dataclass(slots=True)
-class _Slot:
-    """A finding in its place, None while its direction is not known."""
-
-    heard: Heard
-    finding: Finding | None = None
-
-
 class Sniffer:
     """Listens to one line.
 
@@ -75,8 +63,9 @@ class Sniffer:
     ) -> None:
         known = list(protocols)
         self._stretch = Stretch(settings.character_s if settings else None)
-        self._conversations = {protocol.name: Conversation(protocol) for protocol in known}
-        self._beginnings = {name: (Beginning(each), list[_Slot]()) for name, each in self._conversations.items()}
+        self._estimators = {protocol.name: DirectionEstimator(protocol) for protocol in known}
+        self._pending = PendingFindings(self._estimators)
+        self._damage = DamageReport(self._stretch, self._estimators, self._readers_for)
         readers = [reader for protocol in known for reader in _readers(protocol, (options or {}).get(protocol.name))]
         self._readers = readers
         self._by_first_byte: dict[int, list[Reader]] = {}
@@ -85,7 +74,6 @@ class Sniffer:
         self._place = 0
         self._spoken_last = ""
         self._silence_s = 0.0
-        self._found: list[_Slot | Finding] = []
 
     def feed(self, piece: Piece) -> list[Finding]:
         """Take bytes from the line and return what is now certain."""
@@ -94,22 +82,20 @@ class Sniffer:
         self._silence_s = 0.0
         self._stretch.append(piece)
         self._search()
-        return self._certain()
+        return self._pending.certain()
 
     def flush(self, now: float) -> list[Finding]:
         """Return what is certain now that nothing has come up to this time."""
         self._silence_s = max(0.0, self._stretch.silence_after(now))
         self._search()
-        return self._certain()
+        return self._pending.certain()
 
     def finish(self) -> list[Finding]:
         """Return all that is left, now that nothing follows."""
         self._silence_s = inf
         self._search()
-        for name in self._beginnings:
-            self._settle(name, 1)
-            self._give_up(name)
-        return self._certain()
+        self._pending.finish()
+        return self._pending.certain()
 
     # Looking for telegrams
 
@@ -197,7 +183,7 @@ class Sniffer:
         kept: dict[tuple[str, Direction, int], Reading] = {}
         for reading in readings:
             name = reading.protocol.name
-            usual = self._conversations[name].parity
+            usual = self._estimators[name].parity
             if reading.short and usual not in (None, reading.parity):
                 continue
             said = (name, reading.direction, reading.end)
@@ -212,7 +198,7 @@ class Sniffer:
             return True
         if any(other.direction == "request" for other in others):
             return True
-        return self._conversations[reading.protocol.name].may_come(reading, stretch.began_s(place))
+        return self._estimators[reading.protocol.name].may_come(reading, stretch.began_s(place))
 
     def _may_be_sent(self, reading: Reading) -> bool:
         source = self._stretch.source_of(reading.start, reading.end)
@@ -248,11 +234,11 @@ class Sniffer:
 
     def _merit(self, readings: list[Reading]) -> int:
         start, end = readings[0].start, readings[0].end
-        conversation = self._conversations[readings[0].protocol.name]
+        estimator = self._estimators[readings[0].protocol.name]
         over = end == len(self._stretch) or self._stretch.silence_before(end) > self._stretch.quiet_s(end)
         begun = self._stretch.silence_before(start) > self._stretch.quiet_s(start)
         torn = self._stretch.unbroken_until(start, self._stretch.quiet_s(start)) < end
-        return conversation.plausibility(self._heard(readings)) + begun + over - _TORN * torn
+        return estimator.plausibility(self._heard(readings)) + begun + over - _TORN * torn
 
     def _belief(self, reading: Reading) -> Belief:
         """Return whether a telegram of a few characters is one."""
@@ -263,12 +249,12 @@ class Sniffer:
         if alone != "yes":
             # Of a request that was damaged behind its first character, that one is left over.
             return alone
-        conversation = self._conversations[reading.protocol.name]
+        estimator = self._estimators[reading.protocol.name]
         if reading.direction == "reply":
-            return "yes" if conversation.may_come(reading, stretch.began_s(start)) else "no"
-        often = conversation.closes_often
-        known = conversation.spoken
-        conversation.close()
+            return "yes" if estimator.may_come(reading, stretch.began_s(start)) else "no"
+        often = estimator.closes_often
+        known = estimator.spoken
+        estimator.close()
         return "yes" if often else "perhaps" if known else "no"
 
     def _stands_alone(self, end: int) -> Belief:
@@ -287,9 +273,9 @@ class Sniffer:
 
     # Taking telegrams
 
-    def _heard(self, readings: list[Reading]) -> Heard:
+    def _heard(self, readings: list[Reading]) -> Observation:
         start, end = readings[0].start, readings[0].end
-        return Heard(
+        return Observation(
             readings=tuple(readings),
             began_s=self._stretch.began_s(start),
             ended_s=self._stretch.ended_s(end - 1),
@@ -303,18 +289,7 @@ class Sniffer:
         self._spoken_last = name
         self._riddle(self._place)
         self._forget(end - readings[0].start)
-        conversation = self._conversations[name]
-        beginning, slots = self._beginnings[name]
-        if conversation.certain or (len(readings) == 1 and not beginning.heard):
-            self._found.append(self._told(conversation, heard, conversation.direction_of(heard)))
-            return
-        slot = _Slot(heard)
-        self._found.append(slot)
-        slots.append(slot)
-        beginning.add(heard)
-        self._settle(name)
-        if beginning.too_long:
-            self._give_up(name)
+        self._pending.hear(heard)
 
     def _take_as_ambiguous(self, readings: list[Reading]) -> None:
         end = max(reading.end for reading in readings)
@@ -322,102 +297,17 @@ class Sniffer:
         start = self._place
         self._riddle(start)
         self._forget(end - start)
-        self._found.append(AmbiguousTelegram(time_s=time_s, data=data, readings=ways_of(readings)))
-
-    def _settle(self, name: str, *margin: int) -> None:
-        beginning, slots = self._beginnings[name]
-        directions = beginning.settled(*margin)
-        if not directions:
-            return
-        conversation = self._conversations[name]
-        conversation.certain = True
-        for slot, direction in zip(slots, directions, strict=True):
-            slot.finding = self._told(conversation, slot.heard, direction)
-        self._beginnings[name] = Beginning(conversation), []
-
-    def _give_up(self, name: str) -> None:
-        for slot in self._beginnings[name][1]:
-            slot.finding = ambiguous_of(slot.heard)
-        self._beginnings[name] = Beginning(self._conversations[name]), []
-
-    def _told(self, conversation: Conversation, heard: Heard, direction: Direction | None) -> Finding:
-        reading = heard.reading(direction) if direction else None
-        if reading is None:
-            conversation.doubt(heard)
-            return ambiguous_of(heard)
-        conversation.take(reading, heard.began_s, heard.ended_s)
-        return telegram_of(reading, heard)
-
-    # What is no telegram
+        self._pending.add(AmbiguousTelegram(time_s=time_s, data=data, readings=ways_of(readings)))
 
     def _riddle(self, end: int) -> None:
         """Report the bytes before this place as damaged telegrams, or as unknown."""
-        start = unknown_from = 0
-        while start < end:
-            broken = self._broken_at(start, end) if self._may_begin(start, unknown_from) else None
-            if broken is None:
-                start += 1
-                continue
-            self._report_unknown(unknown_from, start)
-            self._report_damaged(broken)
-            start = unknown_from = broken.end
-        self._report_unknown(unknown_from, end)
+        for finding in self._damage.findings(end):
+            self._pending.add(finding)
         self._forget(end)
-
-    def _may_begin(self, place: int, unknown_from: int) -> bool:
-        return place == unknown_from or self._stretch.silence_before(place) > self._stretch.quiet_s(place)
-
-    def _broken_at(self, start: int, end: int) -> Broken | None:
-        """Return the damaged telegram that these bytes most likely are, of a protocol that is spoken here."""
-        found = []
-        for reader in self._readers_for(self._stretch.data[start]):
-            if self._conversations[reader.protocol.name].spoken:
-                limit = min(end, self._stretch.unbroken_until(start, reader.gap_s))
-                look = reader.look_at_rest(self._stretch.data, start, limit)
-                if isinstance(look, Broken):
-                    found.append((self._likelihood(look, start), look))
-        return max(found, key=lambda each: each[0])[1] if found else None
-
-    def _likelihood(self, broken: Broken, start: int) -> tuple[bool, bool]:
-        """A telegram with a wrong check was whole; a request comes while no reply is due, and a reply while one is."""
-        due = self._conversations[broken.protocol.name].awaited(self._stretch.began_s(start)) is not None
-        return broken.error.category in ("checksum", "field"), due == (broken.direction == "reply")
-
-    def _report_damaged(self, broken: Broken) -> None:
-        conversation = self._conversations[broken.protocol.name]
-        asked = conversation.awaited(self._stretch.began_s(broken.start)) if broken.direction == "reply" else None
-        if broken.direction == "request":
-            conversation.mishear(self._stretch.ended_s(broken.end - 1))
-        self._found.append(
-            DamagedTelegram(
-                time_s=self._stretch.ended_s(broken.end - 1),
-                protocol=broken.protocol.name,
-                direction=broken.direction,
-                drive="" if asked is None else drive_named_in(broken.protocol, asked),
-                data=self._stretch.data[broken.start : broken.end],
-                error=broken.error,
-            )
-        )
-
-    def _report_unknown(self, start: int, end: int) -> None:
-        if start < end:
-            self._found.append(UnknownBytes(time_s=self._stretch.ended_s(end - 1), data=self._stretch.data[start:end]))
 
     def _forget(self, number: int) -> None:
         self._stretch.drop(number)
         self._place = 0
-
-    def _certain(self) -> list[Finding]:
-        """Return the findings before the first whose direction is still open."""
-        certain: list[Finding] = []
-        for number, each in enumerate(self._found):
-            finding = each.finding if isinstance(each, _Slot) else each
-            if finding is None:
-                self._found = self._found[number:]
-                return certain
-            certain.append(finding)
-        self._found = []
-        return certain
 
 
 def _readers(protocol: Protocol, options: Any) -> list[Reader]:
