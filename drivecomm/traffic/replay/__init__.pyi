@@ -20,4 +20,4 @@ from .replay_master import (
     Sending as Sending,
     difference as difference,
 )
-from .vector_files import _written as _written, heard_telegrams as heard_telegrams, vectors_text as vectors_text
+from .vector_files import heard_telegrams as heard_telegrams, vectors_text as vectors_text

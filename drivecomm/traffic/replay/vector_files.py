@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
+from itertools import starmap
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import Framed, Framer, fields_of, installed
+from drivecomm.tomlfile import toml_line, toml_value
 from drivecomm.traffic.replay.exchanges import telling_apart
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def vectors_text(capture: Capture, plugin: Protocol, *, name: str, options: Mapp
     """
     codec = plugin.codec(plugin.options(**options))
     source = _source(capture.provenance, name)
-    lines = [f"format = {_FORMAT}", f"protocol = {_written(plugin.name)}"]
+    lines = [f"format = {_FORMAT}", f"protocol = {toml_value(plugin.name)}"]
     counts: dict[str, int] = {}
     heard = heard_telegrams(capture, plugin, options)
     for direction, data, answers in dict.fromkeys((each.direction, each.data, each.answers) for each in heard):
@@ -70,7 +71,8 @@ def vectors_text(capture: Capture, plugin: Protocol, *, name: str, options: Mapp
             entry["reply_expected"] = False
         if answers:
             entry |= {"answers_to": answers.hex(" ").upper(), "answers": True}
-        lines += ["", "[[vector]]", *_pairs(entry), "[vector.fields]", *_pairs(fields_of(message))]
+        lines += ["", "[[vector]]", *starmap(toml_line, entry.items()), "[vector.fields]"]
+        lines += starmap(toml_line, fields_of(message).items())
     return "\n".join(lines) + "\n"
 
 
@@ -139,20 +141,3 @@ def _source(provenance: Provenance, name: str) -> str:
     parts += [f"by {provenance.tool}"] if provenance.tool else []
     parts += [provenance.note] if provenance.note else []
     return ", ".join(parts)
-
-
-def _pairs(entry: Mapping[str, Any]) -> list[str]:
-    return [f"{key} = {_written(value)}" for key, value in entry.items()]
-
-
-def _written(value: Any) -> str:
-    """Return a value as TOML writes it: of JSON it has the strings, but for DEL, and the rest nearly."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_written(each)}" for key, each in value.items()) + " }"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_written, value)) + "]"
-    return str(value)

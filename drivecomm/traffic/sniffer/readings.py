@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm.errors import TelegramError
 
@@ -137,6 +137,20 @@ class SevenBitReader(Reader):
         heard = data[start:end]
         wrong = heard.translate(self._wrong).find(1)
         return (heard if wrong < 0 else heard[:wrong]).translate(self._plain)
+
+
+def readers_of(protocol: Protocol, options: Any) -> list[Reader]:
+    """Return the readers of a protocol: of both directions, and of seven data bits that are heard as eight."""
+    directions: tuple[Direction, Direction] = ("request", "reply")
+    chosen = protocol.options() if options is None else options
+    # A codec may remember what it has just measured, so each reader has its own.
+    readers = [Reader(protocol, protocol.codec(chosen), direction) for direction in directions]
+    settings = protocol.facts.settings
+    if settings.bytesize == 7 and settings.parity != "N":
+        readers += [
+            SevenBitReader(protocol, protocol.codec(chosen), direction, settings.parity) for direction in directions
+        ]
+    return readers
 
 
 def _parity_bit(byte: int, parity: Parity) -> int:

@@ -15,12 +15,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.traffic.sniffer.damage import DamageReport
 from drivecomm.traffic.sniffer.directions import DirectionEstimator, Observation
-from drivecomm.traffic.sniffer.findings import (
-    AmbiguousTelegram,
-    ways_of,
-)
+from drivecomm.traffic.sniffer.findings import AmbiguousTelegram, ways_of
 from drivecomm.traffic.sniffer.pending import PendingFindings
-from drivecomm.traffic.sniffer.readings import Candidate, Reader, Reading, SevenBitReader, Unfinished, choose
+from drivecomm.traffic.sniffer.readings import Candidate, Reader, Reading, Unfinished, choose, readers_of
 from drivecomm.traffic.sniffer.stretch import Stretch
 
 if TYPE_CHECKING:
@@ -30,12 +27,11 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Direction, LineSettings, Protocol
     from drivecomm.traffic.sniffer.findings import Finding
 
-_DIRECTIONS: tuple[Direction, Direction] = ("request", "reply")
 _SENDERS: dict[str, Direction] = {"master": "request", "drive": "reply"}
 Belief: TypeAlias = Literal["yes", "no", "wait", "perhaps"]
 
 # Unexplained bytes that never pause are reported in pieces of this size.
-_LONGEST_RIDDLE = 4096
+_LONGEST_UNKNOWN = 4096
 # So many readings that share bytes are looked at together; what is sound by chance seldom shares them with two others.
 _TOGETHER = 16
 # What a pause inside a telegram says against it, see drivecomm.traffic.sniffer.readings.
@@ -66,8 +62,8 @@ class Sniffer:
         self._estimators = {protocol.name: DirectionEstimator(protocol) for protocol in known}
         self._pending = PendingFindings(self._estimators)
         self._damage = DamageReport(self._stretch, self._estimators, self._readers_for)
-        readers = [reader for protocol in known for reader in _readers(protocol, (options or {}).get(protocol.name))]
-        self._readers = readers
+        options = options or {}
+        self._readers = [reader for each in known for reader in readers_of(each, options.get(each.name))]
         self._by_first_byte: dict[int, list[Reader]] = {}
         self._single: dict[int, bool] = {}
         self._longest_gap_s = max((protocol.facts.gap_s for protocol in known), default=0.0)
@@ -97,20 +93,18 @@ class Sniffer:
         self._pending.finish()
         return self._pending.certain()
 
-    # Looking for telegrams
-
     def _search(self) -> None:
         while self._place < len(self._stretch) and self._step():
             pass
         over = self._place == len(self._stretch) and self._silence_s > self._longest_gap_s
-        if over or self._place > _LONGEST_RIDDLE:
-            self._riddle(self._place)
+        if over or self._place > _LONGEST_UNKNOWN:
+            self._report(self._place)
 
     def _step(self) -> bool:
         """Decide about one place; returns whether it could be decided."""
         place, stretch = self._place, self._stretch
         if place and stretch.silence_before(place) > self._longest_gap_s:
-            self._riddle(place)
+            self._report(place)
             return True
         if not self._readers_for(stretch.data[place]):
             self._place += 1
@@ -125,7 +119,7 @@ class Sniffer:
             return False
         elif readings and place and stretch.silence_before(place) > stretch.quiet_s(place):
             # What is before it may be the damaged request that it answers.
-            self._riddle(place)
+            self._report(place)
         elif readings and (belief := self._belief(readings[0])) != "no":
             if belief == "wait":
                 return False
@@ -252,10 +246,9 @@ class Sniffer:
         estimator = self._estimators[reading.protocol.name]
         if reading.direction == "reply":
             return "yes" if estimator.may_come(reading, stretch.began_s(start)) else "no"
-        often = estimator.closes_often
-        known = estimator.spoken
+        belief: Belief = "yes" if estimator.closes_often else "perhaps" if estimator.spoken else "no"
         estimator.close()
-        return "yes" if often else "perhaps" if known else "no"
+        return belief
 
     def _stands_alone(self, end: int) -> Belief:
         """Return whether what is over here is followed by silence or by a telegram."""
@@ -271,8 +264,6 @@ class Sniffer:
             return "no" if same and all(reading.short for reading in following) else "yes"
         return "wait" if waiting else "no"
 
-    # Taking telegrams
-
     def _heard(self, readings: list[Reading]) -> Observation:
         start, end = readings[0].start, readings[0].end
         return Observation(
@@ -285,21 +276,19 @@ class Sniffer:
 
     def _take(self, readings: list[Reading]) -> None:
         heard = self._heard(readings)
-        name, end = readings[0].protocol.name, readings[0].end
-        self._spoken_last = name
-        self._riddle(self._place)
-        self._forget(end - readings[0].start)
+        self._spoken_last = readings[0].protocol.name
+        self._report(self._place)
+        self._forget(readings[0].end - readings[0].start)
         self._pending.hear(heard)
 
     def _take_as_ambiguous(self, readings: list[Reading]) -> None:
         end = max(reading.end for reading in readings)
         data, time_s = self._stretch.data[self._place : end], self._stretch.ended_s(end - 1)
-        start = self._place
-        self._riddle(start)
-        self._forget(end - start)
+        self._report(self._place)
+        self._forget(len(data))
         self._pending.add(AmbiguousTelegram(time_s=time_s, data=data, readings=ways_of(readings)))
 
-    def _riddle(self, end: int) -> None:
+    def _report(self, end: int) -> None:
         """Report the bytes before this place as damaged telegrams, or as unknown."""
         for finding in self._damage.findings(end):
             self._pending.add(finding)
@@ -308,15 +297,3 @@ class Sniffer:
     def _forget(self, number: int) -> None:
         self._stretch.drop(number)
         self._place = 0
-
-
-def _readers(protocol: Protocol, options: Any) -> list[Reader]:
-    chosen = protocol.options() if options is None else options
-    # A codec may remember what it has just measured, so each reader has its own.
-    readers = [Reader(protocol, protocol.codec(chosen), direction) for direction in _DIRECTIONS]
-    settings = protocol.facts.settings
-    if settings.bytesize == 7 and settings.parity != "N":
-        readers += [
-            SevenBitReader(protocol, protocol.codec(chosen), direction, settings.parity) for direction in _DIRECTIONS
-        ]
-    return readers
