@@ -30,6 +30,7 @@ class Step(Protocol):
 
 
 Steps: TypeAlias = Generator[Step, Any, T]
+"""An operation of several steps, for both kinds of bus: it yields steps and is sent what came of them."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from drivecomm.capture.files import CaptureWriter, check_place
 from drivecomm.capture.growing_file import Gaps
 from drivecomm.capture.pieces import Piece, Provenance
 from drivecomm.errors import FileFormatError, UsageError, shortened
-from drivecomm.link import EchoFilter
+from drivecomm.link import EchoFilter, PortProxy
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
@@ -182,20 +182,12 @@ class Recording:
         return self._recorder
 
 
-class RecordedPort:
+class RecordedPort(PortProxy):
     """A port that tells a recording what passes through it."""
 
     def __init__(self, port: Port, recording: Recording) -> None:
-        self._port = port
+        super().__init__(port)
         self._recording = recording
-        self.now = port.now
-        self.wall_time = port.wall_time
-        self.hold_back = port.hold_back
-        self.wait = port.wait
-        self.close = port.close
-        self.paced = port.paced
-        self.real_time = port.real_time
-        self.descriptor = port.descriptor
 
     def configure(self, settings: LineSettings) -> str:
         """Set the line settings."""

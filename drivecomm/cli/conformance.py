@@ -1,4 +1,4 @@
-"""The conformance command: judging a protocol package, one that comes with drivecomm or a stranger's."""
+"""The conformance command: the conformance tests of a protocol package, built-in or third-party."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drivecomm.errors import UsageError
 from drivecomm.protocol import installed
 
 if TYPE_CHECKING:
-    from drivecomm.testing import Report, Verdict
+    from drivecomm.testing import CheckResult, Report
 
 
 def conformance(
@@ -20,28 +20,22 @@ def conformance(
     only: Annotated[str, typer.Option("--only", metavar="NAME", help="Checks whose name contains this.")] = "",
     html: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write the report as a page too.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="A few seconds: fewer examples, one model, no ports.")] = False,
-    stop: Annotated[bool, typer.Option("--stop", help="Stop at the first check that does not hold.")] = False,
+    stop: Annotated[bool, typer.Option("--stop", help="Stop at the first check that fails.")] = False,
     json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
 ) -> int:
-    """Judge a protocol package by all that every protocol must stand. Exit code 1 when something does not hold."""
-    from drivecomm.testing import (  # noqa: PLC0415 - only this command needs the kit  # noqa: PLC0415
-        FULL,
-        QUICK,
-        Report,
-        left_out,
-        verdicts,
-    )
+    """Run the conformance tests of a protocol package. Exit code 1 when a check fails."""
+    from drivecomm.testing import FULL, QUICK, Report, left_out, results  # noqa: PLC0415 - only this command needs them
 
     plugin = installed[protocol]
     if html is not None:
         _write(html, "")
-    found: list[Verdict] = []
-    for verdict in verdicts(plugin, QUICK if quick else FULL, only=only):
-        found.append(verdict)
-        _tell(verdict, as_json=json)
-        if stop and not verdict.passed:
+    found: list[CheckResult] = []
+    for result in results(plugin, QUICK if quick else FULL, only=only):
+        found.append(result)
+        _tell(result, as_json=json)
+        if stop and not result.passed:
             break
-    report = Report(verdicts=tuple(found), left_out=left_out())
+    report = Report(results=tuple(found), left_out=left_out())
     if json:
         emit(protocol=protocol, passed=len(report.passed), failed=len(report.failed), left_out=report.left_out)
     else:
@@ -53,19 +47,19 @@ def conformance(
     return 0 if report.ok else 1
 
 
-def _tell(verdict: Verdict, *, as_json: bool) -> None:
-    """Tell what came of a check: for scripts of each, for people of what does not hold."""
+def _tell(result: CheckResult, *, as_json: bool) -> None:
+    """Print the result of a check: as JSON of each, as text of those that fail."""
     if as_json:
-        check = verdict.check
+        check = result.check
         emit(
             check=check.name,
-            passed=verdict.passed,
-            reason=verdict.reason,
+            passed=result.passed,
+            reason=result.reason,
             meaning=check.meaning,
-            seconds=round(verdict.seconds, 4),
+            seconds=round(result.seconds, 4),
         )
-    elif not verdict.passed:
-        say(f"FAILED {verdict.check.name}: {verdict.reason}")
+    elif not result.passed:
+        say(f"FAILED {result.name}: {result.reason}")
 
 
 def _summarise(protocol: str, report: Report) -> None:

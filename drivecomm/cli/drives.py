@@ -230,7 +230,9 @@ def call(
     drive: Name,
     verb: Annotated[str, typer.Argument(help="A verb that only this protocol has; a wrong one lists them.")],
     line: LineOptions,
-    arguments: Annotated[list[str] | None, typer.Argument(metavar="NAME=VALUE...")] = None,
+    arguments: Annotated[
+        list[str] | None, typer.Argument(metavar="NAME=VALUE...", help="Arguments of the verb, such as number=2.")
+    ] = None,
     model: Model = None,
 ) -> int:
     """Carry out a verb that only this protocol has, such as jog or set_up."""

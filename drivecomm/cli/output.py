@@ -1,4 +1,4 @@
-"""What commands print: JSON objects for scripts, lines for people."""
+"""What commands print: text, or JSON objects."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.cli import signals, streams
 from drivecomm.cli.flags import in_flags
 from drivecomm.errors import DriveCommError
-from drivecomm.protocol import fields_of
+from drivecomm.link import trace_data, trace_line
 
 if TYPE_CHECKING:
     from drivecomm.link import TraceEvent
-    from drivecomm.protocol import Message
 
 
 def plain(value: Any) -> Any:
@@ -44,7 +43,7 @@ def emit(**content: Any) -> None:
 
 
 def say(text: str = "") -> None:
-    """Print a line for people."""
+    """Print a line of text."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
 
@@ -82,44 +81,13 @@ def interrupted(*, as_json: bool) -> int:
     return code
 
 
-def fields_text(message: Message) -> str:
-    """Return a message's fields on one line."""
-    fields = {name: value for name, value in fields_of(message).items() if name != "kind"}
-    return message.kind + "".join(f" {name}={_short(name, value)}" for name, value in fields.items())
-
-
-def _short(name: str, value: object) -> str:
-    if isinstance(value, int) and not isinstance(value, bool) and ("word" in name or name == "ind"):
-        return f"0x{value:04X}"
-    return repr(value) if isinstance(value, str) else str(value)
-
-
-_ARROWS = {"sent": "->", "received": "<-", "echo": "=>", "stray": "<?", "damaged": "<!", "noise": "<~", "note": "  "}
-
-
-def trace_line(event: TraceEvent) -> str:
-    """Return a trace event on one line: time, direction, drive, bytes, meaning."""
-    meaning = fields_text(event.message) if event.message else ""
-    remark = f"[{event.what}: {event.detail}]" if event.detail else "" if event.message else f"[{event.what}]"
-    parts = (f"{event.time:12.4f}", _ARROWS[event.what], event.drive, event.data.hex(" ").upper(), meaning, remark)
-    return "  ".join(part for part in parts if part)
-
-
 def trace_to_standard_error(event: TraceEvent) -> None:
-    """Print a trace event for people."""
+    """Print a trace event as text."""
     sys.stderr.write(trace_line(event) + "\n")
     sys.stderr.flush()
 
 
 def trace_as_json(event: TraceEvent) -> None:
     """Print a trace event as a JSON object on standard error, apart from the command's own objects."""
-    content = {
-        "trace": event.what,
-        "time": round(event.time, 6),
-        "drive": event.drive,
-        "data": event.data,
-        "fields": fields_of(event.message) if event.message else None,
-        "detail": event.detail,
-    }
-    sys.stderr.write(json.dumps(plain(content)) + "\n")
+    sys.stderr.write(json.dumps(plain({"trace": event.what, **trace_data(event)})) + "\n")
     sys.stderr.flush()

@@ -88,7 +88,9 @@ def fault(
 @plant.command()
 def show(
     drive: Annotated[str, typer.Argument(metavar="[DRIVE]", help="What this drive holds; without, all drives.")] = "",
-    parameter: Annotated[list[str] | None, typer.Argument(metavar="[PARAMETER]...")] = None,
+    parameter: Annotated[
+        list[str] | None, typer.Argument(metavar="[PARAMETER]...", help="Parameters of the drive, by address.")
+    ] = None,
     control: _Control = "",
     json: _Json = False,
 ) -> int:

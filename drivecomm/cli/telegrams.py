@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from drivecomm.cli.drive_names import parse_settings
-from drivecomm.cli.output import complain, emit, fields_text, say
+from drivecomm.cli.output import complain, emit, say
 from drivecomm.errors import TelegramError, UsageError
+from drivecomm.link import fields_text
 from drivecomm.models import model_names
 from drivecomm.protocol import Direction, decode as decode_telegram, encode as encode_telegram, installed
 
@@ -88,7 +89,9 @@ def encode(
     fields: Annotated[
         list[str], typer.Argument(metavar="NAME=VALUE...", help="Fields as decode shows them, such as kind=enquiry.")
     ],
-    direction: Annotated[Literal["request", "reply"], typer.Option("--direction", "-d")] = "request",
+    direction: Annotated[
+        Literal["request", "reply"], typer.Option("--direction", "-d", help="To the drive, or from it.")
+    ] = "request",
     option: Options = None,
     json: AsJson = False,
 ) -> int:

@@ -1,4 +1,4 @@
-"""The vectors commands: test vectors of protocols, the packaged ones and a stranger's."""
+"""The vectors commands: test vectors of protocols, built-in and third-party."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ AsJson = Annotated[bool, typer.Option("--json", help="One JSON object per line."
 
 
 def check(
-    files: Annotated[list[Path] | None, typer.Argument(metavar="[FILE...]", help="Packaged vectors if absent.")] = None,
+    files: Annotated[
+        list[Path] | None, typer.Argument(metavar="[FILE...]", help="Those of the installed protocols if absent.")
+    ] = None,
     json: AsJson = False,
 ) -> int:
     """Run every check of every vector. Exit code 1 when one fails."""

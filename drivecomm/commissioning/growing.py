@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import ParameterInfo
 
 Described: TypeAlias = "ParameterInfo | RefusedError | UnexpectedReplyError | DamagedReplyError"
+"""What a drive tells of a parameter, or why it does not."""
 
 _VERB = "describe"
 _RANGE_ENDS = re.compile(r"(?P<before>.*?)(?P<number>\d+)", re.ASCII)

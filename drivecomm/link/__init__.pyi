@@ -21,8 +21,7 @@ from .link import (
     TraceEvent as TraceEvent,
     Wait as Wait,
 )
-from .logs import LOGGER_NAME as LOGGER_NAME, log_events as log_events
-from .port import Port as Port
+from .port import Port as Port, PortProxy as PortProxy
 from .statistics import (
     COUNTERS as COUNTERS,
     REPLY_TIME_BOUNDS_MS as REPLY_TIME_BOUNDS_MS,
@@ -30,4 +29,14 @@ from .statistics import (
     Statistics as Statistics,
     total as total,
 )
-from .tracing import tell_all as tell_all
+from .tracing import (
+    ARROWS as ARROWS,
+    LOGGER_NAME as LOGGER_NAME,
+    fields_text as fields_text,
+    hex_text as hex_text,
+    line_text as line_text,
+    log_events as log_events,
+    tell_all as tell_all,
+    trace_data as trace_data,
+    trace_line as trace_line,
+)

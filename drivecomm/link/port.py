@@ -61,3 +61,49 @@ class Port(Protocol):
     def close(self) -> None:
         """Give the port back."""
         ...
+
+
+class PortProxy:
+    """Stands in for a port and passes on to it whatever a subclass does not change."""
+
+    def __init__(self, port: Port) -> None:
+        self._port = port
+        self.paced = port.paced
+        self.real_time = port.real_time
+        self.descriptor = port.descriptor
+
+    def now(self) -> float:
+        """Return the port's time."""
+        return self._port.now()
+
+    def wall_time(self) -> float:
+        """Return the port's time for people."""
+        return self._port.wall_time()
+
+    def configure(self, settings: LineSettings) -> str:
+        """Set the line settings."""
+        return self._port.configure(settings)
+
+    def write(self, data: bytes) -> None:
+        """Send."""
+        self._port.write(data)
+
+    def read(self, until: float, at_least: int) -> bytes:
+        """Return what comes."""
+        return self._port.read(until, at_least)
+
+    def take(self) -> bytes:
+        """Return what is there."""
+        return self._port.take()
+
+    def hold_back(self, at_least: int) -> None:
+        """Become readable for no fewer bytes than this."""
+        self._port.hold_back(at_least)
+
+    def wait(self, until: float) -> None:
+        """Let time pass."""
+        self._port.wait(until)
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._port.close()

@@ -1,17 +1,60 @@
-"""Several trace functions as one, for `open_bus(trace=...)`."""
+"""Trace functions for `open_bus(trace=...)`: what happens on the line as text, as data and as records of logging.
+
+`log_events` writes records of the standard library's logging. Telegrams and echo are told at DEBUG, notes about the
+line at INFO, and what should not be there (damage, strays, noise) at WARNING. Each record has these attributes besides
+its text:
+
+    drive       the drive that the exchange is with, such as "vabus:1"
+    what        sent, received, echo, stray, damaged, noise or note
+    data        the bytes, in hexadecimal
+    fields      the decoded telegram by the names of its fields, None where there is none
+    detail      why, for strays and damage; the text of a note
+    line_time   the time on the line's clock, in seconds; its beginning means nothing
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import logging
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.protocol import fields_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
-    from drivecomm.link.link import TraceEvent
+    from drivecomm.link.link import TraceEvent, What
+    from drivecomm.protocol import Message
+
+LOGGER_NAME = "drivecomm.line"
+
+ARROWS = {
+    "sent": "->",
+    "request": "->",
+    "master": "->",
+    "received": "<-",
+    "reply": "<-",
+    "drive": "<-",
+    "echo": "=>",
+    "stray": "<?",
+    "damaged": "<!",
+    "noise": "<~",
+    "note": "  ",
+}
+"""Signs for the events of a trace, for the direction of a telegram, and for who sent some bytes."""
+
+_LEVELS: dict[What, int] = {
+    "sent": logging.DEBUG,
+    "received": logging.DEBUG,
+    "echo": logging.DEBUG,
+    "note": logging.INFO,
+    "stray": logging.WARNING,
+    "damaged": logging.WARNING,
+    "noise": logging.WARNING,
+}
 
 
 def tell_all(*traces: Callable[[TraceEvent], None] | None) -> Callable[[TraceEvent], None] | None:
-    """Return a trace function that passes everything on to these, in order; None where there is nobody to tell."""
+    """Return a trace function that passes everything on to these, in order; None if all of them are None."""
     listening = [trace for trace in traces if trace is not None]
     if len(listening) < 2:
         return listening[0] if listening else None
@@ -21,3 +64,69 @@ def tell_all(*traces: Callable[[TraceEvent], None] | None) -> Callable[[TraceEve
             trace(event)
 
     return tell
+
+
+def log_events(logger: logging.Logger | None = None) -> Callable[[TraceEvent], None]:
+    """Return a trace function that writes to this logger, "drivecomm.line" if absent.
+
+    Levels are looked up for each event, so they may be changed while the bus is open.
+    """
+    chosen = logging.getLogger(LOGGER_NAME) if logger is None else logger
+
+    def log(event: TraceEvent) -> None:
+        level = _LEVELS[event.what]
+        # Decoding the fields for nobody would cost more than the telegram itself.
+        if chosen.isEnabledFor(level):
+            kind = "" if event.message is None else event.message.kind
+            parts = (event.drive, event.what, hex_text(event.data), kind, f"({event.detail})" if event.detail else "")
+            data = trace_data(event)
+            chosen.log(
+                level,
+                "%s",
+                " ".join(part for part in parts if part),
+                extra={"what": event.what, "line_time": data.pop("time"), **data},
+            )
+
+    return log
+
+
+def trace_line(event: TraceEvent) -> str:
+    """Return a trace event on one line: time, direction, drive, bytes, meaning."""
+    meaning = fields_text(event.message) if event.message else ""
+    remark = f"{event.what}: {event.detail}" if event.detail else "" if event.message else event.what
+    parts = (event.drive, hex_text(event.data), meaning)
+    return line_text(event.time, ARROWS[event.what], *parts, remarks=[remark] if remark else ())
+
+
+def trace_data(event: TraceEvent) -> dict[str, Any]:
+    """Return a trace event as data: time, drive, bytes in hexadecimal, fields, detail."""
+    return {
+        "time": round(event.time, 6),
+        "drive": event.drive,
+        "data": hex_text(event.data),
+        "fields": fields_of(event.message) if event.message else None,
+        "detail": event.detail,
+    }
+
+
+def line_text(time_s: float, arrow: str, *parts: str, remarks: Iterable[str] = ()) -> str:
+    """Return a line about something on the wire; parts that are empty are left out, remarks stand in brackets."""
+    shown = (f"{time_s:12.4f}", arrow, *parts, *(f"[{remark}]" for remark in remarks))
+    return "  ".join(part for part in shown if part)
+
+
+def fields_text(message: Message) -> str:
+    """Return a telegram's kind and fields on one line."""
+    fields = {name: value for name, value in fields_of(message).items() if name != "kind"}
+    return message.kind + "".join(f" {name}={_short(name, value)}" for name, value in fields.items())
+
+
+def hex_text(data: bytes) -> str:
+    """Return bytes as people read them: `04 41 30`."""
+    return data.hex(" ").upper()
+
+
+def _short(name: str, value: object) -> str:
+    if isinstance(value, int) and not isinstance(value, bool) and ("word" in name or name == "ind"):
+        return f"0x{value:04X}"
+    return repr(value) if isinstance(value, str) else str(value)

@@ -18,7 +18,11 @@ if TYPE_CHECKING:
 
 FORMAT = 1
 TABLES = ("options", "quantities", "watchdog", "identified_by", "faults", "warnings")
+"""The tables of a model file, beside its parameters."""
+
 TEXTS = ("name", "title", "extends", "source", "link_loss")
+"""The keys of a model file whose values are texts."""
+
 TEXT_TYPES = ("string", "text")
 """Types of parameters that hold characters; their `start` is a text."""
 

@@ -34,6 +34,8 @@ class Fault(Enum):
 
 
 TRANSMISSION_FAULTS = (Fault.DROP, Fault.CORRUPT, Fault.TRUNCATE, Fault.DELAY, Fault.DUPLICATE)
+"""What can happen to a telegram on the wires."""
+
 _ECHO_FAULTS = (Fault.ECHO_PARTIAL, Fault.ECHO_NOISY)
 _FOREIGN_FAULTS = (Fault.FOREIGN,)
 _POWER_FAULTS = (Fault.POWER,)
@@ -166,3 +168,4 @@ def _corrupted(data: bytes, random: Random, bits: int) -> bytes:
 
 
 UNDISTURBED = FaultPlan(rate=0.0)
+"""No faults."""

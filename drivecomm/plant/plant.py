@@ -334,6 +334,7 @@ class InjectStep:
 
 
 Step: TypeAlias = TelegramFault | PowerCutStep | TripStep | StuckStep | InjectStep
+"""What goes wrong on a plant, once or for a time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

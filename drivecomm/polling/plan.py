@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from drivecomm.bus import Bus, Drive
 
 LONGEST_DELAY_S = 60.0
+"""The longest time until a reply that a plan accepts, in seconds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

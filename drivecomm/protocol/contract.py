@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol.telegram import Direction, Message
 
 Purpose: TypeAlias = Literal["read", "write", "command"]
+"""What a request is sent for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -64,3 +64,4 @@ class Pause:
 
 Command: TypeAlias = Ask | Tell | Pause
 Exchange: TypeAlias = Generator[Command, Any, T]
+"""An operation: it yields requests and pauses, is sent the replies, and returns its result."""

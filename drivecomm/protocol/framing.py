@@ -55,6 +55,7 @@ class Noise:
 
 
 Find: TypeAlias = Framed | Damaged | Noise
+"""What a framer makes of bytes."""
 
 # More than any telegram has: enough to be measured by, and all that is copied for each byte that is looked at.
 _HEAD = 512

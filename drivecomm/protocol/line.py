@@ -9,6 +9,7 @@ from drivecomm.errors import UsageError, shortened
 from drivecomm.protocol.argument_types import is_duration, is_number
 
 Parity: TypeAlias = Literal["N", "E", "O", "M", "S"]
+"""None, even, odd, mark, space."""
 
 _PARITIES = ("N", "E", "O", "M", "S")
 
@@ -131,3 +132,4 @@ def _names(kind: type[LineSettings | Timing]) -> tuple[str, ...]:
 
 
 LINE_FACT_NAMES = frozenset(_names(LineSettings) + _names(Timing))
+"""The names of all line facts, as keywords of `Bus.drive`."""

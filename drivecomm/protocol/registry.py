@@ -121,6 +121,7 @@ def _load(name: str) -> Protocol:
 
 
 installed = Protocols()
+"""The protocols of this Python installation."""
 
 
 def protocols() -> Protocols:

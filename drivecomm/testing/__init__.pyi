@@ -1,37 +1,29 @@
-from .checks import EXCHANGE_CHECKS as EXCHANGE_CHECKS, checks_of as checks_of, run_checks as run_checks
-from .entry import Entry as Entry
-from .exchange_vectors import Call as Call, ExchangeVector as ExchangeVector, Expected as Expected, Step as Step
-from .extent import FULL as FULL, QUICK as QUICK
-from .faces import call_blocking as call_blocking
-from .fixtures import LineMaker as LineMaker, MakesDrive as MakesDrive, MakesLine as MakesLine, MakesPlant as MakesPlant
-from .forms import NamedForm as NamedForm
-from .judging import (
+from .calls import call_blocking as call_blocking
+from .checking import Check as Check, CheckFailure as CheckFailure
+from .conformance import (
+    FULL as FULL,
+    QUICK as QUICK,
     all_checks as all_checks,
+    checks_of as checks_of,
+    conformance_tests as conformance_tests,
     first_failure as first_failure,
-    judge as judge,
     left_out as left_out,
-    verdicts as verdicts,
+    results as results,
+    run_checks as run_checks,
+    run_conformance as run_conformance,
 )
-from .limits import limits as limits
-from .property_checks import (
-    PROPERTIES as PROPERTIES,
-    drawn as drawn,
-    measures_rising as measures_rising,
-    try_examples as try_examples,
-)
-from .pytest_items import conformance_tests as conformance_tests
+from .conversation_strategies import limits as limits
+from .exchange_vectors import Call as Call, ExchangeVector as ExchangeVector, Expected as Expected, WireStep as WireStep
+from .fixtures import LineMaker as LineMaker, MakesDrive as MakesDrive, MakesLine as MakesLine, MakesPlant as MakesPlant
 from .report import (
-    Check as Check,
-    CheckFailure as CheckFailure,
+    CheckResult as CheckResult,
     Report as Report,
-    Verdict as Verdict,
     carry_out as carry_out,
+    sections_of as sections_of,
     try_out as try_out,
 )
 from .report_page import page as page
-from .report_sections import sections_of as sections_of
-from .schema_checks import compiles_whole as compiles_whole, same_both_ways as same_both_ways
-from .script_runner import play as play
+from .script import play as play
 from .strategies import (
     conversations as conversations,
     fault_plans as fault_plans,
@@ -40,6 +32,7 @@ from .strategies import (
     pieces as pieces,
     telegrams as telegrams,
 )
+from .subjects import NamedForm as NamedForm
 from .vectors import (
     CATEGORIES as CATEGORIES,
     FORMAT as FORMAT,

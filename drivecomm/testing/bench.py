@@ -6,75 +6,49 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.bus import open_bus
-from drivecomm.protocol import Framed, LineSettings, Motor, sort_out
-from drivecomm.testing.case import shown
-from drivecomm.testing.known_models import known_model
-from drivecomm.testing.report import CheckFailure
-from drivecomm.virtual import OfDrive, VirtualLine
+from drivecomm.errors import DriveCommError, NotSupported
+from drivecomm.protocol import Framed, sort_out
+from drivecomm.testing.checking import CheckFailure, shown
+from drivecomm.testing.subjects import known_model
+from drivecomm.virtual import DriveProxy, VirtualLine
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from drivecomm.bus import Bus, Drive
     from drivecomm.plant import FaultPlan
-    from drivecomm.protocol import Codec, Damaged, Model, Protocol, VirtualDrive, VirtualReply
+    from drivecomm.protocol import Damaged, LineSettings, Model, Protocol, Reading, Value, VirtualDrive, VirtualReply
 
 # Longer than any ramp from standstill to the highest frequency, and than the time after which a fault can be reset.
 _SETTLED_S = 120.0
 
 
-class Overheard:
-    """A virtual drive behind somebody who listens, and who may keep its answers back or give others.
+class Overheard(DriveProxy):
+    """A virtual drive whose telegrams are written down, and whose answers can be kept back or replaced.
 
     heard: the sound telegrams that came to it, in order. said: what it answered to each, None for silence. between:
     told the request and the answer, returns what is sent.
     """
 
-    address = OfDrive[int]()
-    settings = OfDrive[LineSettings]()
-    gap_s = OfDrive[float]()
-    motor = OfDrive[Motor]()
-
     def __init__(self, drive: VirtualDrive) -> None:
-        self.inner = drive
+        super().__init__(drive)
         self.heard: list[Framed] = []
         self.said: list[VirtualReply | None] = []
         self.between: Callable[[Framed, VirtualReply | None], VirtualReply | None] = lambda _, reply: reply
 
-    @property
-    def codec(self) -> Codec:
-        """What the drive understands."""
-        return self.inner.codec
-
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Let the drive hear, and write down what it heard and said."""
-        reply = self.inner.hear(find, now)
+        reply = super().hear(find, now)
         if not isinstance(find, Framed):
             return reply
         self.heard.append(find)
         self.said.append(reply)
         return self.between(find, reply)
 
-    def peek(self, parameter: str, now: float) -> int | str:
-        """Return what the drive holds."""
-        return self.inner.peek(parameter, now)
-
-    def poke(self, parameter: str, raw: int | str) -> None:
-        """Set what the drive holds."""
-        self.inner.poke(parameter, raw)
-
-    def trip(self, code: int, now: float) -> None:
-        """Make the drive trip."""
-        self.inner.trip(code, now)
-
     @property
     def has_mains(self) -> bool:
         """Whether the drive's mains can be switched; the contract leaves that to the package."""
         return hasattr(self.inner, "power_cycle")
-
-    def power_cycle(self, now: float) -> None:
-        """Switch the mains of a drive that has them off and on."""
-        self.inner.power_cycle(now)  # type: ignore[attr-defined]
 
 
 class Bench(NamedTuple):
@@ -91,6 +65,28 @@ class Bench(NamedTuple):
         """Whether the drive answers, and later than the master waits for it."""
         said = self.virtual.said[-1] if self.virtual.said else None
         return said is not None and said.delay_s >= self.drive.facts.timing.reply_timeout_s
+
+    @property
+    def place(self) -> tuple[int, LineSettings]:
+        """Where the drive is heard; a write may change it."""
+        return self.virtual.address, self.virtual.settings
+
+    def write(self, parameter: str, value: Value) -> Reading | None:
+        """Write, and store where it cannot be written otherwise; returns what the drive confirms."""
+        try:
+            return self.drive.write(parameter, value)
+        except NotSupported:
+            return self.drive.write(parameter, value, store=True)
+
+    def read_first(self, model: Model) -> str:
+        """Read the first parameter that the drive tells, and return its address; empty if there is none."""
+        for info in model.parameters.values():
+            try:
+                self.drive.read(info.address)
+            except DriveCommError:
+                continue
+            return info.address
+        return ""
 
     def settle(self) -> None:
         """Let so much time pass that the motor has done what it was told to."""
@@ -129,10 +125,3 @@ def bench(
     with open_bus(line.port) as bus:
         drive_at = bus.drive(plugin.name, drives[0].address, model=known, **given)
         yield Bench(drives[0], tuple(drives[1:]), line, bus, drive_at)
-
-
-def raise_all(wrong: Sequence[str]) -> None:
-    """Raise CheckFailure with the first few of what is wrong, if anything is."""
-    if wrong:
-        more = f" (and {len(wrong) - 3} more)" if len(wrong) > 3 else ""
-        raise CheckFailure("; ".join(wrong[:3]) + more)

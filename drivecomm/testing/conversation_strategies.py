@@ -8,24 +8,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from hypothesis import strategies as st
 
-from drivecomm.bus import open_bus
 from drivecomm.errors import DriveCommError
 from drivecomm.models import load_model
 from drivecomm.protocol import installed
-from drivecomm.testing.limits import limits
-from drivecomm.virtual import VirtualLine, virtual_drive
+from drivecomm.testing.bench import bench
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from decimal import Decimal
-    from types import TracebackType
 
     from hypothesis.strategies import SearchStrategy
 
+    from drivecomm.bus import Drive
     from drivecomm.protocol import Model, ParameterInfo, Protocol, Value
 
 
@@ -76,10 +74,10 @@ def _verb_calls(protocol: str, model: str) -> SearchStrategy[VerbCall]:
 
 
 def _reads(plugin: Protocol, model: Model) -> Iterator[SearchStrategy[VerbCall]]:
-    with _Bench(plugin, model) as bench:
+    with bench(plugin, model) as on:
         addresses = [info.address for info in model.parameters.values() if "r" in info.access]
         calls = [VerbCall("read", (address,)) for address in addresses]
-        readable = [call for call in calls if bench.takes(call)]
+        readable = [call for call in calls if _takes(on.drive, call)]
     if readable:
         yield st.sampled_from(readable)
 
@@ -87,34 +85,35 @@ def _reads(plugin: Protocol, model: Model) -> Iterator[SearchStrategy[VerbCall]]
 def _writes(plugin: Protocol, model: Model) -> Iterator[SearchStrategy[VerbCall]]:
     for info in model.parameters.values():
         if "r" in info.access and "w" in info.access:
-            # A bench of its own: a drive that was given another address answers nobody who asks on.
-            with _Bench(plugin, model) as bench:
-                yield from _writes_of(info, bench)
+            # One of its own: a drive that was given another address answers nobody who asks on.
+            with bench(plugin, model) as on:
+                yield from _writes_of(info, on.drive)
 
 
-def _writes_of(info: ParameterInfo, bench: _Bench) -> Iterator[SearchStrategy[VerbCall]]:
-    held = bench.value(info.address)
-    if held is None:
+def _writes_of(info: ParameterInfo, drive: Drive) -> Iterator[SearchStrategy[VerbCall]]:
+    try:
+        held = drive.read(info.address).value
+    except DriveCommError:
         return
     ways = [
-        options for options in ({}, {"store": True}) if bench.takes(VerbCall("write", (info.address, held), options))
+        options for options in ({}, {"store": True}) if _takes(drive, VerbCall("write", (info.address, held), options))
     ]
-    if not ways or not bench.answers():
+    if not ways or not _answers(drive):
         return
 
     def takes(value: Value) -> bool:
-        return bench.takes(VerbCall("write", (info.address, value), ways[0]))
+        return _takes(drive, VerbCall("write", (info.address, value), ways[0]))
 
     values: SearchStrategy[Value]
     if isinstance(held, str | bool):
         values = st.just(held)
     elif info.values:
-        named: list[Value] = [number for number in info.values if takes(number) and bench.answers()]
+        named: list[Value] = [number for number in info.values if takes(number) and _answers(drive)]
         values = st.sampled_from(named or [held])
     else:
         lowest, highest = _steps(info, held, takes)
         # One that a drive takes and is not heard of again is an address, say.
-        if not bench.answers():
+        if not _answers(drive):
             return
         values = st.integers(lowest, highest).map(lambda step: held + step * info.factor)
     yield st.builds(lambda value, way: VerbCall("write", (info.address, value), way), values, st.sampled_from(ways))
@@ -128,55 +127,59 @@ def _steps(info: ParameterInfo, held: int | Decimal, takes: Callable[[Value], bo
 
 
 def _commands(plugin: Protocol, model: Model) -> Iterator[SearchStrategy[VerbCall]]:
-    with _Bench(plugin, model) as bench:
-        can = bench.drive.capabilities
+    with bench(plugin, model) as on:
+        can = on.drive.capabilities
         yield st.sampled_from([VerbCall(verb) for verb in ("status", "reset", "probe", "identify")])
         yield st.sampled_from([VerbCall("stop", (how,)) for how in sorted(can.stops, key=lambda how: how.value)])
         yield st.sampled_from([VerbCall("start"), *([VerbCall("start", (), {"reverse": True})] if can.reverse else [])])
         units = [unit for unit, known in (("percent", can.reference_percent), ("hz", can.reference_hz)) if known]
         for unit in units:
-            yield _references(unit, bench)
+            yield _references(unit, on.drive)
 
 
-def _references(unit: str, bench: _Bench) -> SearchStrategy[VerbCall]:
+def _references(unit: str, drive: Drive) -> SearchStrategy[VerbCall]:
     def call(number: int) -> VerbCall:
         return VerbCall("set_reference", (), {unit: number})
 
-    lowest, highest = limits(0, lambda number: abs(number) <= 1000 and bench.takes(call(number)))
+    lowest, highest = limits(0, lambda number: abs(number) <= 1000 and _takes(drive, call(number)))
     return st.integers(lowest, highest).map(call)
 
 
-class _Bench:
-    """A virtual drive that has just been switched on, and the drive as its master sees it."""
+def _takes(drive: Drive, call: VerbCall) -> bool:
+    try:
+        call.carry_out(drive)
+    except DriveCommError:
+        return False
+    return True
 
-    def __init__(self, plugin: Protocol, model: Model) -> None:
-        address = plugin.addresses[0]
-        self._bus = open_bus(VirtualLine([virtual_drive(plugin.name, address, model=model)]).port)
-        self.drive = self._bus.drive(plugin.name, address, model=model)
 
-    def takes(self, call: VerbCall) -> bool:
-        """Return whether the drive does this."""
-        try:
-            call.carry_out(self.drive)
-        except DriveCommError:
-            return False
-        return True
+def _answers(drive: Drive) -> bool:
+    return _takes(drive, VerbCall("probe"))
 
-    def answers(self) -> bool:
-        """Return whether the drive can still be talked to."""
-        return self.takes(VerbCall("probe"))
 
-    def value(self, parameter: str) -> Value | None:
-        """Return what a parameter holds, None when it cannot be read."""
-        try:
-            return self.drive.read(parameter).value
-        except DriveCommError:
-            return None
+FARTHEST = 1 << 33
+"""No field of a drive telegram has more than 32 bits."""
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._bus.close()
+def limits(start: int, accepts: Callable[[int], bool]) -> tuple[int, int]:
+    """Return the lowest and the highest number that is accepted, as far as all between them are.
+
+    start: a number that is accepted.
+    """
+    return start - _reach(lambda distance: accepts(start - distance)), start + _reach(
+        lambda distance: accepts(start + distance)
+    )
+
+
+def _reach(accepts: Callable[[int], bool]) -> int:
+    sound, step = 0, 1
+    while step < FARTHEST and accepts(step):
+        sound, step = step, step * 2
+    refused = step
+    while refused - sound > 1:
+        middle = (sound + refused) // 2
+        if accepts(middle):
+            sound = middle
+        else:
+            refused = middle
+    return sound

@@ -11,19 +11,19 @@ result = { raw = 1000 }
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm import errors
+from drivecomm.testing.entry import Entry
+from drivecomm.tomlfile import CHOICE, SECONDS, TABLE, TEXT, WHOLE, Kind
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
-    from drivecomm.testing.entry import Entry
+    from drivecomm.tomlfile import Table
 
-Deed: TypeAlias = Literal["send", "reply", "silence", "garbage", "pause_s"]
-
-DEEDS: tuple[Deed, ...] = ("send", "reply", "silence", "garbage", "pause_s")
+Action: TypeAlias = Literal["send", "reply", "silence", "garbage", "pause_s"]
 
 ERROR_NAMES = tuple(
     sorted(
@@ -36,15 +36,15 @@ ERROR_NAMES = tuple(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
+class WireStep:
     """What happens on the wire next.
 
-    deed: who does what. data: the bytes of a send, a reply or garbage. seconds: for a reply and garbage how long after
+    action: who does what. data: the bytes of a send, reply or garbage. seconds: for a reply and garbage how long after
     the end of the step before they begin; for a pause how long the master must be silent; for silence how long the
     reply time is, None for the drive's own.
     """
 
-    deed: Deed
+    action: Action
     data: bytes = b""
     seconds: float | None = None
 
@@ -83,77 +83,95 @@ class ExchangeVector:
     source: str
     address: int
     calls: tuple[Call, ...]
-    steps: tuple[Step, ...]
+    steps: tuple[WireStep, ...]
     printed: bool = False
     model: str = ""
     options: Mapping[str, Any] = field(default_factory=dict)
     note: str = ""
 
 
-def read_exchange(entry: Entry) -> ExchangeVector:
+_EXPECTED = {"result": TABLE, "error": TEXT, "error_text": TEXT}
+_CALL = {"call": TEXT, "arguments": TABLE, **_EXPECTED}
+_EXCHANGE = {
+    **dict.fromkeys(("id", "source", "model", "note"), TEXT),
+    "printed": CHOICE,
+    "address": WHOLE,
+    "options": TABLE,
+    "calls": Kind((list,), 'a list of tables, such as [{ call = "status" }]'),
+    "steps": Kind((list,), 'a list of tables, such as [{ send = "04" }]'),
+    **_EXPECTED,
+}
+_STEPS: dict[Action, dict[str, Kind]] = {
+    "send": {"send": TEXT},
+    "reply": {"reply": TEXT, "after_s": SECONDS},
+    "silence": {"silence": CHOICE, "at_least_s": SECONDS},
+    "garbage": {"garbage": TEXT, "after_s": SECONDS},
+    "pause_s": {"pause_s": SECONDS},
+}
+ACTIONS = tuple(_STEPS)
+
+
+def read_exchange(table: Table) -> ExchangeVector:
     """Return an exchange vector from its table. Raises FileFormatError."""
-    steps = _steps(entry)
-    calls = [_call(part) for part in entry.parts("calls", "call")]
+    entry = Entry(table, _EXCHANGE, "id", "source", "address", "calls", "steps")
+    given = entry.given
+    steps = _steps(table.tables("steps"))
+    calls = [_call(each) for each in table.tables("calls")]
+    if not calls:
+        raise entry.error("calls is empty", "calls")
     # What the whole is judged by stands beside it and not inside its last call.
     if calls[-1].expected != Expected():
-        raise entry.wrong("the last call's result and error stand beside calls, not in it")
-    last = Call(call=calls[-1].call, arguments=calls[-1].arguments, expected=_expected(entry))
-    vector = ExchangeVector(
-        id=entry.id,
-        source=entry.text("source"),
-        printed=entry.flag("printed", default=False),
-        address=entry.whole("address"),
-        model=entry.text("model", required=False),
-        options=entry.table("options", required=False),
-        calls=(*calls[:-1], last),
+        raise entry.error("the last call's result and error stand beside calls, not in it", "calls")
+    return ExchangeVector(
+        id=given["id"],
+        source=given["source"],
+        printed=given.get("printed", False),
+        address=given["address"],
+        model=given.get("model", ""),
+        options=given.get("options", {}),
+        calls=(*calls[:-1], replace(calls[-1], expected=_expected(entry))),
         steps=steps,
-        note=entry.text("note", required=False),
+        note=given.get("note", ""),
     )
-    entry.all_read()
-    return vector
 
 
-def _call(part: Entry) -> Call:
-    call = Call(call=part.text("call"), arguments=part.table("arguments", required=False), expected=_expected(part))
-    part.all_read()
-    return call
+def _call(table: Table) -> Call:
+    entry = Entry(table, _CALL, "call")
+    return Call(call=entry.given["call"], arguments=entry.given.get("arguments", {}), expected=_expected(entry))
 
 
 def _expected(entry: Entry) -> Expected:
-    entry.only("an exchange that ends in an error", "result", allowed="error" not in entry)
-    entry.only("an exchange without error", "error_text", allowed="error" in entry)
+    given = entry.given
+    entry.only("an exchange that ends in an error", "result", allowed="error" not in given)
+    entry.only("an exchange without error", "error_text", allowed="error" in given)
     return Expected(
-        result=entry.table("result") if "result" in entry else None,
-        error=entry.choice("error", ERROR_NAMES) if "error" in entry else "",
-        error_text=entry.text("error_text", required=False),
+        result=given.get("result"),
+        error=entry.choice("error", ERROR_NAMES) if "error" in given else "",
+        error_text=given.get("error_text", ""),
     )
 
 
-def _steps(entry: Entry) -> tuple[Step, ...]:
+def _steps(tables: Sequence[Table]) -> tuple[WireStep, ...]:
     # Nothing on the wire is a conversation too: a call that must be refused before anything is sent.
-    if "steps" in entry and entry.is_empty_list("steps"):
-        return ()
-    parts = entry.parts("steps", "step")
-    steps = tuple(map(_step, parts))
-    for step, part, following in zip(steps, parts, (*steps[1:], None), strict=True):
-        if step is steps[0] and step.deed in ("reply", "silence"):
-            raise part.wrong(f"{step.deed} comes after a send")
-        if step.deed == "pause_s" and (following is None or following.deed != "send"):
-            raise part.wrong("after a pause comes a send")
+    steps = tuple(map(_step, tables))
+    for step, table, following in zip(steps, tables, [*steps[1:], None][: len(steps)], strict=True):
+        if step is steps[0] and step.action in ("reply", "silence"):
+            raise table.error(f"{step.action} comes after a send")
+        if step.action == "pause_s" and (following is None or following.action != "send"):
+            raise table.error("after a pause comes a send")
     return steps
 
 
-def _step(part: Entry) -> Step:
-    deed: Deed = part.one_of(DEEDS)  # type: ignore[assignment]
-    if deed == "pause_s":
-        step = Step(deed=deed, seconds=part.seconds("pause_s"))
-    elif deed == "silence":
-        if not part.flag("silence"):
-            raise part.wrong("silence is true or absent")
-        step = Step(deed=deed, seconds=part.seconds("at_least_s"))
-    elif deed == "send":
-        step = Step(deed=deed, data=part.data("send"))
-    else:
-        step = Step(deed=deed, data=part.data(deed), seconds=part.seconds("after_s"))
-    part.all_read()
-    return step
+def _step(table: Table) -> WireStep:
+    found = [action for action in ACTIONS if action in table.content]
+    if len(found) != 1:
+        raise table.error(f"has exactly one of {', '.join(ACTIONS)}")
+    action = found[0]
+    entry = Entry(table, _STEPS[action])
+    if action == "pause_s":
+        return WireStep(action=action, seconds=entry.seconds("pause_s"))
+    if action == "silence":
+        if not entry.given["silence"]:
+            raise entry.error("silence is true or absent")
+        return WireStep(action=action, seconds=entry.seconds("at_least_s"))
+    return WireStep(action=action, data=entry.data(action), seconds=entry.seconds("after_s"))

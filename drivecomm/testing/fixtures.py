@@ -7,14 +7,14 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from drivecomm.cli.drive_names import DriveName, parse_drive
 from drivecomm.errors import UsageError
 from drivecomm.models import load_model
 from drivecomm.plant import FaultPlan, Plant, read_plant
 from drivecomm.protocol import installed
-from drivecomm.testing.attached_trace import LineTrace
+from drivecomm.testing.line_trace import LineTrace
 from drivecomm.testing.recording import Record, RecordingDrive
 from drivecomm.testing.sites import InProcess, Served, served
 from drivecomm.testing.watched_line import WatchedDrive, WatchedLine
@@ -32,46 +32,14 @@ _MOST_TRACES = 8
 """Property tests make a line for each example, and the last ones are those that failed."""
 
 
-class MakesLine(Protocol):
-    """The fixture `virtual_line`."""
+MakesLine: TypeAlias = "Callable[..., WatchedLine]"
+"""The fixture `virtual_line`: see `LineMaker.line`."""
 
-    def __call__(
-        self,
-        drives: Iterable[str],
-        *,
-        listen: str | None = None,
-        faults: float | FaultPlan = 0.0,
-        echo: bool = False,
-        paced: bool = False,
-    ) -> WatchedLine:
-        """Make a line; see `LineMaker.line`."""
-        ...
+MakesDrive: TypeAlias = "Callable[..., WatchedDrive]"
+"""The fixture `virtual_drive`: see `LineMaker.drive`."""
 
-
-class MakesDrive(Protocol):
-    """The fixture `virtual_drive`."""
-
-    def __call__(
-        self,
-        name: str,
-        *,
-        listen: str | None = None,
-        faults: float | FaultPlan = 0.0,
-        echo: bool = False,
-        paced: bool = False,
-        model: str | Path | Model | None = None,
-        **options: Any,
-    ) -> WatchedDrive:
-        """Make a drive; see `LineMaker.drive`."""
-        ...
-
-
-class MakesPlant(Protocol):
-    """The fixture `virtual_plant`."""
-
-    def __call__(self, plant: str | Path | Plant, *, listen: str | None = None) -> WatchedPlant:
-        """Make a plant; see `LineMaker.plant`."""
-        ...
+MakesPlant: TypeAlias = "Callable[..., WatchedPlant]"
+"""The fixture `virtual_plant`: see `LineMaker.plant`."""
 
 
 class LineMaker:
@@ -100,7 +68,7 @@ class LineMaker:
     ) -> WatchedLine:
         """Make a line with these virtual drives on it.
 
-        drives: as the command line names them, `PROTOCOL:ADDRESS` with options behind commas:
+        drives: as the command line names them, `PROTOCOL:ADDRESS` with options after commas:
         "vabus:1,model=act,reply_delay_s=0.2". listen: None for a line in this process, in virtual time; "pty", "tcp" or
         "rfc2217" for a line that is served to any program on this machine, in real time; or a place, as
         `drivecomm simulate --listen` takes it. faults: the share of transmissions that are disturbed, 0 to 1, or a
@@ -135,7 +103,7 @@ class LineMaker:
         """Make a whole plant: the lines, drives and fault script of a file, or of a `Plant`.
 
         listen: None for lines in this process, in virtual time; "pty", "tcp" or "rfc2217" for lines that are served, in
-        real time, each at a place of its own; where the file says to listen is passed over. Raises FileFormatError and
+        real time, each at a place of its own; where the file says to listen is ignored. Raises FileFormatError and
         UsageError for what cannot be.
         """
         known = plant if isinstance(plant, Plant) else read_plant(Path(plant))

@@ -9,7 +9,7 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from drivecomm.testing.report import CheckFailure
+from drivecomm.testing.checking import CheckFailure
 from drivecomm.testing.script import Script
 from drivecomm.virtual import parse_listen
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from drivecomm.testing.script import Arriving
     from drivecomm.virtual import Listener
 
-Kind: TypeAlias = Literal["pty", "tcp", "rfc2217"]
+PortKind: TypeAlias = Literal["pty", "tcp", "rfc2217"]
 
 _TICK_S = 0.02
 # A thread that reads a port may be told of bytes some time after they were sent, and never before.
@@ -115,7 +115,7 @@ class LivePartner:
 
 
 @contextmanager
-def live_partner(kind: Kind, vector: ExchangeVector) -> Iterator[LivePartner]:
+def live_partner(kind: PortKind, vector: ExchangeVector) -> Iterator[LivePartner]:
     """Give a partner at a port of this kind; nothing is left of it afterwards."""
     with tempfile.TemporaryDirectory(prefix="drivecomm-") as folder:
         place = f"pty:{Path(folder) / 'line'}" if kind == "pty" else f"{kind}:127.0.0.1:0"

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.protocol import Framed, LineSettings, Motor, Telegram
-from drivecomm.virtual import OfDrive
+from drivecomm.link import fields_text
+from drivecomm.protocol import Framed, Telegram
+from drivecomm.virtual import DriveProxy
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Codec, Damaged, Message, Protocol, VirtualDrive, VirtualReply
+    from collections.abc import Mapping, Sequence
+
+    from drivecomm.protocol import Damaged, Message, Protocol, VirtualDrive, VirtualReply
 
 MOST_KEPT = 50_000
 """How many telegrams are kept; a test of a million exchanges must not fill the memory with them."""
@@ -70,30 +73,20 @@ class Record:
             return tuple(self._damaged)
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Forget all of it."""
         with self.alone:
             self._received.clear()
             self._damaged.clear()
 
 
-class RecordingDrive:
+class RecordingDrive(DriveProxy):
     """Stands in place of a virtual drive and does what it does; what is for it is written down before."""
 
-    address = OfDrive[int]()
-    settings = OfDrive[LineSettings]()
-    gap_s = OfDrive[float]()
-    motor = OfDrive[Motor]()
-
     def __init__(self, plugin: Protocol, drive: VirtualDrive, record: Record) -> None:
+        super().__init__(drive)
         self._plugin = plugin
-        self.inner = drive
         self._record = record
         self._alone = record.alone
-
-    @property
-    def codec(self) -> Codec:
-        """The telegrams that it understands."""
-        return self.inner.codec
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Write down what is for the drive, and let it act."""
@@ -105,32 +98,81 @@ class RecordingDrive:
                     protocol=self._plugin.name, direction="request", data=find.data, message=find.message
                 )
                 self._record.add(Received(time_s=now, telegram=telegram))
-            return self.inner.hear(find, now)
+            return super().hear(find, now)
 
     def peek(self, parameter: str, now: float) -> int | str:
         """Return what it holds. Raises ParameterAddressError."""
         with self._alone:
-            return self.inner.peek(parameter, now)
+            return super().peek(parameter, now)
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what it holds. Raises ParameterAddressError."""
         with self._alone:
-            self.inner.poke(parameter, raw)
+            super().poke(parameter, raw)
 
     def trip(self, code: int, now: float) -> None:
         """Make it trip."""
         with self._alone:
-            self.inner.trip(code, now)
+            super().trip(code, now)
 
     def power_cycle(self, now: float) -> None:
         """Switch its mains off and on, if it forgets anything by that."""
         with self._alone:
-            restart = getattr(self.inner, "power_cycle", None)
-            if restart is not None:
-                restart(now)
+            super().power_cycle(now)
+
+    def follow(self, now: float) -> None:
+        """Let it do what it does by itself."""
+        with self._alone:
+            super().follow(now)
 
     def _is_meant(self, message: Message) -> bool:
         if getattr(message, "broadcast", False) is True:
             return True
         address = getattr(message, "address", None)
         return address is not None and address in (self.address, self._plugin.broadcast_address)
+
+
+_MOST_LISTED = 10
+_ABSENT = object()
+
+
+def matches(received: Received, wanted: Mapping[str, Any]) -> bool:
+    """Return whether a telegram has these fields with these values."""
+    return not _differing(received, wanted)
+
+
+def closest(received: Sequence[Received], wanted: Mapping[str, Any]) -> str:
+    """Return the latest of those telegrams that differ in the fewest fields, and in which."""
+    nearest = min(reversed(received), key=lambda each: len(_differing(each, wanted)))
+    fields = nearest.fields
+    reasons = [
+        f"{name} is {fields[name]!r}, not {wanted[name]!r}" if name in fields else f"it has no {name}"
+        for name in _differing(nearest, wanted)
+    ]
+    return f"{fields_text(nearest.telegram.message)} ({'; '.join(reasons)})"
+
+
+def listing(received: Sequence[Received]) -> str:
+    """Return telegrams one a line, the latest ones if they are many."""
+    left_out = len(received) - _MOST_LISTED
+    head = [f"  ({left_out} earlier ones are left out)"] if left_out > 0 else []
+    shown = [f"  {each.time_s:.4f}  {fields_text(each.telegram.message)}" for each in received[-_MOST_LISTED:]]
+    return "\n".join([*head, *shown])
+
+
+def in_words(number: int, wanted: Mapping[str, Any]) -> str:
+    """Return how many telegrams of which sort, in words."""
+    fields = [f"{name}={value!r}" for name, value in wanted.items() if name != "kind"]
+    sort = f"{wanted['kind']} telegram" if "kind" in wanted else "telegram"
+    counted = f"no {sort}" if not number else f"{number} {sort}{'s' if number != 1 else ''}"
+    return f"{counted} with {', '.join(fields)}" if fields else counted
+
+
+def _differing(received: Received, wanted: Mapping[str, Any]) -> list[str]:
+    fields, message = received.fields, received.telegram.message
+    return [
+        name
+        for name, value in wanted.items()
+        # A field that is a tuple or a decimal in Python is a list or a text where it is written down; both will do.
+        if fields.get(name, _ABSENT) != value and (name not in fields or getattr(message, name, _ABSENT) != value)
+    ]

@@ -7,15 +7,14 @@ from html import escape
 from string import Template
 from typing import TYPE_CHECKING
 
-from drivecomm.testing.report_sections import sections_of
+from drivecomm.testing.report import sections_of
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from drivecomm.protocol import Protocol
-    from drivecomm.testing.report import Report, Verdict
-    from drivecomm.testing.report_sections import Row, Section
+    from drivecomm.testing.report import CheckResult, Report, Row, Section
 
 _PAGE = Template("""<!DOCTYPE html>
 <html lang="en">
@@ -32,7 +31,7 @@ h2 { font-size: 1.15rem; margin: 2rem 0 .5rem; display: flex; flex-wrap: wrap; g
      align-items: baseline; border-bottom: 1px solid #d0d7de; padding-bottom: .25rem; }
 p { margin: .25rem 0; }
 .quiet { color: #57606a; font-size: .9rem; font-weight: normal; }
-.verdict { display: inline-block; margin: .75rem 0; padding: .4rem .9rem; border-radius: .4rem; font-weight: 600; }
+.result { display: inline-block; margin: .75rem 0; padding: .4rem .9rem; border-radius: .4rem; font-weight: 600; }
 .good { background: #dafbe1; color: #0a5221; }
 .bad { background: #ffe3e0; color: #8c0d12; }
 ul { list-style: none; margin: 0; padding: 0; }
@@ -51,7 +50,7 @@ code { font: .85rem/1.4 ui-monospace, monospace; }
 <body>
 <h1>$title</h1>
 <p class="quiet">Conformance of the protocol package <code>$name</code></p>
-<p class="verdict $tone">$verdict</p>
+<p class="result $tone">$result</p>
 <p class="quiet">drivecomm $version, Python $python, $seconds s$left_out</p>
 $sections
 </body>
@@ -61,13 +60,13 @@ $sections
 
 def page(plugin: Protocol, report: Report) -> str:
     """Return a report about a protocol as HTML."""
-    failed, number = len(report.failed), len(report.verdicts)
-    verdict = f"all {number} checks hold" if report.ok else f"{failed} of {number} checks do not hold"
+    failed, number = len(report.failed), len(report.results)
+    result = f"all {number} checks hold" if report.ok else f"{failed} of {number} checks do not hold"
     return _PAGE.substitute(
         title=escape(plugin.title),
         name=escape(plugin.name),
         tone="good" if report.ok else "bad",
-        verdict=verdict,
+        result=result,
         version=escape(__version__),
         python=escape(platform.python_version()),
         seconds=f"{report.seconds:.1f}",
@@ -93,9 +92,8 @@ def _row(row: Row) -> str:
     )
 
 
-def _failures(failed: Iterable[Verdict]) -> str:
+def _failures(failed: Iterable[CheckResult]) -> str:
     told = "".join(
-        f'<div class="failure"><code>{escape(verdict.check.name)}</code><br>{escape(verdict.reason)}</div>'
-        for verdict in failed
+        f'<div class="failure"><code>{escape(result.name)}</code><br>{escape(result.reason)}</div>' for result in failed
     )
     return f"<details open><summary>what is wrong</summary>{told}</details>" if told else ""

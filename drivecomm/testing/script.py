@@ -1,17 +1,24 @@
-"""The steps of an exchange vector, held against what a master does. No I/O, no clock: the time is told."""
+"""The steps of an exchange vector against what a master does, and messages against what an exchange does.
+
+No I/O, no clock: the time is told.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
-from drivecomm.testing.case import shown
-from drivecomm.testing.report import CheckFailure
+from drivecomm.errors import ReplyError
+from drivecomm.protocol import Ask, Pause
+from drivecomm.testing.checking import CheckFailure, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
-    from drivecomm.testing.exchange_vectors import Step
+    from drivecomm.protocol import Exchange, Message
+    from drivecomm.testing.exchange_vectors import WireStep
+
+T = TypeVar("T")
 
 # Sums of character times are not exact.
 _TINY_S = 1e-9
@@ -29,13 +36,18 @@ class Arriving:
 class Script:
     """Tells what comes to the master and judges what it sends.
 
-    reply_time_s: how long the master must wait in vain, 0 where nobody is to answer. wire_s: seconds that so many
-    characters take. slack_s: by how much a master may be early, where clocks are real. Whatever deviates raises
-    CheckFailure, at once and again at the end, for it could be caught on its way by what is judged.
+    reply_time_s: how long the master must wait for a reply that does not come, 0 where none is expected. wire_s:
+    seconds that so many characters take. slack_s: by how much a master may be early, where clocks are real. A deviation
+    raises CheckFailure at once, and again at the end, since what is tested could have caught it on its way.
     """
 
     def __init__(
-        self, steps: Sequence[Step], *, reply_time_s: float, wire_s: Callable[[float], float], slack_s: float = _TINY_S
+        self,
+        steps: Sequence[WireStep],
+        *,
+        reply_time_s: float,
+        wire_s: Callable[[float], float],
+        slack_s: float = _TINY_S,
     ) -> None:
         self._steps = steps
         self._reply_time_s = reply_time_s
@@ -90,10 +102,10 @@ class Script:
         self._patient_until = 0.0
         not_before = time
         just_sent = sent_at is not None
-        while self._place < len(self._steps) and self._steps[self._place].deed != "send":
+        while self._place < len(self._steps) and self._steps[self._place].action != "send":
             step = self._steps[self._place]
             self._place += 1
-            if step.deed == "silence":
+            if step.action == "silence":
                 reply_time_s = self._reply_time_s if step.seconds is None else step.seconds
                 # The first character of what comes then is over when the reply time is.
                 time = max(time, (sent_at or 0.0) + reply_time_s)
@@ -101,7 +113,7 @@ class Script:
                     # Behind damage or noise the master may see earlier than this that nothing will come of it.
                     self._patient_until = not_before = time
                     self._why_not_before = f": the reply time of step {self._place} is {reply_time_s * 1000:g} ms"
-            elif step.deed == "pause_s":
+            elif step.action == "pause_s":
                 not_before = max(not_before, time + (step.seconds or 0.0))
                 self._why_not_before = f" for the pause of step {self._place}"
             else:
@@ -109,7 +121,7 @@ class Script:
                 time = begins + self._wire_s(len(step.data))
                 arriving.append(Arriving(begins, time, step.data))
                 not_before = time
-                self._why_not_before = f": step {self._place} ({step.deed}) is not over"
+                self._why_not_before = f": step {self._place} ({step.action}) is not over"
             just_sent = False
         self._over_at = not_before
         return arriving
@@ -117,3 +129,36 @@ class Script:
     def _deviates(self, how: str) -> CheckFailure:
         self._deviation = self._deviation or how
         return CheckFailure(how)
+
+
+Expectation: TypeAlias = "tuple[Message, Message | ReplyError | None]"
+"""What the exchange must send next, and what it then gets: a reply, an error thrown in, or None for a `Tell`."""
+
+
+class ScriptError(AssertionError):
+    """The exchange did something other than the script says."""
+
+
+def play(exchange: Exchange[T], script: Iterable[Expectation]) -> T:
+    """Play an exchange to its end and return its result. Pauses are skipped. Raises ScriptError when it deviates."""
+    steps = iter(script)
+    try:
+        command = next(exchange)
+        while True:
+            if isinstance(command, Pause):
+                command = exchange.send(None)
+                continue
+            expected = next(steps, None)
+            if expected is None:
+                raise ScriptError(f"the script is over, and the exchange sends {command.message}")
+            request, reply = expected
+            if command.message != request:
+                raise ScriptError(f"the exchange sends {command.message}, the script says {request}")
+            if isinstance(command, Ask) and reply is None:
+                raise ScriptError(f"the exchange waits for a reply to {request}, the script has none")
+            command = exchange.throw(reply) if isinstance(reply, ReplyError) else exchange.send(reply)
+    except StopIteration as finished:
+        if (left := next(steps, None)) is not None:
+            raise ScriptError(f"the exchange is over, and the script goes on with {left[0]}") from None
+        result: T = finished.value
+        return result

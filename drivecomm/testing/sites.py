@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from threading import Event, Thread
+from typing import TYPE_CHECKING, TypeAlias
 
 from drivecomm.capture import Piece
 from drivecomm.errors import UsageError
-from drivecomm.testing.serving_thread import ServingThread
 from drivecomm.virtual import Server, parse_listen
 
 if TYPE_CHECKING:
@@ -17,37 +17,8 @@ if TYPE_CHECKING:
     from drivecomm.capture import Source
     from drivecomm.plant import FaultPlan
     from drivecomm.protocol import VirtualDrive
-    from drivecomm.testing.attached_trace import LineTrace
-    from drivecomm.virtual import Transmission, VirtualLine, VirtualPort
-
-_STEP_S = 0.005
-"""How often it is looked whether something has come about, in the time of the line."""
-
-
-class Site(Protocol):
-    """A line with its clock."""
-
-    @property
-    def port(self) -> str | Callable[[], VirtualPort]:
-        """What a master opens: a path, a URL, or what `open_bus` calls to open a port."""
-        ...
-
-    @property
-    def virtual(self) -> VirtualLine:
-        """The line itself. Raises UsageError where there is none in this process."""
-        ...
-
-    def now(self) -> float:
-        """Return the time on the line's clock, in seconds."""
-        ...
-
-    def passes(self, seconds: float) -> None:
-        """Let time pass."""
-        ...
-
-    def close(self) -> None:
-        """Leave nothing behind, and raise what went wrong meanwhile."""
-        ...
+    from drivecomm.testing.line_trace import LineTrace
+    from drivecomm.virtual import PlantServer, Transmission, VirtualLine, VirtualPort
 
 
 class InProcess:
@@ -86,7 +57,7 @@ def note(trace: LineTrace, sent: Transmission) -> None:
         # What a drive sends has the settings of that drive, which are no news; over plain TCP they are not known.
         settings=sent.settings if sent.source == "master" and not sent.agreed else None,
     )
-    trace.add(piece, spoilt=sent.garbled)
+    trace.add(piece, disturbed=sent.garbled)
 
 
 class Served:
@@ -134,12 +105,37 @@ def served(
     return Served(server.address, server.now, thread)
 
 
-def comes_about(site: Site, condition: Callable[[], bool], within_s: float) -> bool:
-    """Return whether this is so, or becomes so within a time of the line."""
-    until = site.now() + within_s
-    while not condition():
-        left = until - site.now()
-        if left <= 0:
-            return False
-        site.passes(min(_STEP_S, left))
-    return True
+Site: TypeAlias = InProcess | Served
+"""A line with its clock."""
+
+
+class ServingThread:
+    """Serves from the beginning until it is closed. Raises PortError when a port cannot be had."""
+
+    def __init__(self, server: Server | PlantServer) -> None:
+        self._server = server
+        self._stop = Event()
+        self._error: BaseException | None = None
+        server.__enter__()
+        self._thread = Thread(target=self._serve, name="drivecomm virtual line", daemon=True)
+        self._thread.start()
+
+    def check(self) -> None:
+        """Raise RuntimeError when serving has come to an end by an error."""
+        if self._error is not None:
+            raise RuntimeError(f"the virtual line is not served any more: {self._error!r}") from self._error
+
+    def close(self) -> None:
+        """End the thread and close the ports; raise the error that ended serving before. May be called again."""
+        self._stop.set()
+        self._thread.join()
+        self._server.__exit__(None, None, None)
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+
+    def _serve(self) -> None:
+        try:
+            self._server.run(self._stop)
+        except BaseException as error:  # noqa: BLE001 - told to the test, whose thread is another one
+            self._error = error

@@ -24,9 +24,7 @@ from hypothesis import strategies as st
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.plant import TRANSMISSION_FAULTS, FaultPlan
 from drivecomm.protocol import installed
-from drivecomm.testing.case import codec_for
-from drivecomm.testing.conversation_strategies import VerbCall, conversations, verb_calls
-from drivecomm.testing.limits import limits
+from drivecomm.testing.conversation_strategies import VerbCall, conversations, limits, verb_calls
 from drivecomm.testing.vectors import packaged_vectors
 
 if TYPE_CHECKING:
@@ -36,7 +34,6 @@ if TYPE_CHECKING:
 
     from drivecomm.plant import Fault
     from drivecomm.protocol import Codec, Direction, Message, Protocol
-    from drivecomm.testing.vectors import VectorFile
 
 __all__ = [
     "VerbCall",
@@ -54,57 +51,27 @@ __all__ = [
 ]
 
 
-def telegram_fields(
-    protocol: Protocol | str,
-    direction: Direction,
-    *,
-    vectors: VectorFile | None = None,
-    options: Mapping[str, Any] | None = None,
-) -> SearchStrategy[dict[str, Any]]:
-    """Fields of telegrams that the protocol's encoder accepts, over the whole range of each of them.
-
-    vectors: where the shapes come from, the packaged ones if absent. options: the protocol's, for its codec.
-    """
+def telegram_fields(protocol: Protocol | str, direction: Direction) -> SearchStrategy[dict[str, Any]]:
+    """Fields of telegrams that the protocol's encoder accepts, over the whole range of each of them."""
     plugin = _plugin(protocol)
-    if vectors is None and not options and plugin is installed.get(plugin.name):
-        return st.deferred(lambda: _packaged_fields(plugin.name, direction))
-    return st.deferred(lambda: _fields(plugin, direction, vectors or packaged_vectors(plugin), dict(options or {})))
+    if plugin is installed.get(plugin.name):
+        return st.deferred(lambda: _fields_of_installed(plugin.name, direction))
+    return st.deferred(lambda: _fields(plugin, direction))
 
 
-def messages(
-    protocol: Protocol | str,
-    direction: Direction,
-    *,
-    vectors: VectorFile | None = None,
-    options: Mapping[str, Any] | None = None,
-) -> SearchStrategy[Message]:
+def messages(protocol: Protocol | str, direction: Direction) -> SearchStrategy[Message]:
     """Messages that the protocol's encoder accepts."""
     plugin = _plugin(protocol)
-    drawn = telegram_fields(plugin, direction, vectors=vectors, options=options)
-    return drawn.map(lambda fields: plugin.message(fields, direction))
+    return telegram_fields(plugin, direction).map(lambda fields: plugin.message(fields, direction))
 
 
-def telegrams(
-    protocol: Protocol | str,
-    direction: Direction,
-    *,
-    vectors: VectorFile | None = None,
-    options: Mapping[str, Any] | None = None,
-) -> SearchStrategy[bytes]:
+def telegrams(protocol: Protocol | str, direction: Direction) -> SearchStrategy[bytes]:
     """Sound telegrams as bytes."""
     plugin = _plugin(protocol)
-    codec = codec_for(plugin, dict(options or {}))
-    return messages(plugin, direction, vectors=vectors, options=options).map(codec.encode)
+    return messages(plugin, direction).map(plugin.codec(plugin.options()).encode)
 
 
-def field_values(
-    protocol: Protocol | str,
-    direction: Direction,
-    name: str,
-    *,
-    vectors: VectorFile | None = None,
-    options: Mapping[str, Any] | None = None,
-) -> SearchStrategy[Any]:
+def field_values(protocol: Protocol | str, direction: Direction, name: str) -> SearchStrategy[Any]:
     """Values of one field, such as "parameter", as they stand in sound telegrams of every kind that has it.
 
     Raises UsageError when no telegram of this direction has it.
@@ -112,14 +79,13 @@ def field_values(
     plugin = _plugin(protocol)
     known = {
         each
-        for vector in (vectors or packaged_vectors(plugin)).vectors
+        for vector in packaged_vectors(plugin).vectors
         if vector.valid and vector.direction == direction
         for each in vector.fields
     }
     if name not in known:
         raise UsageError(f"no {plugin.name} {direction} has a field {name!r}; they have {', '.join(sorted(known))}")
-    drawn = telegram_fields(plugin, direction, vectors=vectors, options=options)
-    return drawn.filter(lambda fields: name in fields).map(lambda fields: fields[name])
+    return telegram_fields(plugin, direction).filter(lambda fields: name in fields).map(lambda fields: fields[name])
 
 
 def fault_plans(
@@ -135,21 +101,17 @@ def fault_plans(
     )
 
 
-def near_telegrams(
-    protocol: Protocol | str, direction: Direction, *, vectors: VectorFile | None = None
-) -> SearchStrategy[bytes]:
+def near_telegrams(protocol: Protocol | str, direction: Direction) -> SearchStrategy[bytes]:
     """Bytes that are hardly ever a telegram: arbitrary ones, and telegrams cut, lengthened and damaged."""
-    sound = telegrams(protocol, direction, vectors=vectors)
+    sound = telegrams(protocol, direction)
     return st.one_of(st.binary(max_size=64), sound, sound.flatmap(_damaged))
 
 
-def junk_fields(protocol: Protocol | str, direction: Direction, *, vectors: VectorFile | None = None) -> Any:
+def junk_fields(protocol: Protocol | str, direction: Direction) -> Any:
     """Mappings that name the protocol's fields and hold anything: wrong types, wrong ranges, too many, too few."""
     plugin = _plugin(protocol)
     entries = [
-        vector.fields
-        for vector in (vectors or packaged_vectors(plugin)).vectors
-        if vector.fields and vector.direction == direction
+        vector.fields for vector in packaged_vectors(plugin).vectors if vector.fields and vector.direction == direction
     ]
     names = sorted({name for fields in entries for name in fields})
     anything = st.one_of(
@@ -192,20 +154,25 @@ def _plugin(protocol: Protocol | str) -> Protocol:
 
 # Asking the encoder for the limits of every field takes longer than drawing from them.
 @lru_cache
-def _packaged_fields(name: str, direction: Direction) -> SearchStrategy[dict[str, Any]]:
-    plugin = installed[name]
-    return _fields(plugin, direction, packaged_vectors(plugin), {})
+def _fields_of_installed(name: str, direction: Direction) -> SearchStrategy[dict[str, Any]]:
+    return _fields(installed[name], direction)
 
 
-def _fields(
-    plugin: Protocol, direction: Direction, vectors: VectorFile, options: dict[str, Any]
-) -> SearchStrategy[dict[str, Any]]:
-    codec = codec_for(plugin, options)
+def _fields(plugin: Protocol, direction: Direction) -> SearchStrategy[dict[str, Any]]:
+    codec = plugin.codec(plugin.options())
 
     def accepts(fields: Mapping[str, Any]) -> bool:
-        return _encoded(plugin, codec, fields, direction) is not None
+        try:
+            codec.encode(plugin.message(fields, direction))
+        except DriveCommError:
+            return False
+        return True
 
-    shapes = _shapes(vectors, direction, accepts)
+    shapes = [
+        dict(vector.fields)
+        for vector in packaged_vectors(plugin).vectors
+        if vector.valid and vector.direction == direction and accepts(vector.fields)
+    ]
     return st.one_of([_mutated(base, shapes, accepts) for base in shapes])
 
 
@@ -218,24 +185,6 @@ def _damaged(data: bytes) -> SearchStrategy[bytes]:
         st.tuples(places, st.binary(min_size=1, max_size=4)).map(lambda at: data[: at[0]] + at[1] + data[at[0] :]),
         st.binary(min_size=1, max_size=30).map(lambda tail: data + tail),
     )
-
-
-def _encoded(plugin: Protocol, codec: Codec, fields: Mapping[str, Any], direction: Direction) -> bytes | None:
-    try:
-        return codec.encode(plugin.message(fields, direction))
-    except DriveCommError:
-        return None
-
-
-def _shapes(
-    vectors: VectorFile, direction: Direction, accepts: Callable[[Mapping[str, Any]], bool]
-) -> list[dict[str, Any]]:
-    """Return the fields of all vectors that this codec encodes."""
-    return [
-        dict(vector.fields)
-        for vector in vectors.vectors
-        if vector.valid and vector.direction == direction and accepts(vector.fields)
-    ]
 
 
 @st.composite
@@ -258,7 +207,6 @@ def _mutations(
 def _mutated(
     base: dict[str, Any], shapes: Sequence[Mapping[str, Any]], accepts: Callable[[Mapping[str, Any]], bool]
 ) -> SearchStrategy[dict[str, Any]]:
-    """Telegrams with the fields of this one, and other values in them."""
     values = {name: _values(name, base, shapes, accepts) for name in base if name != "kind"}
     return _mutations(base, values, accepts)
 
@@ -274,18 +222,13 @@ def _values(
     if isinstance(value, bool):
         return st.booleans()
     if isinstance(value, int):
-        lowest, highest = _limits(name, fields, accepts)
+        lowest, highest = limits(value, lambda other: accepts({**fields, name: other}))
         return st.one_of(seen, st.integers(lowest, highest), st.sampled_from([lowest, highest]))
     if isinstance(value, list):
         return st.one_of(seen, st.lists(st.integers(0, 999), min_size=1, max_size=3))
     if isinstance(value, str):
         return st.one_of(seen, _texts(value))
     return seen
-
-
-def _limits(name: str, fields: Mapping[str, Any], accepts: Callable[[Mapping[str, Any]], bool]) -> tuple[int, int]:
-    """Return the lowest and the highest value that the encoder takes, as far as it takes all between them."""
-    return limits(fields[name], lambda value: accepts({**fields, name: value}))
 
 
 def _texts(like: str) -> SearchStrategy[str]:

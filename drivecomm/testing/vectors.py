@@ -19,20 +19,23 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
-from drivecomm.errors import Category, FileFormatError
+from drivecomm.errors import Category
 from drivecomm.testing.entry import Entry
 from drivecomm.testing.exchange_vectors import ExchangeVector, read_exchange
-from drivecomm.tomlfile import read_toml
+from drivecomm.tomlfile import CHOICE, LIST, TABLE, TABLES, TEXT, WHOLE, read_toml
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from importlib.resources.abc import Traversable
 
     from drivecomm.protocol import Direction, Protocol
+    from drivecomm.tomlfile import Table
 
 FORMAT = 2
+"""The format of vector files that is read and written."""
 
 CATEGORIES: tuple[Category, ...] = get_args(Category)
+"""The categories in which an invalid telegram is refused."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,33 +130,21 @@ def _packaged(package: str, protocol: str) -> VectorFile:
 
 
 def _read(place: Path | Traversable, name: str, shown: str, protocol: str | None) -> VectorFile:
-    content = read_toml(place, "a vector file", shown=shown).content
-    if type(content.get("format")) is not int or content["format"] != FORMAT:
-        raise FileFormatError(f"{shown}: a vector file begins with format = {FORMAT}")
-    named = content.get("protocol")
-    if not isinstance(named, str) or not named:
-        raise FileFormatError(f"{shown}: a vector file names its protocol")
-    if protocol is not None and named != protocol:
-        raise FileFormatError(f"{shown}: holds vectors of {named!r}, not of {protocol!r}")
-    readers: dict[str, Callable[[Entry], Any]] = {
-        "vector": _vector,
-        "stream": _stream,
-        "refuse": _refuse,
-        "exchange": read_exchange,
-    }
-    unknown = sorted(set(content) - {"format", "protocol", *readers})
-    if unknown:
-        raise FileFormatError(f"{shown}: the key {unknown[0]!r} is not known")
-    entries = [
-        Entry(shown, kind, f"number {number}", table).named()
-        for kind in readers
-        for number, table in enumerate(_tables(shown, kind, content.get(kind, [])), 1)
-    ]
-    _each_id_once(shown, entries)
-    read = {kind: tuple(reader(entry) for entry in entries if entry.kind == kind) for kind, reader in readers.items()}
+    top = read_toml(place, "a vector file", shown=shown)
+    if type(top.content.get("format")) is not int or top.content["format"] != FORMAT:
+        raise top.error(f"a vector file begins with format = {FORMAT}", "format")
+    given = top.take({"format": WHOLE, "protocol": TEXT, **dict.fromkeys(_READERS, TABLES)}, "protocol")
+    if not given["protocol"]:
+        raise top.error("a vector file names its protocol", "protocol")
+    if protocol is not None and given["protocol"] != protocol:
+        raise top.error(f"holds vectors of {given['protocol']!r}, not of {protocol!r}", "protocol")
+    seen: set[str] = set()
+    read: dict[str, tuple[Any, ...]] = {}
+    for kind, reader in _READERS.items():
+        read[kind] = tuple(reader(_with_id(table, kind, seen)) for table in top.tables(kind))
     return VectorFile(
         name=name,
-        protocol=named,
+        protocol=given["protocol"],
         vectors=read["vector"],
         streams=read["stream"],
         refusals=read["refuse"],
@@ -161,83 +152,83 @@ def _read(place: Path | Traversable, name: str, shown: str, protocol: str | None
     )
 
 
-def _tables(shown: str, kind: str, given: object) -> list[dict[str, Any]]:
-    if not isinstance(given, list) or not all(isinstance(each, dict) for each in given):
-        raise FileFormatError(f"{shown}: {kind} is written [[{kind}]]")
-    return given
+def _with_id(table: Table, kind: str, seen: set[str]) -> Table:
+    """Return a table that messages call by its id, which no other one has."""
+    found = table.content.get("id")
+    if isinstance(found, str) and found.strip():
+        if found in seen:
+            raise table.error(f"the id {found!r} is there twice", "id")
+        seen.add(found)
+        table.name = f"{kind} {found}"
+    return table
 
 
-def _each_id_once(shown: str, entries: list[Entry]) -> None:
-    seen: set[str] = set()
-    for entry in entries:
-        if entry.id in seen:
-            raise FileFormatError(f"{shown}: the id {entry.id!r} is there twice")
-        seen.add(entry.id)
+_VECTOR = {
+    **dict.fromkeys(
+        (
+            "id",
+            "source",
+            "direction",
+            "hex",
+            "answers_to",
+            "mismatch",
+            "error",
+            "reason",
+            "ascii",
+            "printed_words",
+            "note",
+        ),
+        TEXT,
+    ),
+    **dict.fromkeys(("valid", "printed", "canonical", "reply_expected", "answers"), CHOICE),
+    **dict.fromkeys(("options", "fields", "meaning"), TABLE),
+}
+_STREAM = {**dict.fromkeys(("id", "direction", "hex", "source", "note"), TEXT), "frames": LIST, "options": TABLE}
+_REFUSE = {
+    **dict.fromkeys(("id", "direction", "reason", "source", "note"), TEXT),
+    **dict.fromkeys(("fields", "options"), TABLE),
+}
+_DIRECTIONS = ("request", "reply")
 
 
-def _direction(entry: Entry) -> Direction:
-    direction: Direction = entry.choice("direction", ("request", "reply"))
-    return direction
-
-
-def _vector(entry: Entry) -> Vector:
-    valid, direction = entry.flag("valid"), _direction(entry)
-    vector = Vector(
-        id=entry.id,
-        source=entry.text("source"),
-        direction=direction,
-        data=entry.data("hex"),
-        valid=valid,
-        printed=entry.flag("printed", default=False),
-        canonical=entry.flag("canonical", default=True),
-        options=entry.table("options", required=False),
-        fields=entry.table("fields", required=valid),
-        meaning=entry.table("meaning", required=False),
-        reply_expected=entry.flag("reply_expected", default=True),
-        answers_to=entry.data("answers_to") if "answers_to" in entry else None,
-        answers=entry.flag("answers") if "answers_to" in entry else True,
-        mismatch=entry.text("mismatch", required=False),
-        error=None if valid else entry.choice("error", CATEGORIES),
-        reason=entry.text("reason", required=False),
-        ascii=entry.text("ascii", required=False),
-        printed_words=entry.text("printed_words", required=False),
-        note=entry.text("note", required=False),
-    )
+def _vector(table: Table) -> Vector:
+    valid = table.content.get("valid") is not False
+    needed = ["id", "source", "direction", "hex", "valid", "fields" if valid else "error"]
+    entry = Entry(table, _VECTOR, *needed, *(["answers"] if "answers_to" in table.content else []))
+    given, direction = dict(entry.given), entry.choice("direction", _DIRECTIONS)
     entry.only("a valid telegram", "error", allowed=not valid)
     entry.only("a refused telegram", "fields", "meaning", "canonical", "answers_to", allowed=valid)
     entry.only("a reply", "reply_expected", allowed=direction == "request")
     entry.only("a request", "answers_to", allowed=direction == "reply")
-    entry.only("a vector without answers_to", "answers", allowed="answers_to" in entry)
-    entry.only("a reply that is the answer", "mismatch", allowed=not vector.answers)
-    if not vector.answers and not vector.mismatch:
-        raise entry.wrong("answers = false needs mismatch, which says why")
-    entry.all_read()
-    return vector
+    entry.only("a vector without answers_to", "answers", allowed="answers_to" in given)
+    entry.only("a reply that is the answer", "mismatch", allowed=not given.get("answers", True))
+    if not given.get("answers", True) and not given.get("mismatch"):
+        raise entry.error("answers = false needs mismatch, which says why", "answers")
+    if "error" in given:
+        entry.choice("error", CATEGORIES)
+    if "answers_to" in given:
+        given["answers_to"] = entry.data("answers_to")
+    del given["hex"]
+    return Vector(data=entry.data("hex"), **given)
 
 
-def _stream(entry: Entry) -> Stream:
-    stream = Stream(
-        id=entry.id,
-        direction=_direction(entry),
-        data=entry.data("hex"),
-        frames=entry.data_list("frames"),
-        options=entry.table("options", required=False),
-        source=entry.text("source", required=False),
-        note=entry.text("note", required=False),
-    )
-    entry.all_read()
-    return stream
+def _stream(table: Table) -> Stream:
+    entry = Entry(table, _STREAM, "id", "direction", "hex", "frames")
+    entry.choice("direction", _DIRECTIONS)
+    given = dict(entry.given)
+    del given["hex"]
+    return Stream(data=entry.data("hex"), **{**given, "frames": entry.data_list("frames")})
 
 
-def _refuse(entry: Entry) -> Refuse:
-    refuse = Refuse(
-        id=entry.id,
-        direction=_direction(entry),
-        fields=entry.table("fields"),
-        options=entry.table("options", required=False),
-        reason=entry.text("reason", required=False),
-        source=entry.text("source", required=False),
-        note=entry.text("note", required=False),
-    )
-    entry.all_read()
-    return refuse
+def _refuse(table: Table) -> Refuse:
+    entry = Entry(table, _REFUSE, "id", "direction", "fields")
+    entry.choice("direction", _DIRECTIONS)
+    return Refuse(**entry.given)
+
+
+_READERS: dict[str, Callable[[Table], Any]] = {
+    "vector": _vector,
+    "stream": _stream,
+    "refuse": _refuse,
+    "exchange": read_exchange,
+}

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import UsageError
-from drivecomm.testing.held_values import HeldForms
-from drivecomm.testing.received_telegrams import closest, in_words, listing, matches
-from drivecomm.testing.sites import comes_about
+from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.testing.recording import closest, in_words, listing, matches
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.plant import FaultPlan
     from drivecomm.protocol import Damaged, Motor, VirtualDrive
-    from drivecomm.testing.attached_trace import LineTrace
+    from drivecomm.testing.line_trace import LineTrace
     from drivecomm.testing.recording import Received, Record
     from drivecomm.testing.sites import Site
     from drivecomm.virtual import VirtualLine, VirtualPort
 
 WITHIN_S = 1.0
 """How long an assertion waits, in the time of the line: another program's telegram may still be on its way."""
+
+_STEP_S = 0.005
+"""How often an assertion looks, in the time of the line."""
 
 SILENT_S = 0.1
 """How long nothing must have come, in the time of the line."""
@@ -69,7 +71,7 @@ class WatchedLine:
         self.virtual.call_at(time_s, action)
 
     def inject(self, data: bytes) -> None:
-        """Put bytes on the line that come from nobody. Raises UsageError when it is served in real time."""
+        """Inject foreign bytes. Raises UsageError when it is served in real time."""
         self.virtual.inject(data)
 
     def unplug(self) -> None:
@@ -88,7 +90,13 @@ class WatchedLine:
 
     def comes_about(self, condition: Callable[[], bool], within_s: float) -> bool:
         """Return whether this is so, or becomes so within a time of the line."""
-        return comes_about(self._site, condition, within_s)
+        until = self.now() + within_s
+        while not condition():
+            left = until - self.now()
+            if left <= 0:
+                return False
+            self.advance(min(_STEP_S, left))
+        return True
 
     def trace(self) -> str:
         """Return what was on the line, decoded, one line for each telegram: the last 80 of them."""
@@ -135,7 +143,7 @@ class WatchedDrive:
         return self._record.damaged()
 
     def forget_received(self) -> None:
-        """Begin anew with what was received."""
+        """Forget what was received so far."""
         self._record.forget()
 
     def received_with(self, **fields: Any) -> tuple[Received, ...]:
@@ -225,3 +233,47 @@ class WatchedDrive:
 
     def __repr__(self) -> str:
         return f"<WatchedDrive {self.name}>"
+
+
+class HeldForms:
+    """What a raw number looks like in a drive.
+
+    A VABus drive holds eight hexadecimal characters, and the raw number is 1000: so another drive of the same sort is
+    set to 1000 and shows what it then holds. another: makes such a drive.
+    """
+
+    def __init__(self, another: Callable[[], VirtualDrive]) -> None:
+        self._make = another
+        self._known: dict[tuple[str, int | str], int | str] = {}
+
+    def of(self, parameter: str, raw: int | str) -> int | str:
+        """Return what a drive shows that holds this; the raw value itself where that cannot be tried out.
+
+        It cannot where the drive refuses the value, and where it does not heed it: what it measures cannot be set.
+        """
+        if (parameter, raw) not in self._known:
+            self._known[parameter, raw] = self._tried(parameter, raw)
+        return self._known[parameter, raw]
+
+    @cached_property
+    def _another(self) -> VirtualDrive:
+        return self._make()
+
+    def _tried(self, parameter: str, raw: int | str) -> int | str:
+        before = self._another.peek(parameter, 0.0)
+        shown = self._after(parameter, raw)
+        if shown is None:
+            return raw
+        if shown != before:
+            return shown
+        # It held this before, or it does not heed what it is set to.
+        others = (self._after(parameter, raw + step) for step in (1, -1)) if isinstance(raw, int) else ()
+        return shown if any(other not in (None, shown) for other in others) else raw
+
+    def _after(self, parameter: str, raw: int | str) -> int | str | None:
+        """Return what the other drive shows after it was set to this, None when it does not take it."""
+        try:
+            self._another.poke(parameter, raw)
+            return self._another.peek(parameter, 0.0)
+        except (DriveCommError, ValueError):
+            return None

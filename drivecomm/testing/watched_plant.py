@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
 from drivecomm.protocol import installed
-from drivecomm.testing.attached_trace import LineTrace
+from drivecomm.testing.line_trace import LineTrace
 from drivecomm.testing.recording import Record, RecordingDrive
-from drivecomm.testing.serving_thread import ServingThread
-from drivecomm.testing.sites import InProcess, Served, note
+from drivecomm.testing.sites import InProcess, Served, ServingThread, note
 from drivecomm.testing.watched_line import WatchedDrive, WatchedLine
 from drivecomm.virtual import PlantServer, VirtualPlant
 

@@ -12,7 +12,7 @@ from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import LinkDownError
-from drivecomm.link import Arrival, Configure, Receive, Send, Wait
+from drivecomm.link import Arrival, Configure, PortProxy, Receive, Send, Wait
 from drivecomm.transport.alarm import open_alarm
 from drivecomm.transport.blocking_runner import carry_out, run as run_blocking
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from drivecomm.link import Port, Steps
-    from drivecomm.protocol import LineSettings
 
 T = TypeVar("T")
 
@@ -134,25 +133,12 @@ class _StoppedError(Exception):
     """Somebody cancelled the exchange that a thread carries out."""
 
 
-class _Interruptible:
+class _Interruptible(PortProxy):
     """A port whose waiting ends when an event is set."""
 
     def __init__(self, port: Port, stop: Event) -> None:
-        self._port = port
+        super().__init__(port)
         self._stop = stop
-        self.now = port.now
-        self.write = port.write
-        self.wall_time = port.wall_time
-        self.take = port.take
-        self.hold_back = port.hold_back
-        self.close = port.close
-        self.paced = port.paced
-        self.real_time = port.real_time
-        self.descriptor = port.descriptor
-
-    def configure(self, settings: LineSettings) -> str:
-        """Set the line settings."""
-        return self._port.configure(settings)
 
     def read(self, until: float, at_least: int) -> bytes:
         """Return what comes."""

@@ -6,7 +6,7 @@ from .control_socket import (
     parse_place as parse_place,
 )
 from .direct import carry_out as carry_out
-from .drive_setup import OfDrive as OfDrive
+from .drive_proxy import DriveProxy as DriveProxy
 from .drives import drive_type as drive_type, virtual_drive as virtual_drive
 from .forecast import Forecast as Forecast, forecast as forecast
 from .line import VirtualLine as VirtualLine

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from drivecomm.virtual.virtual_plant import VirtualPlant
 
 LONGEST_ORDER = 65536
+"""The most bytes that an order may have."""
+
 _MOST_GUESTS = 64
 # A little at a time, so that somebody with many orders cannot keep the server from its lines.
 _CHUNK = 512

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, DriveError, NoReplyError, ValueRefusedError
-from drivecomm.protocol import Framed, LineSettings, Motor
+from drivecomm.protocol import Framed
 from drivecomm.virtual.direct import carry_out
-from drivecomm.virtual.drive_setup import OfDrive
+from drivecomm.virtual.drive_proxy import DriveProxy
 from drivecomm.virtual.drives import drive_type
-from drivecomm.virtual.station import Follows, Overhears, Restarts
+from drivecomm.virtual.station import Overhears
 from drivecomm.virtual.stuck_answer import StuckAnswer
 
 if TYPE_CHECKING:
@@ -17,21 +17,16 @@ if TYPE_CHECKING:
     from typing import Any
 
     from drivecomm.plant import PlantDrive
-    from drivecomm.protocol import Codec, Damaged, Message, Model, Purpose, Reading, VirtualDrive, VirtualReply
+    from drivecomm.protocol import Damaged, Message, Model, Purpose, Reading, VirtualDrive, VirtualReply
 
 
-class PlantedDrive:
+class PlantedDrive(DriveProxy):
     """A drive as its line sees it; `inner` is the protocol's own virtual drive, another one after a factory reset.
 
     Times are seconds of the line; the process inside goes `speed` times as fast. asked: the last request that it
     answered. Making one raises UsageError for what cannot be, with the drive's name. motor: the motor's time is that of
     the process. Some drives keep their address in a parameter.
     """
-
-    address = OfDrive[int]()
-    settings = OfDrive[LineSettings]()
-    gap_s = OfDrive[float]()
-    motor = OfDrive[Motor]()
 
     def __init__(
         self,
@@ -47,7 +42,7 @@ class PlantedDrive:
         self.type = drive_type(planned.protocol, planned.address, model=model, options=options, for_all=for_all)
         self.asked: Message | None = None
         self._around = around
-        self.inner: VirtualDrive = around(planned.name, self.type.new())
+        super().__init__(around(planned.name, self.type.new()))
         planned.fit(self.inner.motor)
         self._speed = speed
         self._overhears = isinstance(self.inner, Overhears)
@@ -67,10 +62,9 @@ class PlantedDrive:
         """What the plant calls it."""
         return self.planned.name
 
-    @property
-    def codec(self) -> Codec:
-        """The telegrams that it understands."""
-        return self.inner.codec
+    def time_of(self, now: float) -> float:
+        """Return the time of its process."""
+        return now * self._speed
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a request; a sound one for somebody else is passed over quickly."""
@@ -78,9 +72,9 @@ class PlantedDrive:
             address = getattr(find.message, "address", None)
             if address is not None and address not in (self.inner.address, self._broadcast):
                 if self._overhears:
-                    self.inner.overhear(now * self._speed)  # type: ignore[attr-defined]
+                    self.overhear(now)
                 return None
-        reply = self.inner.hear(find, now * self._speed)
+        reply = super().hear(find, now)
         if reply is None:
             return None
         self.asked = find.message if isinstance(find, Framed) else None
@@ -88,29 +82,11 @@ class PlantedDrive:
             reply = stuck.instead_of(reply)
         return reply
 
-    def peek(self, parameter: str, now: float) -> int | str:
-        """Return what it holds, stuck or not. Raises ParameterAddressError."""
-        return self.inner.peek(parameter, now * self._speed)
-
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what it holds, unless a master could then not read it. Raises UsageError."""
         # Tried on another drive: one that holds what makes no telegram would never speak again.
         self._try(self.type.new(), parameter, raw)
         self.inner.poke(parameter, raw)
-
-    def trip(self, code: int, now: float) -> None:
-        """Make it trip."""
-        self.inner.trip(code, now * self._speed)
-
-    def power_cycle(self, now: float) -> None:
-        """Forget what a real one forgets without power, as far as the protocol's virtual drive can."""
-        if isinstance(self.inner, Restarts):
-            self.inner.power_cycle(now * self._speed)
-
-    def follow(self, now: float) -> None:
-        """Let it do what it does by itself."""
-        if isinstance(self.inner, Follows):
-            self.inner.follow(now * self._speed)
 
     # What a plant needs beyond that
 
@@ -122,14 +98,14 @@ class PlantedDrive:
 
     def read(self, parameter: str, now: float) -> Reading:
         """Return what a master would read now, if nothing is stuck. Raises UsageError, DriveError or ReplyError."""
-        return carry_out(self._operations.read(parameter), self.inner, self._codec, now * self._speed)
+        return carry_out(self._operations.read(parameter), self.inner, self._codec, self.time_of(now))
 
     def become_as_new(self, now: float) -> None:
         """Take back the factory settings: of the line, and of all parameters. The motor stays the same one."""
         fresh = self._around(self.name, self.type.new())
         fresh.settings, fresh.gap_s = self.type.factory_facts.settings, self.type.factory_facts.gap_s
         self.planned.fit(fresh.motor)
-        fresh.motor.advance(now * self._speed)
+        fresh.motor.advance(self.time_of(now))
         self.inner = fresh
 
     def _try(self, spare: VirtualDrive, parameter: str, raw: int | str) -> None:

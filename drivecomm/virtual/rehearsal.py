@@ -17,6 +17,7 @@ from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.models import load_model
 from drivecomm.polling import FIRST_ROUND_S, LONGEST_DELAY_S, poll_bus
 from drivecomm.protocol import ParameterInfo, installed
+from drivecomm.virtual.drive_proxy import DriveProxy
 from drivecomm.virtual.drives import virtual_drive
 from drivecomm.virtual.line import VirtualLine
 
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from drivecomm.bus import Bus, Drive
     from drivecomm.link import TraceEvent
     from drivecomm.polling import Plan, PlannedDrive, PlannedRead, PollItem, PollResult
-    from drivecomm.protocol import Codec, Damaged, Framed, LineFacts, LineSettings, Model, VirtualDrive, VirtualReply
+    from drivecomm.protocol import Damaged, Framed, LineFacts, LineSettings, Model, VirtualDrive, VirtualReply
 
 _ROUNDS = 3
 """Rounds until the line goes round as it will for ever: the first one begins on an idle line."""
@@ -272,38 +273,17 @@ def _type(readable: Sequence[ParameterInfo], read: PlannedRead) -> str:
     return Counter(info.type for info in readable).most_common(1)[0][0]
 
 
-class _Double:
+class _Double(DriveProxy):
     """A virtual drive that answers after a time of our choice."""
 
     def __init__(self, drive: VirtualDrive, delay_s: float | None) -> None:
-        self.address = drive.address
-        self.settings = drive.settings
-        self.gap_s = drive.gap_s
-        self.motor = drive.motor
-        self._drive = drive
+        super().__init__(drive)
         self._delay_s = delay_s
-
-    @property
-    def codec(self) -> Codec:
-        """The telegrams that the drive understands."""
-        return self._drive.codec
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Let the drive answer, after that time."""
-        reply = self._drive.hear(find, now)
+        reply = super().hear(find, now)
         return reply if reply is None or self._delay_s is None else replace(reply, delay_s=self._delay_s)
-
-    def peek(self, parameter: str, now: float) -> int | str:
-        """Return what the drive holds."""
-        return self._drive.peek(parameter, now)
-
-    def poke(self, parameter: str, raw: int | str) -> None:
-        """Set what the drive holds."""
-        self._drive.poke(parameter, raw)
-
-    def trip(self, code: int, now: float) -> None:
-        """Make the drive trip."""
-        self._drive.trip(code, now)
 
 
 class _Ledger:

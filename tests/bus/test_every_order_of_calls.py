@@ -20,6 +20,7 @@ import pytest
 import drivecomm
 from drivecomm.bus import open_bus_async
 from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
+from drivecomm.link import PortProxy
 from drivecomm.protocol import Framed, Stop
 from drivecomm.virtual import VirtualLine, drive_type
 
@@ -45,13 +46,12 @@ def kind_of_drive(protocol):
     return drive_type(protocol, ADDRESS, options={})
 
 
-class SteppedPort:
+class SteppedPort(PortProxy):
     """A port of a virtual line that tells before each of its steps."""
 
     def __init__(self, port, step):
-        self._port, self._step = port, step
-        self.paced, self.real_time, self.descriptor = port.paced, port.real_time, port.descriptor
-        self.now, self.wall_time, self.hold_back, self.close = port.now, port.wall_time, port.hold_back, port.close
+        super().__init__(port)
+        self._step = step
 
     def configure(self, settings):
         self._step()
@@ -64,9 +64,6 @@ class SteppedPort:
     def read(self, until, at_least):
         self._step()
         return self._port.read(until, at_least)
-
-    def take(self):
-        return self._port.take()
 
     def wait(self, until):
         self._step()

@@ -6,10 +6,9 @@ import io
 import os
 import re
 import shlex
-import signal
 import socket
-import subprocess
-import sys
+
+from forked import Forked
 
 from drivecomm.cli import main
 
@@ -36,11 +35,14 @@ def in_process(arguments):
 
 
 class Console:
-    """A terminal, and further ones with simulators in them. run: carries out a drivecomm command."""
+    """A terminal, and further ones with simulators in them.
 
-    def __init__(self, run, environment=None):
+    run: carries out a drivecomm command. folders: where simulators find modules beside those that are installed.
+    """
+
+    def __init__(self, run, folders=()):
         self._run = run
-        self._environment = environment
+        self._folders = folders
         self._simulators = []
         with socket.create_server(("127.0.0.1", 0)) as door:
             self._own = f"127.0.0.1:{door.getsockname()[1]}"
@@ -50,10 +52,10 @@ class Console:
 
     def __exit__(self, *_):
         for simulator in self._simulators:
-            simulator.send_signal(signal.SIGTERM)
+            simulator.terminate()
         for simulator in self._simulators:
-            output, _ = simulator.communicate(timeout=10)
-            assert simulator.returncode == 0, output
+            code, output = simulator.end()
+            assert code == 0, output
 
     def play(self, block):
         """Carry out a block, command by command; exit codes and output must be those of the page."""
@@ -76,15 +78,9 @@ class Console:
 
     def simulate(self, arguments):
         """Start a simulator; it runs until the terminal is closed."""
-        simulator = subprocess.Popen(
-            [sys.executable, "-m", "drivecomm", *arguments],
-            env=self._environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
+        simulator = Forked(arguments, self._folders)
         self._simulators.append(simulator)
-        return 0, simulator.stdout.readline()
+        return 0, simulator.line()
 
 
 def _commands_of(block):

@@ -1,23 +1,13 @@
 """What the page of a protocol says of its models: common names, watchdogs, rules of identification."""
 
-import importlib.util
 import re
 
 import pytest
-from pages import ROOT
+from markdown_tables import code
+from protocol_pages import protocol_page
 
 from drivecomm.models import load_model, model_names, quantities
 from drivecomm.protocol import installed
-
-pytest.importorskip("mkdocs", reason="the pages need the extra named docs")
-
-
-@pytest.fixture(scope="module")
-def generate():
-    spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="module", params=[plugin.name for plugin in installed.working()])
@@ -32,8 +22,8 @@ def sections(page):
     return dict(zip(parts[::2], parts[1::2], strict=True))
 
 
-def test_every_common_name_stands_with_its_unit_and_parameter_at_the_model_that_brings_it(plugin, generate):
-    told = sections(generate.protocol_page(plugin))
+def test_every_common_name_stands_with_its_unit_and_parameter_at_the_model_that_brings_it(plugin):
+    told = sections(protocol_page(plugin))
     models = {name: load_model(plugin.package, plugin.name, name) for name in model_names(plugin.package, plugin.name)}
     assert set(told) == set(models)
     shown = "".join(told.values())
@@ -48,12 +38,12 @@ def test_every_common_name_stands_with_its_unit_and_parameter_at_the_model_that_
             assert row.search(shown)
 
 
-def test_watchdogs_and_rules_are_told(plugin, generate):
-    told = sections(generate.protocol_page(plugin))
+def test_watchdogs_and_rules_are_told(plugin):
+    told = sections(protocol_page(plugin))
     for name, text in told.items():
         model = load_model(plugin.package, plugin.name, name)
         for key, pattern in model.identified_by.items():
-            assert f"{key} {generate._code(pattern)}" in text
+            assert f"{key} {code(pattern)}" in text
         if model.watchdog:
             assert f"| time, in seconds | `{model.watchdog.time}` |" in "".join(told.values())
             assert model.watchdog.source in "".join(told.values())

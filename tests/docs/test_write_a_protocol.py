@@ -7,6 +7,7 @@ import tomllib
 
 import pytest
 from console import Console, must_match
+from forked import Forked
 from pages import ROOT, blocks_of
 
 PAGE = ROOT / "docs" / "development" / "write-a-protocol.md"
@@ -33,71 +34,76 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def environment(folder):
-    path = os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH")])])
-    return {**os.environ, "PYTHONPATH": path, "COLUMNS": "200"}
+def run(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*arguments):
+        return Forked(arguments, [str(folder)]).end()
+
+    return run
 
 
 @pytest.fixture
-def run(folder, environment, monkeypatch):
+def run_python(folder, monkeypatch):
     monkeypatch.chdir(folder)
+    path = os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH")])])
 
     def run(*arguments):
         return subprocess.run(
-            [sys.executable, *arguments], env=environment, capture_output=True, text=True, timeout=60, check=False
+            [sys.executable, *arguments],
+            env={**os.environ, "PYTHONPATH": path},
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
         )
 
     return run
 
 
 def test_it_is_listed_with_its_model(run):
-    done = run("-m", "drivecomm", "protocols", "--json")
-    assert '"protocol": "toy", "title": "Toy drive"' in done.stdout
-    assert '"models": ["t1"]' in done.stdout
+    _, output = run("protocols", "--json")
+    assert '"protocol": "toy", "title": "Toy drive"' in output
+    assert '"models": ["t1"]' in output
 
 
 def test_its_vectors_pass_every_check(run):
-    done = run("-m", "drivecomm", "vectors", "check", "drivecomm_toy/vectors.toml")
-    assert done.returncode == 0, done.stdout
-    assert done.stdout.endswith(" 0 failed\n")
+    code, output = run("vectors", "check", "drivecomm_toy/vectors.toml")
+    assert code == 0, output
+    assert output.endswith(" 0 failed\n")
 
 
 def test_it_stands_the_conformance_kit(run):
-    done = run("-m", "drivecomm", "conformance", "toy", "--quick")
-    assert done.returncode == 0, done.stdout
+    code, output = run("conformance", "toy", "--quick")
+    assert code == 0, output
 
 
-def test_commands_of_the_page(run, environment):
+def test_commands_of_the_page(run, folder):
     """Decode, encode, and a simulator that is scanned and read."""
-
-    def command(arguments):
-        done = run("-m", "drivecomm", *arguments)
-        return done.returncode, done.stdout + done.stderr
-
     block = next(block for block in blocks_of(PAGE) if block.language == "console" and "decode" in block.code)
-    with Console(command, environment) as console:
+    with Console(lambda arguments: run(*arguments), [str(folder)]) as console:
         console.play(block)
 
 
-def test_program_of_the_page(run):
+def test_program_of_the_page(run_python):
     """Scan, write, read, start, stop, trip and reset on a virtual line, beside a VABus drive."""
     blocks = list(blocks_of(PAGE))
     program = next(block for block in blocks if block.language == "python" and not block.title)
     shown = next(block for block in blocks if block.remark == "prints")
-    done = run("-c", program.code)
+    done = run_python("-c", program.code)
     assert done.returncode == 0, done.stderr
     must_match(shown.code, done.stdout, PAGE)
 
 
-def test_its_page_is_generated(run):
+def test_its_page_is_generated(run_python):
     """The documentation draws the telegrams of a protocol that drivecomm has never heard of."""
-    pytest.importorskip("mkdocs", reason="the pages need the extra named docs")
     code = (
-        "import sys; sys.path.insert(0, sys.argv[1]); import generate\n"
+        "import sys; sys.path.insert(0, sys.argv[1]); import protocol_pages\n"
         "from drivecomm.protocol.registry import installed\n"
-        "print(generate.protocol_page(installed['toy']))"
+        "print(protocol_pages.protocol_page(installed['toy']))"
     )
-    done = run("-c", code, str(ROOT / "docs"))
+    done = run_python("-c", code, str(ROOT / "docs"))
     assert done.returncode == 0, done.stderr
     assert "# Toy drive" in done.stdout
     assert "| > | address | kind | parameter | data | XOR |" in " ".join(done.stdout.split())
@@ -105,8 +111,8 @@ def test_its_page_is_generated(run):
 
 
 def test_it_knows_only_the_contract():
-    allowed = {"protocol", "protocol.schema", "errors"}
+    allowed = {"drivecomm.protocol", "drivecomm.protocol.schema", "drivecomm.errors"}
     for block in blocks_of(PAGE):
         if block.title.endswith(".py"):
             imported = {line.split()[1] for line in block.code.splitlines() if line.startswith("from drivecomm.")}
-            assert imported <= {f"drivecomm.{name}" for name in allowed}, block.title
+            assert imported <= allowed, block.title

@@ -75,7 +75,7 @@ def test_levels(caplog):
 def test_what_nobody_wants_is_not_decoded(line, monkeypatch):
     logger = logging.getLogger(LOGGER_NAME)
     logger.setLevel(logging.WARNING)
-    monkeypatch.setattr("drivecomm.link.logs.fields_of", lambda _: pytest.fail("decoded for nobody"))
+    monkeypatch.setattr("drivecomm.link.tracing.fields_of", lambda _: pytest.fail("decoded for nobody"))
     try:
         read(line, log_events())
     finally:

@@ -18,11 +18,10 @@ from drivecomm.testing import (
     VectorFile,
     carry_out,
     checks_of,
-    compiles_whole,
     packaged_vectors,
     run_checks,
-    same_both_ways,
 )
+from drivecomm.testing.checks.schemas import compiles_whole, same_both_ways
 from drivecomm_vabus.telegrams import Ack, Enquiry, Value
 
 VABUS = installed["vabus"]
@@ -333,7 +332,7 @@ def test_a_schema_that_reads_and_writes_one_thing():
 def test_a_report_about_nothing_is_not_good():
     assert not carry_out([]).ok
     assert carry_out([Check("a", lambda: None)]).ok
-    assert not Report(verdicts=()).ok
+    assert not Report(results=()).ok
 
 
 def test_a_report_tells_errors_of_the_tree_apart():

@@ -8,8 +8,9 @@ from hypothesis import given, strategies as st
 
 from drivecomm import errors
 from drivecomm.errors import FileFormatError
-from drivecomm.testing import Call, Entry, ExchangeVector, Expected, Step, load_vectors
-from drivecomm.testing.exchange_vectors import DEEDS, ERROR_NAMES, read_exchange
+from drivecomm.testing import Call, ExchangeVector, Expected, WireStep, load_vectors
+from drivecomm.testing.exchange_vectors import ACTIONS, ERROR_NAMES, read_exchange
+from drivecomm.tomlfile import Table
 
 HEAD = 'format = 2\nprotocol = "vabus"\n'
 EXCHANGE = """
@@ -38,7 +39,7 @@ def test_the_least_that_an_exchange_has(load):
     assert (vector.id, vector.source, vector.address) == ("one", "somewhere", 1)
     assert (vector.printed, vector.model, vector.options, vector.note) == (False, "", {}, "")
     assert vector.calls == (Call(call="read", arguments={"parameter": "481"}),)
-    assert vector.steps == (Step(deed="send", data=b"\x04"), Step(deed="reply", data=b"A\x06"))
+    assert vector.steps == (WireStep(action="send", data=b"\x04"), WireStep(action="reply", data=b"A\x06"))
 
 
 def test_all_that_an_exchange_can_have(load):
@@ -73,7 +74,7 @@ note = "all of it"
     assert first.expected == Expected(error="NoReplyError", error_text="within")
     assert second.expected == Expected(result={"word": 7})
     assert last.expected == Expected(result={})
-    assert [step.deed for step in vector.steps] == [
+    assert [step.action for step in vector.steps] == [
         "garbage",
         "send",
         "silence",
@@ -102,7 +103,7 @@ def test_every_key_is_explained():
     section = text.partition("## `[[exchange]]`")[2].partition("\n## ")[0]
     for name in [field.name for field in fields(ExchangeVector)] + [field.name for field in fields(Expected)]:
         assert f"`{name}`" in section, name
-    assert all(f"{{ {deed} = " in section for deed in DEEDS)
+    assert all(f"{{ {action} = " in section for action in ACTIONS)
 
 
 def steps(text):
@@ -119,50 +120,76 @@ def calls(text):
         (EXCHANGE.replace('source = "somewhere"', ""), "exchange one: the key 'source' is missing"),
         (EXCHANGE.replace('"somewhere"', '" "'), "exchange one: source is empty"),
         (EXCHANGE.replace("address = 1", ""), "exchange one: the key 'address' is missing"),
-        (EXCHANGE.replace("address = 1", 'address = "1"'), "exchange one: address is not a whole number"),
-        (EXCHANGE.replace("address = 1", "address = true"), "exchange one: address is not a whole number"),
-        (EXCHANGE + "colour = 3", "exchange one: the key 'colour' is not known"),
+        (
+            EXCHANGE.replace("address = 1", 'address = "1"'),
+            "line 7: exchange one: address cannot be '1'; write a whole number",
+        ),
+        (
+            EXCHANGE.replace("address = 1", "address = true"),
+            "exchange one: address cannot be True; write a whole number",
+        ),
+        (EXCHANGE + "colour = 3", "exchange one: unknown key 'colour'; the keys are id, source, model,"),
         (EXCHANGE + 'error = "NoReply"', "exchange one: error 'NoReply' is not one of AddressError,"),
         (EXCHANGE + 'error_text = "x"', "exchange one: an exchange without error has no error_text"),
         (
             EXCHANGE + 'error = "LinkError"\nresult = {}',
             "exchange one: an exchange that ends in an error has no result",
         ),
-        (EXCHANGE + "result = 3", "exchange one: result is not a table"),
+        (EXCHANGE + "result = 3", "exchange one: result cannot be 3; write a table in braces"),
         (calls("[]"), "exchange one: calls is empty"),
-        (calls('"read"'), "exchange one: calls is not a list"),
-        (calls('["read"]'), "exchange one: calls is not a list of tables"),
-        (calls("[{}]"), "exchange one, call 1: the key 'call' is missing"),
-        (calls('[{ call = "" }]'), "exchange one, call 1: call is empty"),
-        (calls('[{ call = "read", with = 1 }]'), "exchange one, call 1: the key 'with' is not known"),
-        (calls('[{ call = "read", arguments = 1 }]'), "exchange one, call 1: arguments is not a table"),
+        (calls('"read"'), "exchange one: calls cannot be 'read'; write a list of tables, such as [{ call = "),
+        (calls('["read"]'), "exchange one: write calls as tables"),
+        (calls("[{}]"), "exchange one, calls 1: the key 'call' is missing"),
+        (calls('[{ call = "" }]'), "exchange one, calls 1: call is empty"),
+        (
+            calls('[{ call = "read", with = 1 }]'),
+            "exchange one, calls 1: unknown key 'with'; the keys are call, arguments, result, error, error_text",
+        ),
+        (
+            calls('[{ call = "read", arguments = 1 }]'),
+            "exchange one, calls 1: arguments cannot be 1; write a table in braces",
+        ),
         (calls('[{ call = "read", result = {} }]'), "exchange one: the last call's result and error stand beside"),
-        (steps("3"), "exchange one: steps is not a list"),
-        (steps('["04"]'), "exchange one: steps is not a list of tables"),
-        (steps("[{}]"), "exchange one, step 1: has exactly one of send, reply, silence, garbage, pause_s"),
-        (steps('[{ send = "04", reply = "04" }]'), "exchange one, step 1: has exactly one of"),
-        (steps('[{ send = "0" }]'), "exchange one, step 1: send is no hexadecimal"),
-        (steps('[{ send = "04", after_s = 1 }]'), "exchange one, step 1: the key 'after_s' is not known"),
-        (steps('[{ send = "04" }, { reply = "" }]'), "exchange one, step 2: reply is empty"),
-        (steps('[{ send = "04" }, { reply = "04", after_s = -1 }]'), "exchange one, step 2: after_s is no time"),
-        (steps('[{ send = "04" }, { reply = "04", after_s = "1" }]'), "exchange one, step 2: after_s is no time"),
-        (steps('[{ send = "04" }, { reply = "04", after_s = inf }]'), "exchange one, step 2: after_s is no time"),
-        (steps('[{ send = "04" }, { reply = "04", after_s = true }]'), "exchange one, step 2: after_s is no time"),
-        (steps('[{ send = "04" }, { silence = false }]'), "exchange one, step 2: silence is true or absent"),
-        (steps('[{ send = "04" }, { pause_s = 1 }]'), "exchange one, step 2: after a pause comes a send"),
-        (steps('[{ pause_s = 1 }, { reply = "04" }]'), "exchange one, step 1: after a pause comes a send"),
-        (steps('[{ reply = "04" }]'), "exchange one, step 1: reply comes after a send"),
-        (steps("[{ silence = true }]"), "exchange one, step 1: silence comes after a send"),
+        (steps("3"), "exchange one: steps cannot be 3; write a list of tables, such as [{ send = "),
+        (steps('["04"]'), "exchange one: write steps as tables"),
+        (steps("[{}]"), "exchange one, steps 1: has exactly one of send, reply, silence, garbage, pause_s"),
+        (steps('[{ send = "04", reply = "04" }]'), "exchange one, steps 1: has exactly one of"),
+        (steps('[{ send = "0" }]'), "exchange one, steps 1: send is no hexadecimal"),
+        (steps('[{ send = "04", after_s = 1 }]'), "exchange one, steps 1: unknown key 'after_s'; the keys are send"),
+        (steps('[{ send = "04" }, { reply = "" }]'), "exchange one, steps 2: reply is empty"),
+        (
+            steps('[{ send = "04" }, { reply = "04", after_s = -1 }]'),
+            "steps 2: after_s cannot be -1; write seconds from 0 to 1e9",
+        ),
+        (
+            steps('[{ send = "04" }, { reply = "04", after_s = "1" }]'),
+            "exchange one, steps 2: after_s cannot be '1'; write seconds",
+        ),
+        (
+            steps('[{ send = "04" }, { reply = "04", after_s = inf }]'),
+            "steps 2: after_s cannot be inf; write seconds from 0 to 1e9",
+        ),
+        (
+            steps('[{ send = "04" }, { reply = "04", after_s = true }]'),
+            "exchange one, steps 2: after_s cannot be True; write seconds",
+        ),
+        (steps('[{ send = "04" }, { silence = false }]'), "exchange one, steps 2: silence is true or absent"),
+        (steps('[{ send = "04" }, { pause_s = 1 }]'), "exchange one, steps 2: after a pause comes a send"),
+        (steps('[{ pause_s = 1 }, { reply = "04" }]'), "exchange one, steps 1: after a pause comes a send"),
+        (steps('[{ reply = "04" }]'), "exchange one, steps 1: reply comes after a send"),
+        (steps("[{ silence = true }]"), "exchange one, steps 1: silence comes after a send"),
     ],
 )
 def test_what_is_wrong_is_named(load, text, what):
-    with pytest.raises(FileFormatError, match=r"some\.toml: ") as caught:
+    with pytest.raises(FileFormatError, match=r"some\.toml, line \d+: ") as caught:
         load(text)
     assert what in str(caught.value)
 
 
 SCALARS = st.one_of(st.booleans(), st.integers(-9, 9), st.sampled_from(["", "04", "read", "NoReplyError"]))
-LISTS = st.lists(st.dictionaries(st.sampled_from([*DEEDS, "call", "after_s", "error", "result"]), SCALARS), max_size=3)
+LISTS = st.lists(
+    st.dictionaries(st.sampled_from([*ACTIONS, "call", "after_s", "error", "result"]), SCALARS), max_size=3
+)
 
 
 @given(
@@ -173,7 +200,7 @@ LISTS = st.lists(st.dictionaries(st.sampled_from([*DEEDS, "call", "after_s", "er
 )
 def test_whatever_a_table_holds_is_read_or_refused_by_name(content):
     try:
-        vector = read_exchange(Entry("file", "exchange", "x", content))
+        vector = read_exchange(Table(content, "file", name="exchange x"))
     except FileFormatError as error:
         where = str(error)
     else:

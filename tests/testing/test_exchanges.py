@@ -6,36 +6,36 @@ import pytest
 
 from drivecomm.protocol import installed
 from drivecomm.testing import (
-    EXCHANGE_CHECKS,
     Call,
     CheckFailure,
     ExchangeVector,
     Expected,
-    Step,
+    WireStep,
     call_blocking,
-    exchange_checks,
-    live_checks,
     packaged_vectors,
 )
+from drivecomm.testing.checking import registered
+from drivecomm.testing.checks import exchanges, live
 
 VABUS = installed["vabus"]
 ENQUIRY = bytes.fromhex("04 41 30 30 34 38 31 05")
 ANSWER = bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03 48")
 EOT = b"\x04"
 
-EVERY_WAY = pytest.mark.parametrize("play", EXCHANGE_CHECKS.values(), ids=EXCHANGE_CHECKS)
-FACES = pytest.mark.parametrize("play", [EXCHANGE_CHECKS["exchange"], EXCHANGE_CHECKS["awaited"]])
+WAYS = {way.name: way.function for way in registered("exchanges")}
+EVERY_WAY = pytest.mark.parametrize("play", WAYS.values(), ids=WAYS)
+FACES = pytest.mark.parametrize("play", [WAYS["exchange"], WAYS["awaited"]])
 
 
 def send(data):
-    return Step(deed="send", data=data)
+    return WireStep(action="send", data=data)
 
 
 def reply(data, after_s=None):
-    return Step(deed="reply", data=data, seconds=after_s)
+    return WireStep(action="reply", data=data, seconds=after_s)
 
 
-SILENCE = Step(deed="silence")
+SILENCE = WireStep(action="silence")
 
 
 def reading(*steps, expected=None, **fields):
@@ -77,7 +77,7 @@ def test_a_late_answer_is_passed_over(play):
 
 @FACES
 def test_garbage_in_front_of_an_answer(play):
-    garbage = Step(deed="garbage", data=b"\x7f\x7f")
+    garbage = WireStep(action="garbage", data=b"\x7f\x7f")
     play(VABUS, reading(send(ENQUIRY), garbage, reply(ANSWER), send(EOT)))
 
 
@@ -107,7 +107,7 @@ WRONG = {
     "never sent": (replace(SOUND, steps=(*SOUND.steps, send(EOT))), "step 4: the master never sends 04"),
     "sent behind the end": (replace(SOUND, steps=SOUND.steps[:2]), "the steps are over, and the master sends 04"),
     "sent too early": (
-        replace(SOUND, steps=(*SOUND.steps[:2], Step(deed="pause_s", seconds=0.5), SOUND.steps[2])),
+        replace(SOUND, steps=(*SOUND.steps[:2], WireStep(action="pause_s", seconds=0.5), SOUND.steps[2])),
         "ms too early for the pause of step 3",
     ),
     "given up too early": (
@@ -120,7 +120,7 @@ WRONG = {
         "ms too early: the reply time of step 2",
     ),
     "left on the line": (
-        replace(SOUND, steps=(*SOUND.steps, Step(deed="garbage", data=b"\x7f"))),
+        replace(SOUND, steps=(*SOUND.steps, WireStep(action="garbage", data=b"\x7f"))),
         "7F was left on the line",
     ),
     "another value": (
@@ -182,7 +182,7 @@ def test_a_deviation_that_is_caught_on_its_way_is_reported_at_the_end(with_opera
     plugin = with_operations("vabus", read=swallowing)
     wrong = reading(send(ENQUIRY[:-1] + b"\x06"), expected=Expected(result={}))
     with pytest.raises(CheckFailure, match="not 04 41 30 30 34 38 31 06"):
-        exchange_checks.goes_as_written(plugin, wrong)
+        exchanges.goes_as_written(plugin, wrong)
 
 
 def test_an_address_that_is_not_looked_at_is_found_by_what_another_drive_says(in_place_of):
@@ -192,16 +192,16 @@ def test_an_address_that_is_not_looked_at_is_found_by_what_another_drive_says(in
 
     installed_mismatch = VABUS.mismatch
     plugin = in_place_of("vabus", mismatch=mismatch)
-    exchange_checks.goes_as_written(plugin, SOUND)
+    exchanges.goes_as_written(plugin, SOUND)
     with pytest.raises(CheckFailure):
-        exchange_checks.passes_over_another_drive(plugin, SOUND)
+        exchanges.passes_over_another_drive(plugin, SOUND)
 
 
 LIVE = [
-    live_checks.goes_as_written_over_a_terminal,
-    live_checks.goes_as_written_over_a_terminal_awaited,
-    live_checks.goes_as_written_over_a_socket,
-    live_checks.goes_as_written_in_a_thread,
+    live.goes_as_written_over_a_terminal,
+    live.goes_as_written_over_a_terminal_awaited,
+    live.goes_as_written_over_a_socket,
+    live.goes_as_written_in_a_thread,
 ]
 
 
@@ -215,15 +215,15 @@ def test_in_real_time_what_deviates_is_noticed(name):
     vector, why = WRONG[name]
     # The reply time is the drive's own here: to a wrong telegram nobody answers.
     with pytest.raises(CheckFailure, match=why):
-        live_checks.play("tcp", call_blocking, VABUS, replace(vector, options={"attempts": 1}))
+        live.play("tcp", call_blocking, VABUS, replace(vector, options={"attempts": 1}))
 
 
 def test_a_sample_is_of_those_that_take_no_time():
     slow = reading(send(ENQUIRY), SILENCE)
     quick = [replace(SOUND, id=str(number)) for number in range(10)]
-    assert [vector.id for vector in live_checks.sample([slow, *quick], 3)] == ["0", "3", "6"]
-    assert live_checks.sample([slow], 3) == []
-    assert live_checks.sample(quick, 0) == []
+    assert [vector.id for vector in live.sample([slow, *quick], 3)] == ["0", "3", "6"]
+    assert live.sample([slow], 3) == []
+    assert live.sample(quick, 0) == []
 
 
 @pytest.mark.parametrize("name", sorted(installed))

@@ -11,8 +11,11 @@ import pytest
 
 from drivecomm.errors import DriveCommError, FileFormatError
 from drivecomm.protocol import installed
-from drivecomm.testing import PROPERTIES, CheckFailure, drawn, measures_rising, packaged_vectors, try_examples
+from drivecomm.testing import CheckFailure, packaged_vectors
+from drivecomm.testing.checking import registered
+from drivecomm.testing.checks.properties import drawn, measures_rising, try_examples
 
+PROPERTIES = [each.function for each in registered("properties")]
 EXAMPLES = int(os.environ.get("DRIVECOMM_EXAMPLES", "25"))
 
 

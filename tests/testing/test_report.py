@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 import pytest
 
 from drivecomm.protocol import installed
-from drivecomm.testing import QUICK, Check, CheckFailure, carry_out, judge, page, sections_of, try_out
+from drivecomm.testing import QUICK, Check, CheckFailure, carry_out, page, run_conformance, sections_of, try_out
 
 VABUS = installed["vabus"]
 
@@ -41,7 +41,7 @@ def test_what_a_check_takes_is_measured():
     verdict = try_out(Check("a/b", lambda: sum(range(100_000))))
     assert verdict.passed
     assert verdict.seconds > 0
-    assert MIXED.seconds == sum(each.seconds for each in MIXED.verdicts)
+    assert MIXED.seconds == sum(each.seconds for each in MIXED.results)
 
 
 def test_a_failure_without_words_is_a_failure():
@@ -94,10 +94,10 @@ def test_a_page_says_what_is_wrong():
 
 
 def test_a_page_of_a_sound_protocol():
-    report = judge(VABUS, QUICK, only="/contract/")
+    report = run_conformance(VABUS, QUICK, only="/contract/")
     read = Page(page(VABUS, report))
     assert f"all {len(report.passed)} checks hold" in read.text
-    assert all(verdict.check.meaning in read.text for verdict in report.verdicts)
+    assert all(verdict.check.meaning in read.text for verdict in report.results)
 
 
 THREE_LINES = """

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.cli.output import emit, fields_text, say
+from drivecomm.cli.output import emit, say
+from drivecomm.link import ARROWS, fields_text, hex_text, line_text
 from drivecomm.protocol import fields_of
 from drivecomm.traffic.sniffer import AmbiguousTelegram, DamagedTelegram, HeardTelegram
 
@@ -12,16 +13,13 @@ if TYPE_CHECKING:
     from drivecomm.cli.sniff.naming import Meaning
     from drivecomm.traffic.sniffer import Event
 
-_ARROWS = {"request": "->", "reply": "<-"}
-
 
 def say_event(event: Event, meaning: Meaning) -> None:
     """Print an event for people: time, direction, drive, content, what is known of the parameter, remarks."""
     arrow, content = _content(event)
-    remarks = "".join(f"  [{remark}]" for remark in _remarks(event))
-    about = f"  {text}" if (text := _about(meaning)) else ""
     line = f"{event.line}  " if event.line else ""
-    say(f"{line}{event.time_s:12.4f}  {arrow}  {event.drive:<14}  {content}{about}{remarks}".rstrip())
+    parts = (f"{event.drive:<14}", content, _about(meaning))
+    say(line + line_text(event.time_s, arrow, *parts, remarks=_remarks(event)))
 
 
 def emit_event(event: Event, meaning: Meaning) -> None:
@@ -78,9 +76,9 @@ def _content(event: Event) -> tuple[str, str]:
     if finding is None:
         asked = event.pair.request if event.pair else None
         return "--", f"no reply to {fields_text(asked.message)}" if asked else "no reply"
-    shown = finding.data.hex(" ").upper()
+    shown = hex_text(finding.data)
     if isinstance(finding, HeardTelegram):
-        return _ARROWS[finding.direction], fields_text(finding.message)
+        return ARROWS[finding.direction], fields_text(finding.message)
     if isinstance(finding, DamagedTelegram):
         return "!!", f"damaged {finding.direction}  {shown}  [{finding.error}]"
     if isinstance(finding, AmbiguousTelegram):

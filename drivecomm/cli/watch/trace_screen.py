@@ -11,7 +11,7 @@ from textual.binding import Binding
 from textual.screen import Screen
 from textual.widgets import Footer, RichLog, Static
 
-from drivecomm.cli.output import trace_line
+from drivecomm.link import trace_line
 
 if TYPE_CHECKING:
     from textual.app import ComposeResult

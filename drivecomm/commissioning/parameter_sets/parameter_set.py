@@ -20,6 +20,8 @@ Part: TypeAlias = Literal["settings", "communication", "measured"]
 """settings: how the drive works. communication: how it is spoken to. measured: what it shows and nobody restores."""
 
 PARTS: tuple[Part, ...] = ("settings", "communication", "measured")
+"""All parts of a parameter set."""
+
 SETTINGS: tuple[Part, ...] = ("settings",)
 WRITABLE: tuple[Part, ...] = ("settings", "communication")
 

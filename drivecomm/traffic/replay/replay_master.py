@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 # However fast it goes: no protocol that ships with drivecomm wants a longer pause before a request (Fuji, 10 ms).
 _LEAST_PAUSE_S = 0.010
-# How much later than then a reply may come.
 PATIENCE_S = 0.5
+"""How much later than in the capture a reply may come, in seconds."""
 
 
 class Sending(Enum):

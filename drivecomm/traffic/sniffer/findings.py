@@ -82,6 +82,7 @@ class UnknownBytes:
 
 
 Finding: TypeAlias = HeardTelegram | DamagedTelegram | AmbiguousTelegram | UnknownBytes
+"""What the sniffer makes of bytes."""
 
 
 def ways_of(readings: Iterable[Reading]) -> tuple[tuple[str, Direction, Any], ...]:

@@ -125,3 +125,19 @@ def test_what_cannot_be(lines, path):
     path.write_text("format = 2", encoding="utf-8")
     with pytest.raises(FileFormatError):
         lines.plant(path)
+
+
+def test_a_watched_drive_notices_that_its_master_is_silent(lines, tmp_path):
+    path = tmp_path / "plant.toml"
+    drive = 'name = "gate"\ndrive = "fuji:7"\nline = "yard"\noptions = { model = "frenic" }\n'
+    drive += "values = { y08 = 4, y02 = 0 }\n"
+    path.write_text(f'format = 1\n[[line]]\nname = "yard"\n[[drive]]\n{drive}', encoding="utf-8")
+    plant = lines.plant(path)
+    with drivecomm.open_bus(plant.line("yard").port) as bus:
+        master = bus.drive("fuji", 7, model="frenic")
+        master.set_reference(hz=20)
+        master.start()
+        plant.line("yard").advance(3)
+        assert plant.plant.states()[0].running
+        plant.line("yard").advance(3)
+        assert plant.plant.states()[0].fault

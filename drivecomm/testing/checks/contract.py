@@ -1,0 +1,304 @@
+"""The plug-in contract: what a `Protocol` object is made of, and what its operations keep to before they send."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import DriveCommError, ParameterAddressError, TelegramError, UsageError
+from drivecomm.models import model_names
+from drivecomm.protocol import (
+    LINE_FACT_NAMES,
+    Ask,
+    Capabilities,
+    LineFacts,
+    LineSettings,
+    Motor,
+    Pause,
+    Protocol,
+    Stop,
+    Tell,
+    installed,
+    sort_out,
+)
+from drivecomm.testing.bench import bench
+from drivecomm.testing.checking import CheckFailure, check, expect, raise_all
+from drivecomm.testing.subjects import known_model
+from drivecomm.testing.vectors import packaged_vectors
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from drivecomm.protocol import Model, Operations, VirtualDrive
+
+VERBS = (
+    "read",
+    "write",
+    "status",
+    "start",
+    "stop",
+    "reset",
+    "set_reference_percent",
+    "set_reference_hz",
+    "probe",
+    "identify",
+)
+
+_FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
+    "name": str,
+    "title": str,
+    "package": str,
+    "facts": LineFacts,
+    "facts_source": str,
+    "addresses": range,
+    "scan_addresses": range,
+    "default_model": str,
+    "broadcast_address": (int, type(None)),
+    "options": type,
+    "parameter_examples": tuple,
+    "parameter_keys": (frozenset, type(None)),
+    "factory_reading": dict,
+    "plain_writing": dict,
+}
+
+
+@check("contract")
+def has_all_fields(plugin: Protocol) -> None:
+    """Every field of the Protocol object has its type, texts say something, and what is to be called can be."""
+    wrong = []
+    for field in dataclasses.fields(Protocol):
+        value = getattr(plugin, field.name)
+        kind = _FIELD_TYPES.get(field.name)
+        if kind is None:
+            may_be_left_out = field.default is None
+            if not callable(value) and not (may_be_left_out and value is None):
+                wrong.append(f"{field.name} cannot be called")
+        elif not isinstance(value, kind):
+            wrong.append(f"{field.name} is {value!r}")
+        elif isinstance(value, str) and not value.strip():
+            wrong.append(f"{field.name} is empty")
+    raise_all(wrong)
+    expect(installed[plugin.name] is plugin, f"what is installed as {plugin.name} is another object")
+
+
+@check("contract")
+def has_addresses(plugin: Protocol) -> None:
+    """There are addresses, a scan asks only these, and the broadcast address is none of them."""
+    expect(len(plugin.addresses) > 0, "no drive has an address")
+    strange = sorted(set(plugin.scan_addresses) - set(plugin.addresses))
+    expect(not strange, f"a scan asks at {', '.join(map(str, strange[:3]))}, where no drive can be")
+    expect(plugin.broadcast_address not in plugin.addresses, "the broadcast address is that of a drive")
+
+
+@check("contract")
+def has_frozen_options(plugin: Protocol) -> None:
+    """The options are a frozen, keyword-only dataclass that works without any, and share no name with a line fact."""
+    kind = plugin.options
+    expect(dataclasses.is_dataclass(kind), "options is no dataclass")
+    expect(kind.__dataclass_params__.frozen, "the dataclass of options is not frozen")
+    for field in dataclasses.fields(kind):
+        expect(field.kw_only, f"the option {field.name} can be given by its place")
+        expect(field.name not in LINE_FACT_NAMES, f"the option {field.name} has the name of a line fact")
+    expect(kind() == kind(), "options without any given are not always the same")
+    for name in model_names(plugin.package, plugin.name):
+        sort_out(plugin, known_model(plugin, name), {})
+
+
+@check("contract")
+def operations_are_whole(plugin: Protocol) -> None:
+    """Operations have all verbs, capabilities and one address for each parameter; further verbs say what they do."""
+    options = plugin.options()
+    for address in (plugin.addresses[0], plugin.addresses[-1]):
+        if plugin.memory is None:
+            operations = plugin.operations(address, options, None)
+        else:
+            memory = plugin.memory()
+            expect(callable(getattr(memory, "forget", None)), "what is remembered of a drive cannot be forgotten")
+            memory.forget()
+            operations = plugin.operations(address, options, None, memory)
+        for name in (*VERBS, "address_of"):
+            expect(callable(getattr(operations, name, None)), f"the operations have no {name}")
+        able = operations.capabilities
+        expect(isinstance(able, Capabilities), f"the capabilities are {able!r}")
+        expect(able.link_loss.strip(), "nothing is said about what the drive does when its master falls silent")
+        expect(able.stops and able.stops <= set(Stop), f"the ways to stop are {able.stops}")
+        expect(
+            able.broadcast == (plugin.broadcast_address is not None),
+            "capabilities and broadcast address contradict each other",
+        )
+        for name, verb in operations.extra.items():
+            expect(callable(verb), f"the verb {name} cannot be called")
+            expect(inspect.getdoc(verb), f"the verb {name} does not say what it does")
+            expect(name not in VERBS, f"the verb {name} has the name of one that every drive has")
+    model = known_model(plugin, plugin.default_model)
+    _one_address_for_each_parameter(
+        plugin.operations(plugin.addresses[0], sort_out(plugin, model, {})[1], model), model
+    )
+
+
+def _one_address_for_each_parameter(operations: Operations, model: Model) -> None:
+    addresses = [operations.address_of(info.address) for info in model.parameters.values()]
+    for info, address in zip(model.parameters.values(), addresses, strict=True):
+        expect(operations.address_of(info.name) == address, f"{info.name} and {info.address} have two addresses")
+        expect(operations.address_of(address) == address, f"the address {address} of {info.address} has another one")
+    expect(len({*addresses}) == len(addresses), "two parameters of the model have one address")
+
+
+@check("contract")
+def virtual_drives_are_whole(plugin: Protocol) -> None:
+    """A virtual drive has its address, settings, gap, motor and codec; what it holds can be looked at and set."""
+    model = known_model(plugin, plugin.default_model)
+    for address in (plugin.addresses[0], plugin.addresses[-1]):
+        drive = plugin.virtual(address, sort_out(plugin, model, {})[1], model)
+        expect(drive.address == address, f"a drive made for address {address} is at {drive.address}")
+        expect(isinstance(drive.settings, LineSettings), f"the settings are {drive.settings!r}")
+        expect(drive.gap_s > 0, f"the gap is {drive.gap_s!r} s")
+        expect(isinstance(drive.motor, Motor), f"the motor is {drive.motor!r}")
+        held = [info.address for info in model.parameters.values() if _peeked(drive, info.address) is not None]
+        expect(len(held) >= len(model.parameters) / 2, f"it holds {len(held)} of {len(model.parameters)} parameters")
+        for strange in ("", "no such parameter", "-1"):
+            expect(_peeked(drive, strange) is None, f"the parameter {strange!r} is there")
+            expect(not _pokes(drive, strange), f"the parameter {strange!r} can be set")
+
+
+def _peeked(drive: VirtualDrive, parameter: str) -> int | str | None:
+    try:
+        return drive.peek(parameter, 0.0)
+    except ParameterAddressError:
+        return None
+
+
+def _pokes(drive: VirtualDrive, parameter: str) -> bool:
+    try:
+        drive.poke(parameter, 1)
+    except ParameterAddressError:
+        return False
+    return True
+
+
+@check("contract")
+def finds_its_examples(plugin: Protocol) -> None:
+    """The parameter addresses that show the forms of this protocol are parameter addresses."""
+    expect(plugin.parameter_examples, "there are no examples of parameter addresses")
+    operations = plugin.operations(plugin.addresses[0], plugin.options(), None)
+    for parameter in plugin.parameter_examples:
+        command = next(operations.read(parameter))
+        expect(isinstance(command, Ask), f"reading {parameter} begins with {command}, not with a question")
+
+
+@check("contract")
+def refuses_what_cannot_be(plugin: Protocol) -> None:
+    """A wrong parameter, value or option is a UsageError before anything is sent."""
+    with bench(plugin) as on:
+        drive, model = on.drive, on.drive.model
+        known = next(iter(model.parameters)) if model else plugin.parameter_examples[0]
+        calls: dict[str, Callable[[], Any]] = {
+            "reading 'no such parameter'": lambda: drive.read("no such parameter"),
+            "reading ''": lambda: drive.read(""),
+            "writing 'no such parameter'": lambda: drive.write("no such parameter", 1),
+            "an unknown option of read": lambda: drive.read(known, no_such_option=1),
+            "an unknown option of write": lambda: drive.write(known, 1, no_such_option=1),
+            "a verb that is not there": lambda: drive.call("no such verb"),
+            "a reference of a million percent": lambda: drive.set_reference(percent=1_000_000),
+            "a reference that is no number": lambda: drive.set_reference(percent="fast"),
+            "a reference without a unit": drive.set_reference,
+        }
+        for what, call in calls.items():
+            try:
+                call()
+            except UsageError:
+                on.nothing_sent(f"{what} is refused")
+            else:
+                raise CheckFailure(f"{what} is not refused")
+
+
+@check("contract")
+def speaks_to_all_without_waiting(plugin: Protocol) -> None:
+    """A broadcast waits for no reply, stops every motor, and no drive answers; what cannot be broadcast is refused."""
+    if plugin.broadcast_address is None:
+        return
+    operations = plugin.operations(plugin.broadcast_address, plugin.options(), None)
+    for name, begin in _at_all_drives(operations):
+        try:
+            commands = list(begin())
+        except UsageError:
+            continue
+        asked = [command for command in commands if not isinstance(command, Tell | Pause)]
+        expect(not asked, f"{name} at all drives waits for an answer")
+    addresses = (plugin.addresses[0], plugin.addresses[1], plugin.addresses[-1])
+    with bench(plugin, addresses=addresses) as on:
+        for address in addresses:
+            on.bus.drive(plugin.name, address, model=on.drive.model).start()
+        on.settle()
+        drives = (on.virtual, *on.others)
+        said = [len(each.said) for each in drives]
+        on.bus.broadcast(plugin.name, model=on.drive.model).stop()
+        on.settle()
+        for drive, before in zip(drives, said, strict=True):
+            drive.motor.advance(on.line.time)
+            expect(not drive.motor.running, f"all are told to stop, and drive {drive.address} runs on")
+            expect(not any(drive.said[before:]), f"all are told to stop, and drive {drive.address} answers")
+
+
+def _at_all_drives(operations: Operations) -> Iterator[tuple[str, Callable[[], Any]]]:
+    for name in ("status", "start", "reset", "probe", "identify"):
+        yield name, getattr(operations, name)
+    for how in Stop:
+        yield f"a stop by {how.value}", partial(operations.stop, how)
+    yield "a reference", lambda: operations.set_reference_percent(10)
+    yield "a reference in Hz", lambda: operations.set_reference_hz(10)
+
+
+@check("contract")
+def judges_every_pair(plugin: Protocol) -> None:
+    """For any request and any reply, mismatch returns a text and raises nothing."""
+    codec = plugin.codec(plugin.options())
+    messages: dict[str, list[Any]] = {"request": [], "reply": []}
+    for vector in packaged_vectors(plugin).vectors:
+        if vector.valid and not vector.options:
+            messages[vector.direction].append(codec.decode(vector.data, vector.direction))
+    for request in messages["request"]:
+        for reply in messages["reply"]:
+            try:
+                found = plugin.mismatch(request, reply)
+            except DriveCommError as error:
+                raise CheckFailure(f"asked whether {reply} answers {request}, it raises {error}") from error
+            expect(isinstance(found, str), f"asked whether {reply} answers {request}, it says {found!r}")
+
+
+@check("contract")
+def is_honest_about_blind_spots(plugin: Protocol) -> None:
+    """Where a blind spot is declared, a wrong bit does go unnoticed in some telegram; no more is excused than is so."""
+    declared: dict[tuple[str, int, int], bytes] = {}
+    confirmed: set[tuple[str, int, int]] = set()
+    codec = plugin.codec(plugin.options())
+    for vector in packaged_vectors(plugin).vectors:
+        if not vector.valid or vector.options:
+            continue
+        data, direction = vector.data, vector.direction
+        for place in plugin.blind_spots(data, direction):
+            key = (direction, len(data), place)
+            declared[key] = data
+            if key in confirmed:
+                continue
+            for bit in range(8):
+                flipped = data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :]
+                if _decodes(codec, flipped, direction):
+                    confirmed.add(key)
+                    break
+    raise_all(
+        [
+            f"byte {place} of a {direction} of {length} bytes is called blind, and every wrong bit in it is noticed"
+            for direction, length, place in sorted(set(declared) - confirmed)
+        ]
+    )
+
+
+def _decodes(codec: Any, data: bytes, direction: str) -> bool:
+    try:
+        codec.decode(data, direction)
+    except TelegramError:
+        return False
+    return True

@@ -1,0 +1,110 @@
+"""What a protocol package says about itself: what it covers, and where every fact comes from."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+from importlib import resources
+from typing import TYPE_CHECKING
+
+from drivecomm.models import check_model, model_names, packaged_models
+from drivecomm.testing.checking import check, expect, raise_all
+from drivecomm.testing.subjects import known_model
+from drivecomm.testing.vectors import packaged_vectors
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import Protocol
+
+_A_DOCUMENT = re.compile(
+    r"\b(manual|guide|description|instructions?|specification|standard|handbook|document)s?\b", re.IGNORECASE
+)
+_A_PLACE = re.compile(r"\b(p|page|pages|section|sections|chapter|table|printed page)\b\.?|\d+-\d+", re.IGNORECASE)
+
+
+@check("documents")
+def has_a_readme(plugin: Protocol) -> None:
+    """The README of the package names the documents that the protocol is taken from, and where in them."""
+    readme = resources.files(plugin.package) / "README.md"
+    expect(readme.is_file(), f"{plugin.package} has no README.md")
+    text = readme.read_text(encoding="utf-8")
+    expect(len(text.split()) >= 50, "the README says next to nothing")
+    expect(_A_DOCUMENT.search(text), "the README names no manual or other document")
+    expect(_A_PLACE.search(text), "the README names no page or section")
+
+
+@check("documents")
+def names_the_source_of_its_facts(plugin: Protocol) -> None:
+    """Line settings and timing say where they come from, with speed and form of a character as they are given."""
+    expect(len(plugin.facts_source.split()) >= 3, f"the source of the line facts is {plugin.facts_source!r}")
+    settings = plugin.facts.settings
+    for fact in (f"{settings.baudrate}", f"{settings.bytesize}{settings.parity}{settings.stopbits:g}"):
+        expect(fact in plugin.facts_source, f"the line is {settings}, and the source of its facts does not say {fact}")
+
+
+@check("documents")
+def has_a_source_for_every_vector(plugin: Protocol) -> None:
+    """Every telegram and every exchange says where it is known from."""
+    file = packaged_vectors(plugin)
+    expect(file.vectors, "there are no vectors")
+    sources = {each.id: each.source for each in file.vectors} | {each.id: each.source for each in file.exchanges}
+    raise_all([f"{name} has no source" for name, source in sources.items() if not source.strip()])
+
+
+@check("documents")
+def has_vectors_for_everything(plugin: Protocol) -> None:
+    """There are vectors for both directions, for what is refused, and for every form that the protocol declares."""
+    file = packaged_vectors(plugin)
+    directions = {vector.direction for vector in file.vectors if vector.valid}
+    expect(directions == {"request", "reply"}, f"there are vectors for {sorted(directions)} only")
+    expect(any(not vector.valid for vector in file.vectors), "no vector is one that must be refused")
+    raise_all(
+        [
+            f"no vector is a telegram of the form {title!r}"
+            for title, form in plugin.forms().items()
+            if not any(_reads(form.parse_declared, vector.data) for vector in file.vectors)
+        ]
+    )
+
+
+def _reads(parse: object, data: bytes) -> bool:
+    try:
+        parse(data)  # type: ignore[operator]
+    except Exception:  # noqa: BLE001 - whatever it says, it is not this form
+        return False
+    return True
+
+
+@check("documents")
+def has_a_source_for_every_parameter(plugin: Protocol) -> None:
+    """Every parameter of every model has a source, its own or its model's."""
+    wrong = []
+    for name in model_names(plugin.package, plugin.name):
+        model = known_model(plugin, name)
+        wrong += [
+            f"parameter {info.address} of model {name} has no source"
+            for info in model.parameters.values()
+            if not (info.source.strip() or model.source.strip())
+        ]
+    raise_all(wrong)
+
+
+@check("documents")
+def has_models_in_order(plugin: Protocol) -> None:
+    """Every model file of the package is in order, as `drivecomm models check` sees it."""
+    raise_all([str(finding) for path in packaged_models(plugin.package) for finding in check_model(path, plugin)])
+
+
+@check("documents")
+def explains_its_options(plugin: Protocol) -> None:
+    """The docstring of the options explains each of them, and the package says what it is."""
+    text = inspect.getdoc(plugin.options) or ""
+    raise_all(
+        [
+            f"the option {field.name} is not explained"
+            for field in dataclasses.fields(plugin.options)
+            if not re.search(rf"\b{re.escape(field.name)}\b", text)
+        ]
+    )
+    module = inspect.getmodule(plugin.options)
+    expect(module is not None and inspect.getdoc(module), "the module of the options has no docstring")

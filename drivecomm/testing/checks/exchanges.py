@@ -1,0 +1,196 @@
+"""Exchanges: the calls of a vector against its steps, with every face and every way that bytes arrive."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from decimal import Decimal
+from typing import TYPE_CHECKING
+
+from drivecomm.bus import Verbs
+from drivecomm.errors import DriveCommError, ReplyError, TelegramError
+from drivecomm.protocol import Pause, fields_of, sort_out
+from drivecomm.testing.calls import CallResult, Line, call_awaited, call_blocking, compare, exchange_of
+from drivecomm.testing.checking import check
+from drivecomm.testing.checks.framing import noise_of
+from drivecomm.testing.exchange_vectors import WireStep
+from drivecomm.testing.script import Script, play
+from drivecomm.testing.scripted_port import ScriptedPort
+from drivecomm.testing.subjects import known_model
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import TypeAlias
+
+    from drivecomm.link import Echo
+    from drivecomm.protocol import Codec, Direction, Exchange, Message, Protocol
+    from drivecomm.testing.exchange_vectors import ExchangeVector
+
+    Face: TypeAlias = Callable[[Protocol, ExchangeVector, Line], None]
+
+
+@check("exchanges", "exchange")
+def goes_as_written(plugin: Protocol, vector: ExchangeVector) -> None:
+    """The blocking face sends, waits and results in what the vector says."""
+    _play(call_blocking, plugin, vector, ScriptedPort())
+
+
+@check("exchanges", "awaited", costly=True)
+def goes_as_written_awaited(plugin: Protocol, vector: ExchangeVector) -> None:
+    """The awaited face sends, waits and results in what the vector says."""
+    _play(call_awaited, plugin, vector, ScriptedPort())
+
+
+@check("exchanges", "echo", costly=True)
+def goes_as_written_with_echo(plugin: Protocol, vector: ExchangeVector) -> None:
+    """An adapter that hands back what is sent changes nothing."""
+    _play(call_blocking, plugin, vector, ScriptedPort(echo=True), echo="expect")
+
+
+@check("exchanges", "lumps", costly=True)
+def goes_as_written_in_lumps(plugin: Protocol, vector: ExchangeVector) -> None:
+    """An adapter that collects the characters of a telegram before it hands them over changes nothing."""
+    _play(call_blocking, plugin, vector, ScriptedPort(in_lumps=True))
+
+
+@check("exchanges", "another-drive")
+def passes_over_another_drive(plugin: Protocol, vector: ExchangeVector) -> None:
+    """What another drive says in front of each reply changes nothing."""
+    codec = _codec(plugin, vector)
+    steps: list[WireStep] = []
+    asked = b""
+    for step in vector.steps:
+        asked = step.data if step.action == "send" else asked
+        said = _of_another_drive(plugin, vector, asked, step.data) if step.action == "reply" else b""
+        if said and _decoded(codec, said, "reply") is not None:
+            steps += [replace(step, data=said), replace(step, seconds=None)]
+        else:
+            steps.append(step)
+    _play(call_blocking, plugin, replace(vector, steps=tuple(steps)), ScriptedPort())
+
+
+@check("exchanges", "noise", costly=True)
+def passes_over_noise(plugin: Protocol, vector: ExchangeVector) -> None:
+    """Characters that begin no telegram, in front of each reply, change nothing."""
+    codec = _codec(plugin, vector)
+    noise = noise_of(codec, "reply")[:3]
+    steps: list[WireStep] = []
+    for step in vector.steps:
+        if step.action == "reply" and noise and _decoded(codec, step.data, "reply") is not None:
+            steps += [WireStep(action="garbage", data=noise, seconds=step.seconds), replace(step, seconds=None)]
+        else:
+            steps.append(step)
+    _play(call_blocking, plugin, replace(vector, steps=tuple(steps)), ScriptedPort())
+
+
+@check("exchanges", "script")
+def goes_as_written_without_a_line(plugin: Protocol, vector: ExchangeVector) -> None:
+    """The operations alone, on the script runner, ask and result in what the vector says.
+
+    Only where each request has its reply: what a link does about silence and damage is not theirs.
+    """
+    script = _as_script(plugin, vector)
+    if script is None:
+        return
+    model = known_model(plugin, vector.model) if vector.model else None
+    options = sort_out(plugin, model, vector.options)[1]
+    verbs = Verbs(f"{plugin.name}:{vector.address}", plugin.operations(vector.address, options, model))
+    play(_as_on_the_wire(_codec(plugin, vector), _calls_of(vector, verbs)), script)
+
+
+def _as_on_the_wire(codec: Codec, exchange: Exchange[None]) -> Exchange[None]:
+    """Let an exchange ask what a drive would hear: a field may be left out where its value goes without saying."""
+    try:
+        command = next(exchange)
+        while True:
+            if not isinstance(command, Pause):
+                heard = codec.decode(codec.encode(command.message), "request")
+                command = replace(command, message=heard)
+            command = exchange.send((yield command))
+    except StopIteration:
+        return
+
+
+def _calls_of(vector: ExchangeVector, verbs: Verbs) -> Exchange[None]:
+    for call in vector.calls:
+        try:
+            outcome = CallResult((yield from exchange_of(verbs, call)))
+        except DriveCommError as error:
+            outcome = CallResult(error=error)
+        compare(call, outcome)
+
+
+def _as_script(plugin: Protocol, vector: ExchangeVector) -> list[tuple[Message, Message | ReplyError | None]] | None:
+    """Return the steps as messages; None where they are more than requests and their replies."""
+    codec = _codec(plugin, vector)
+    script: list[tuple[Message, Message | ReplyError | None]] = []
+    steps = [step for step in vector.steps if step.action != "pause_s"]
+    while steps:
+        send = steps.pop(0)
+        request = _decoded(codec, send.data, "request")
+        if send.action != "send" or request is None:
+            return None
+        reply = None
+        if steps and steps[0].action == "reply":
+            reply = _decoded(codec, steps.pop(0).data, "reply")
+            if reply is None or plugin.mismatch(request, reply):
+                return None
+        script.append((request, reply))
+    return script
+
+
+def _decoded(codec: Codec, data: bytes, direction: Direction) -> Message | None:
+    try:
+        return codec.decode(data, direction)
+    except TelegramError:
+        return None
+
+
+def _codec(plugin: Protocol, vector: ExchangeVector) -> Codec:
+    model = known_model(plugin, vector.model) if vector.model else None
+    return plugin.codec(sort_out(plugin, model, vector.options)[1])
+
+
+def _of_another_drive(plugin: Protocol, vector: ExchangeVector, asked: bytes, data: bytes) -> bytes:
+    """Return such a reply from another address, with other content where that can be; nothing where it has none."""
+    codec = _codec(plugin, vector)
+    request, message = _decoded(codec, asked, "request"), _decoded(codec, data, "reply")
+    if request is None or message is None or not hasattr(message, "address"):
+        return b""
+    others = [address for address in plugin.addresses if address not in (message.address, vector.address)]
+    said = _encoded(codec, message, address=others[0]) if others else None
+    if said is None or said == data:
+        return b""
+    other = codec.decode(said, "reply")
+    # What only repeats the request says nothing of the drive.
+    repeated = {name for name, value in fields_of(request).items() if getattr(message, name, None) == value}
+    for name in fields_of(message).keys() - repeated - {"address", "kind"}:
+        changed = _encoded(codec, other, **{name: _changed(getattr(other, name))})
+        other = other if changed is None else codec.decode(changed, "reply")
+    return codec.encode(other)
+
+
+def _changed(value: object) -> object:
+    if isinstance(value, int | Decimal) and not isinstance(value, bool):
+        return value + 1 if value % 2 == 0 else value - 1
+    if isinstance(value, str) and value:
+        return value[:-1] + ("1" if value[-1] != "1" else "2")
+    return value
+
+
+def _encoded(codec: Codec, message: Message, **changes: object) -> bytes | None:
+    try:
+        return codec.encode(replace(message, **changes))
+    except DriveCommError:
+        return None
+
+
+def _play(face: Face, plugin: Protocol, vector: ExchangeVector, port: ScriptedPort, echo: Echo = "off") -> None:
+    playing: list[Script] = []
+
+    def ready(reply_time_s: float) -> None:
+        script = Script(vector.steps, reply_time_s=reply_time_s, wire_s=port.wire_s)
+        playing.append(script)
+        port.follow(script)
+
+    face(plugin, vector, Line(lambda: port, ready, echo))
+    playing[0].over(port.now(), port.unread)

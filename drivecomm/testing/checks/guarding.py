@@ -1,0 +1,113 @@
+"""What a virtual drive has to do by itself: guard its limits, forget what was not stored, heed a sign.
+
+A master that knows the limits too refuses first, so that a drive without any would never be seen.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+from decimal import Decimal
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.testing.bench import bench
+from drivecomm.testing.checking import check, expect, raise_all
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from drivecomm.protocol import Model, ParameterInfo, Protocol
+    from drivecomm.testing.bench import Bench
+
+_NEAR_HZ = 0.05
+# Enough to see that it is so for numbers of every kind.
+_TRIED = 4
+
+
+@check("commands")
+def guards_its_limits(plugin: Protocol, model: Model) -> None:
+    """A value beyond the limits is not taken by a virtual drive either, sent by a master that knows no limits."""
+    careless = replace(
+        model,
+        parameters={name: replace(info, minimum=None, maximum=None) for name, info in model.parameters.items()},
+    )
+    wrong = []
+    with bench(plugin, model) as on:
+        drive = on.bus.drive(plugin.name, on.virtual.address, model=careless)
+        for info in _numbers(model):
+            for value in _beyond(info):
+                before = on.virtual.peek(info.address, on.line.time)
+                with suppress(DriveCommError):
+                    drive.write(info.address, value)
+                if on.virtual.peek(info.address, on.line.time) != before:
+                    taken = drive.read(info.address).value
+                    if taken == value:
+                        wrong.append(f"{info.address} := {value} is taken, and its limits are {_limits(info)}")
+    raise_all(wrong)
+
+
+@check("commands")
+def forgets_what_was_not_stored(plugin: Protocol, model: Model) -> None:
+    """What was written and not stored is gone when mains come back, what was stored is there."""
+    for store in (False, True):
+        tried = 0
+        for info in _numbers(model):
+            with bench(plugin, model) as on:
+                able = on.drive.capabilities
+                if not (able.stored_writes and able.volatile_writes and on.virtual.has_mains):
+                    return
+                before = on.virtual.peek(info.address, on.line.time)
+                place = on.place
+                with suppress(DriveCommError):
+                    on.drive.write(info.address, info.start + info.factor, store=store)  # type: ignore[operator]
+                written = on.virtual.peek(info.address, on.line.time)
+                if written == before or on.place != place:
+                    continue
+                on.virtual.power_cycle(on.line.time)
+                kept = on.virtual.peek(info.address, on.line.time)
+                how = "stored" if store else "written without being stored"
+                wanted = written if store else before
+                expect(kept == wanted, f"{info.address} is {how}, and holds {kept!r} after mains, not {wanted!r}")
+                tried += 1
+            if tried == _TRIED:
+                break
+
+
+@check("commands")
+def heeds_the_sign_of_a_reference(plugin: Protocol, model: Model) -> None:
+    """At a negative reference the motor turns backwards or as slowly as it can, or the reference is refused."""
+    for unit, value in (("hz", 20), ("percent", 40)):
+        with bench(plugin, model) as on:
+            if not getattr(on.drive.capabilities, f"reference_{unit}"):
+                continue
+            slowest = _running_at(on, {unit: 0})
+            try:
+                found = _running_at(on, {unit: -value})
+            except UsageError:
+                continue
+            expect(found <= max(slowest, 0) + _NEAR_HZ, f"at {-value} {unit} the motor turns forwards, {found:g} Hz")
+
+
+def _running_at(on: Bench, reference: dict[str, int]) -> float:
+    on.drive.set_reference(**reference)
+    on.drive.start()
+    on.settle()
+    return on.virtual.motor.output_hz
+
+
+def _numbers(model: Model) -> Iterator[ParameterInfo]:
+    for info in model.parameters.values():
+        if "w" in info.access and "r" in info.access and isinstance(info.start, Decimal):
+            yield info
+
+
+def _beyond(info: ParameterInfo) -> Iterator[Decimal]:
+    if info.minimum is not None:
+        yield info.minimum - info.factor
+    if info.maximum is not None:
+        yield info.maximum + info.factor
+
+
+def _limits(info: ParameterInfo) -> str:
+    return f"{info.minimum} to {info.maximum}"

@@ -1,0 +1,221 @@
+"""Commands and the motor: the master's verbs against the virtual drive, held against what its motor does."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from functools import partial
+from math import isclose
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import DriveError, NotSupported, UsageError
+from drivecomm.protocol import Command, DriveState, Stop
+from drivecomm.testing.bench import bench
+from drivecomm.testing.checking import CheckFailure, check, expect, raise_all
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.protocol import Capabilities, DriveStatus, Model, Protocol
+    from drivecomm.testing.bench import Bench
+
+# A reference has steps; the coarsest that is known is 0.01 Hz, or a 16384th of the range.
+_NEAR_HZ = 0.05
+
+_STOPPING = {
+    Stop.RAMP: Command.RAMP_STOP,
+    Stop.COAST: Command.OFF,
+    Stop.QUICK: Command.QUICK_STOP,
+    Stop.DC_BRAKE: Command.DC_BRAKE,
+}
+
+
+@check("commands")
+def runs_at_the_reference(plugin: Protocol, model: Model) -> None:
+    """After set_reference and start the motor turns as fast as it was told to, and the status says so."""
+    able = _capabilities(plugin, model)
+    if able.reference_hz:
+        for hz in (10, Decimal("22.5")):
+            with bench(plugin, model) as on:
+                on.drive.set_reference(hz=hz)
+                _started(on)
+                found = on.virtual.motor.output_hz
+                expect(isclose(found, hz, abs_tol=_NEAR_HZ), f"told to run at {hz} Hz, it runs at {found:g} Hz")
+                _agrees(on.drive.status(), on)
+    if able.reference_percent:
+        found_at = {}
+        for percent in (5, 10, 20):
+            with bench(plugin, model) as on:
+                on.drive.set_reference(percent=percent)
+                _started(on)
+                found_at[percent] = on.virtual.motor.output_hz
+                status = on.drive.status()
+                _agrees(status, on)
+                told = status.actual_percent
+                expect(told is None or abs(told - percent) < Decimal("0.2"), f"at {percent} % it reports {told} %")
+        expect(
+            found_at[10] > found_at[5]
+            and isclose(found_at[20] - found_at[10], 2 * (found_at[10] - found_at[5]), abs_tol=2 * _NEAR_HZ),
+            f"at 5, 10 and 20 % it runs at {', '.join(f'{each:g}' for each in found_at.values())} Hz",
+        )
+
+
+@check("commands")
+def runs_backwards(plugin: Protocol, model: Model) -> None:
+    """A start in reverse turns the motor backwards, or is refused before anything is sent."""
+    with bench(plugin, model) as on:
+        if not on.drive.capabilities.reverse:
+            _refused(on, lambda: on.drive.start(reverse=True), "starting backwards")
+            return
+        _some_reference(on)
+        on.drive.start(reverse=True)
+        on.settle()
+        found = on.virtual.motor.output_hz
+        expect(found < 0, f"started backwards, the motor turns at {found:g} Hz")
+        status = on.drive.status()
+        expect(status.reverse is not False, "the motor turns backwards, and the status says that it does not")
+        _agrees(status, on)
+
+
+@check("commands")
+def stops_in_every_way(plugin: Protocol, model: Model) -> None:
+    """Each way of stopping does to the motor what its name says; the others are refused before anything is sent."""
+    wrong = []
+    for how in Stop:
+        with bench(plugin, model) as on:
+            if how not in on.drive.capabilities.stops:
+                _refused(on, partial(on.drive.stop, how), f"stopping by {how.value}")
+                continue
+            _some_reference(on)
+            _started(on)
+            on.drive.stop(how)
+            found = on.virtual.motor.command
+            if found is not _STOPPING[how]:
+                wrong.append(f"told to stop by {how.value}, the motor's command is {found.value}")
+            on.settle()
+            status = on.drive.status()
+            if on.virtual.motor.running or status.running or status.state is DriveState.RUNNING:
+                wrong.append(f"long after a stop by {how.value} it still runs")
+    raise_all(wrong)
+
+
+@check("commands")
+def tells_its_faults(plugin: Protocol, model: Model) -> None:
+    """A drive that has tripped says so, with the code that it tripped with and the model's text for it."""
+    wrong = []
+    for code in list(model.faults) or [1, 4]:
+        with bench(plugin, model) as on:
+            expect(not on.drive.status().fault, "a drive that has not tripped reports a fault")
+            on.virtual.trip(code, on.line.time)
+            on.line.advance(1.0)
+            status = on.drive.status()
+            if not status.fault or status.state is not DriveState.FAULT or status.running:
+                wrong.append(f"tripped with {code}, it reports {status.state.value}")
+            elif status.fault_code not in (code, None):
+                wrong.append(f"tripped with {code}, it reports fault {status.fault_code}")
+            elif status.fault_code == code and status.fault_text != model.faults.get(code, status.fault_text):
+                wrong.append(f"fault {code} is {status.fault_text!r}, the model says {model.faults[code]!r}")
+    raise_all(wrong)
+
+
+@check("commands")
+def is_reset_and_stands(plugin: Protocol, model: Model) -> None:
+    """A tripped drive refuses to start; a reset clears the fault, and the motor does not move by it."""
+    with bench(plugin, model) as on:
+        _some_reference(on)
+        _started(on)
+        on.virtual.trip(next(iter(model.faults), 4), on.line.time)
+        on.line.advance(1.0)
+        try:
+            on.drive.start()
+        except DriveError:
+            pass
+        else:
+            raise CheckFailure("a start of a tripped drive is taken for done")
+        on.settle()
+        on.drive.reset()
+        on.settle()
+        status = on.drive.status()
+        expect(not status.fault and not on.virtual.motor.fault, "after the reset there is still a fault")
+        expect(not on.virtual.motor.running, "after the reset the motor runs")
+
+
+@check("commands")
+def asking_moves_nothing(plugin: Protocol, model: Model) -> None:
+    """Reading, status, probe and identify neither start a motor nor stop it nor change its speed."""
+    for running in (False, True):
+        with bench(plugin, model) as on:
+            if running:
+                _some_reference(on)
+                _started(on)
+            motor = on.virtual.motor
+            before = (motor.command, motor.target_hz, motor.fault)
+            asking: list[Callable[[], object]] = [on.drive.status, on.drive.probe, on.drive.identify]
+            asking += [partial(on.drive.read, parameter) for parameter in list(model.parameters)[:40]]
+            for ask in asking:
+                try:
+                    ask()
+                except DriveError:
+                    continue
+                on.line.advance(1.0)
+                after = (motor.command, motor.target_hz, motor.fault)
+                expect(after == before, f"asked only, and the motor goes from {before} to {after}")
+            on.settle()
+            expect((motor.command, motor.target_hz, motor.fault) == before, "asked only, and the motor changes later")
+
+
+@check("commands")
+def does_not_repeat_an_old_command(plugin: Protocol, model: Model) -> None:
+    """After somebody else has stopped the drive, setting the reference does not start it again."""
+    with bench(plugin, model) as on:
+        _some_reference(on)
+        _started(on)
+        on.bus.drive(plugin.name, on.virtual.address, model=model).stop()
+        on.settle()
+        expect(not on.virtual.motor.running, "stopped by another object for the same drive, it still runs")
+        _some_reference(on)
+        on.settle()
+        expect(not on.virtual.motor.running, "a reference starts a drive that somebody else has stopped")
+
+
+def _capabilities(plugin: Protocol, model: Model) -> Capabilities:
+    with bench(plugin, model) as on:
+        return on.drive.capabilities
+
+
+def _some_reference(on: Bench) -> None:
+    if on.drive.capabilities.reference_percent:
+        on.drive.set_reference(percent=40)
+    elif on.drive.capabilities.reference_hz:
+        on.drive.set_reference(hz=20)
+
+
+def _started(on: Bench) -> None:
+    on.drive.start()
+    expect(on.virtual.motor.running, "started, the motor does not run")
+    on.settle()
+
+
+def _agrees(status: DriveStatus, on: Bench) -> None:
+    """Raise CheckFailure where a status contradicts a motor that runs at its reference."""
+    motor = on.virtual.motor
+    expect(status.running and status.state is DriveState.RUNNING, f"the motor runs, and the status is {status.state}")
+    expect(not status.fault, "the motor runs, and the status says fault")
+    expect(status.at_reference is not False, "the motor is at its reference, and the status says that it is not")
+    backwards = motor.output_hz < 0
+    expect(status.reverse in (None, backwards), f"the motor turns at {motor.output_hz:g} Hz, reverse {status.reverse}")
+    told = status.actual_hz
+    expect(
+        told is None or isclose(abs(told), abs(motor.output_hz), abs_tol=_NEAR_HZ),
+        f"the motor turns at {motor.output_hz:g} Hz, the status says {told} Hz",
+    )
+
+
+def _refused(on: Bench, call: Callable[[], object], what: str) -> None:
+    try:
+        call()
+    except NotSupported:
+        on.nothing_sent(f"{what} is refused")
+    except UsageError as error:
+        raise CheckFailure(f"{what} is refused by {type(error).__name__}, not by NotSupported") from error
+    else:
+        raise CheckFailure(f"{what} is not among the capabilities, and is not refused")

@@ -1,0 +1,188 @@
+"""Parameters: the master against the virtual drive, for everything that a model knows."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import DriveCommError, DriveError, UsageError
+from drivecomm.testing.bench import bench
+from drivecomm.testing.calls import as_data
+from drivecomm.testing.checking import check, expect, raise_all
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from drivecomm.protocol import Model, ParameterInfo, Protocol, Reading
+    from drivecomm.testing.bench import Bench
+
+# Some parameters of a manual can only be written, or are read with an index.
+_READABLE = 0.75
+# A few are commands: the drive carries them out and forgets them.
+_KEPT = 0.85
+
+
+@check("parameters")
+def reads_what_the_drive_holds(plugin: Protocol, model: Model) -> None:
+    """Every parameter is read as the drive holds it, with the name, unit and scale of the model."""
+    wrong = []
+    answered = 0
+    with bench(plugin, model) as on:
+        for info in model.parameters.values():
+            try:
+                reading = on.drive.read(info.address)
+            except DriveError:
+                continue
+            except DriveCommError as error:
+                wrong.append(f"{info.address}: {error}")
+                continue
+            answered += 1
+            wrong += _wrong_reading(info, reading, on)
+    raise_all(wrong)
+    expect(
+        answered >= _READABLE * len(model.parameters),
+        f"the drive refuses to tell {len(model.parameters) - answered} of its {len(model.parameters)} parameters",
+    )
+
+
+def _wrong_reading(info: ParameterInfo, reading: Reading, on: Bench) -> Iterator[str]:
+    where = f"{info.address} ({info.name})"
+    held = on.virtual.peek(info.address, on.line.time)
+    if reading.raw != held:
+        yield f"{where} reads {reading.raw!r}, the drive holds {held!r}"
+    if reading.name != info.name:
+        yield f"{where} is called {reading.name!r}"
+    if _is_bare(info, reading):
+        return
+    if reading.unit != info.unit:
+        yield f"{where} has the unit {reading.unit!r}, the model says {info.unit!r}"
+    if info.access != "r" and _can_be_held(info) and reading.value != info.start:
+        yield f"{where} reads {reading.value}, the drive started with {info.start}"
+    meant = info.values.get(int(reading.value)) if isinstance(reading.value, int | Decimal) else None
+    if meant is not None and info.factor == 1 and reading.text != meant:
+        yield f"{where} = {reading.value} is shown as {reading.text!r}, the model says {meant!r}"
+
+
+def _is_bare(info: ParameterInfo, reading: Reading) -> bool:
+    """Whether a reading is the plain number, and says so, because its scale is not certain for this drive."""
+    return reading.note != "" and reading.unit == "" and info.unit != ""
+
+
+def _can_be_held(info: ParameterInfo) -> bool:
+    return info.start is not None and (isinstance(info.start, str) or info.start % info.factor == 0)
+
+
+@check("parameters")
+def is_found_by_name(plugin: Protocol, model: Model) -> None:
+    """A parameter is the same by the name in the model and by its address."""
+    wrong = []
+    with bench(plugin, model) as on:
+        for info in model.parameters.values():
+            if model.find(info.name) is not info:
+                continue
+            try:
+                by_address = on.drive.read(info.address)
+            except DriveError:
+                continue
+            by_name = on.drive.read(info.name)
+            if (by_name.parameter, by_name.unit, by_name.type) != (
+                by_address.parameter,
+                by_address.unit,
+                by_address.type,
+            ):
+                wrong.append(f"{info.name} is {by_name.parameter}, {info.address} is {by_address.parameter}")
+    raise_all(wrong)
+
+
+@check("parameters")
+def writes_what_was_given(plugin: Protocol, model: Model) -> None:
+    """A value that is written is read back as it was given, at the ends of its range too, or refused as a whole."""
+    wrong: list[str] = []
+    tried = kept = 0
+    for info in model.parameters.values():
+        if info.access == "w" or not isinstance(info.start, Decimal):
+            continue
+        outcomes = list(_written(plugin, model, info))
+        wrong += [text for text, _ in outcomes if text]
+        if info.access != "r" and outcomes:
+            tried += 1
+            kept += any(took for _, took in outcomes)
+    raise_all(wrong)
+    expect(kept >= _KEPT * tried, f"{tried - kept} of {tried} parameters keep nothing that is written to them")
+
+
+def _written(plugin: Protocol, model: Model, info: ParameterInfo) -> Iterator[tuple[str, bool]]:
+    """Write some values; yield for each what is wrong with what came of it, and whether the drive took a new value."""
+    with bench(plugin, model) as on:
+        place = on.place
+        for value in _values(info):
+            before = on.virtual.peek(info.address, on.line.time)
+            try:
+                confirmed = on.write(info.address, value)
+            except (UsageError, DriveError):
+                continue
+            except DriveCommError as error:
+                if not on.answers_too_late:
+                    yield f"{info.address} := {value}: {error}", False
+                return
+            if on.place != place:
+                # It was told to speak elsewhere or otherwise, and does.
+                return
+            if info.access == "r":
+                yield f"{info.address} can only be read, and {value} was written to it", False
+                continue
+            after = on.virtual.peek(info.address, on.line.time)
+            reading = on.drive.read(info.address)
+            took = reading.value == value or _is_bare(info, reading)
+            wrong = _wrong_write(info, value, reading, confirmed, unchanged=before == after)
+            if reading.raw != after:
+                wrong = f"{info.address} reads {reading.raw!r}, the drive holds {after!r}"
+            yield wrong, took and before != after
+
+
+def _wrong_write(
+    info: ParameterInfo, value: Decimal, reading: Reading, confirmed: Reading | None, *, unchanged: bool
+) -> str:
+    """Return what is wrong with what is read after a write; a command leaves nothing to read."""
+    # Of a number of no known type nobody knows whether its first bit is a sign; the reading says so.
+    sign_unknown = value < 0 and not info.type and reading.note != ""
+    if reading.value != value and not (unchanged or sign_unknown or _is_bare(info, reading)):
+        return f"{info.address} := {value} is read back as {as_data(reading.value)}"
+    if confirmed is not None and confirmed.value != value and not confirmed.note:
+        return f"{info.address} := {value} is confirmed as {as_data(confirmed.value)}"
+    if info.maximum is not None and value > info.maximum and not unchanged:
+        return f"{info.address} := {value} is above its maximum {info.maximum}"
+    if info.minimum is not None and value < info.minimum and not unchanged:
+        return f"{info.address} := {value} is below its minimum {info.minimum}"
+    return ""
+
+
+def _values(info: ParameterInfo) -> list[Decimal]:
+    """Return physical values that show sign, scale and the ends of the range, the one that the drive has last."""
+    step = info.factor
+    start = info.start if isinstance(info.start, Decimal) else Decimal(0)
+    raws = (0, 1, 3, -1, 258, 32767, -32768, 40000, 70000)
+    near = {start + step, -start, *(raw * step for raw in raws)}
+    for end in (info.minimum, info.maximum):
+        if end is not None:
+            near |= {end, end + step, end - step}
+    return [*sorted(near - {start}), start]
+
+
+@check("parameters")
+def stores_nothing_where_it_cannot(plugin: Protocol, model: Model) -> None:
+    """Where no write can be stored, asking for it is refused before anything is sent."""
+    wrong = []
+    with bench(plugin, model) as on:
+        if on.drive.capabilities.stored_writes:
+            return
+        for info in model.parameters.values():
+            if info.access not in ("rw", "rw*") or not isinstance(info.start, Decimal):
+                continue
+            try:
+                on.drive.write(info.address, info.start, store=True)
+            except UsageError:
+                on.nothing_sent(f"storing {info.address} is refused")
+            else:
+                wrong.append(f"{info.address} is stored, which the capabilities exclude")
+    raise_all(wrong)

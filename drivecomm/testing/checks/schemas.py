@@ -1,0 +1,84 @@
+"""Schemas: the functions made of them do what the declared ones say."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import DriveCommError, TelegramError
+from drivecomm.testing.checking import check, expect, shown
+from drivecomm.testing.subjects import forms_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from drivecomm.protocol import Message
+    from drivecomm.protocol.schema import Form
+    from drivecomm.testing.subjects import Case, NamedForm
+
+
+@check("schemas", "linked")
+def compiles_whole(form: Form[Any]) -> None:
+    """The schema is read and written by functions of its own, not by construct's interpreter."""
+    interpreted = form.read == form.parse_declared or form.write == form.build_declared
+    expect(not interpreted, "a leaf cannot be said in code, so all of the schema is interpreted")
+
+
+@check("vectors", "compiled", costly=True)
+def compiled_as_interpreted(case: Case) -> None:
+    """Every form of the protocol reads and writes the telegram, and what is left of it, in both ways alike."""
+    data = case.vector.data
+    middle = len(data) // 2
+    for named in forms_of(case.plugin):
+        for each in (data, data[:-1], data + b"0", *_changed_at(middle, data)):
+            same_both_ways(named, each)
+        # A form that another telegram belongs to finds out at the first wrong constant; this one's are gone through.
+        if _outcome(named.form.read, data) is not None:
+            for place in range(len(data)):
+                for each in _changed_at(place, data):
+                    same_both_ways(named, each)
+    if case.vector.valid:
+        message = case.codec.decode(case.vector.data, case.vector.direction)
+        for named in forms_of(case.plugin):
+            same_writing(named, message)
+
+
+def same_both_ways(named: NamedForm, data: bytes) -> None:
+    """The compiled and the interpreted schema give the same message for these bytes, or both refuse them.
+
+    What they read is written in both ways too.
+    """
+    fast, declared = _outcome(named.form.read, data), _outcome(named.form.parse_declared, data)
+    expect(
+        type(fast) is type(declared) and fast == declared,
+        f"{named.name} reads {shown(data)} as {fast} compiled and as {declared} interpreted",
+    )
+    if fast is not None:
+        same_writing(named, fast)
+
+
+def same_writing(named: NamedForm, message: Message) -> None:
+    """The compiled and the interpreted schema write this message alike, or both refuse it; others are left alone."""
+    if type(message) is not named.form.message:
+        return
+    fast, declared = _outcome(named.form.write, message), _outcome(named.form.build_declared, message)
+    expect(
+        fast == declared,
+        f"{named.name} writes {message} as {fast!r} compiled and as {declared!r} interpreted",
+    )
+
+
+def _changed_at(place: int, data: bytes) -> Iterator[bytes]:
+    """Yield the telegram with this byte wrong, in a few ways that differ in what they look like."""
+    for wrong in (data[place] ^ 1, data[place] ^ 0x80, 0x20, 0x61):
+        yield data[:place] + bytes([wrong]) + data[place + 1 :]
+
+
+def _outcome(function: Callable[[Any], Any], given: Any) -> Any:
+    """Return what a function makes of this, None where it refuses it."""
+    try:
+        return function(given)
+    except DriveCommError as error:
+        expect(isinstance(error, TelegramError), f"refused by {type(error).__name__}, not by a TelegramError")
+        return None
+    except Exception:  # noqa: BLE001 - the compiled one may refuse with anything
+        return None

@@ -1,0 +1,115 @@
+"""Replies and their requests: what belongs together, and how the virtual drive answers."""
+
+from __future__ import annotations
+
+from dataclasses import fields as dataclass_fields
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import UsageError
+from drivecomm.protocol import Noise
+from drivecomm.testing.checking import check, expect, shown
+from drivecomm.testing.checks.framing import finds
+from drivecomm.testing.subjects import known_model
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import Message, VirtualDrive, VirtualReply
+    from drivecomm.testing.subjects import Case
+    from drivecomm.testing.vectors import Vector
+
+_NOW = 1.0
+
+
+def _is_request(vector: Vector) -> bool:
+    return vector.valid and vector.direction == "request"
+
+
+@check("vectors", "answers", applies_to=lambda vector: vector.valid and vector.answers_to is not None)
+def belongs_to_its_request(case: Case) -> None:
+    """The protocol says of the reply what the vector says: that it answers the request, or in what it differs."""
+    vector, codec = case.vector, case.codec
+    request_data = vector.answers_to or b""
+    request = codec.decode(request_data, "request")
+    reply = codec.decode(vector.data, "reply")
+    # An adapter that hands back what it sends is told by the bytes, before the protocol is asked.
+    found = "echo" if vector.data == request_data else case.plugin.mismatch(request, reply)
+    wanted = "" if vector.answers else vector.mismatch
+    expect(found == wanted, f"differs in {found or 'nothing'}, the vector says {wanted or 'nothing'}")
+
+
+@check("vectors", "silence", applies_to=lambda vector: _is_request(vector) and not vector.reply_expected)
+def stays_silent(case: Case) -> None:
+    """Nobody answers this request: neither a drive that it is for, nor one that overhears it."""
+    for address in _some_addresses(case):
+        answers = _answers(case, address)
+        expect(not answers, f"drive {address} answers {[shown(answer.data) for answer in answers]}")
+
+
+@check("vectors", "virtual-drive", applies_to=lambda vector: _is_request(vector) and vector.reply_expected)
+def is_answered_by_the_right_drive(case: Case) -> None:
+    """What the virtual drive answers, if anything, is a reply to this request; other drives are silent."""
+    vector, codec, plugin = case.vector, case.codec, case.plugin
+    request = codec.decode(vector.data, "request")
+    own = _address(request)
+    for address in _some_addresses(case):
+        answers = _answers(case, address) if address != own else []
+        expect(not answers, f"the request is for {own}, and drive {address} answers")
+    if own not in plugin.addresses:
+        return
+    answers = _answers(case, own)
+    expect(len(answers) <= 1, f"drive {own} answers {len(answers)} times")
+    for answer in answers:
+        reply = codec.decode(answer.data, "reply")
+        differs = plugin.mismatch(request, reply)
+        expect(not differs, f"drive {own} answers {shown(answer.data)}, which differs in {differs}")
+        expect(answer.delay_s >= 0, f"drive {own} answers {-answer.delay_s} s before it was asked")
+
+
+@check("vectors", "virtual-drive", applies_to=lambda vector: vector.direction == "request" and not vector.valid)
+def survives_damage(case: Case) -> None:
+    """A drive that hears a refused telegram raises nothing, and answers a sound reply or not at all."""
+    for address in _some_addresses(case):
+        for answer in _answers(case, address):
+            case.codec.decode(answer.data, "reply")
+
+
+def _address(message: Message) -> Any:
+    return getattr(message, "address", None)
+
+
+def _some_addresses(case: Case) -> list[int]:
+    """Return the two lowest and the highest address that a drive of this variant can have."""
+    addresses = case.plugin.addresses
+    rising = (address for address in addresses if _exists(case, address))
+    falling = (address for address in reversed(addresses) if _exists(case, address))
+    return sorted({*islice(rising, 2), *islice(falling, 1)})
+
+
+def _exists(case: Case, address: int) -> bool:
+    try:
+        _drive(case, address)
+    except UsageError:
+        return False
+    return True
+
+
+def _answers(case: Case, address: int) -> list[VirtualReply]:
+    """Return what a drive at this address answers when the telegram arrives and nothing follows it."""
+    drive = _drive(case, address)
+    found = finds(drive.codec, "request", [case.vector.data])
+    replies = [drive.hear(find, _NOW) for find in found if not isinstance(find, Noise)]
+    return [reply for reply in replies if reply is not None]
+
+
+def _drive(case: Case, address: int) -> VirtualDrive:
+    """Return a drive of the variant that the telegram is for, as far as options and fields say it."""
+    plugin = case.plugin
+    model = known_model(plugin, plugin.default_model)
+    own = {field.name for field in dataclass_fields(plugin.options)}
+    layers = (model.options, case.vector.options, case.vector.fields)
+    given = {name: value for layer in layers for name, value in layer.items() if name in own}
+    try:
+        options = plugin.options(**given)
+    except UsageError:
+        options = plugin.options()
+    return plugin.virtual(address, options, model)

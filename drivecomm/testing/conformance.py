@@ -1,0 +1,212 @@
+"""Run the conformance tests of a protocol: all checks, in the order in which a mistake is found soonest.
+
+    from drivecomm.testing import run_conformance
+    report = run_conformance(plugin)
+    assert report.ok, str(report)
+
+or, as tests of pytest that `-k` chooses among, each named as in the report:
+
+    from drivecomm.testing import conformance_tests
+    test_conformance = conformance_tests("toy")
+
+A check touches nothing but its own objects, so checks may be run in any order and by several processes.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.models import model_names
+from drivecomm.protocol import installed
+from drivecomm.testing.checking import Check, registered
+from drivecomm.testing.checks import HAS_PROPERTIES, foreign, live
+from drivecomm.testing.report import Report, carry_out, try_out
+from drivecomm.testing.subjects import Case, forms_of, known_model
+from drivecomm.testing.vectors import VectorFile, packaged_vectors
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from drivecomm.protocol import Direction, Protocol
+    from drivecomm.testing.checking import Registered
+    from drivecomm.testing.report import CheckResult
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Extent:
+    """How much is tried.
+
+    examples: of each property. costly_every: every how many vectors the checks that cost most are run on: all flips,
+    all truncations in a stream, compiled against interpreted. every_way: whether an exchange is played in all ways.
+    live: how many exchanges are played in real time, in each way. every_model: whether parameters and commands are
+    tried with all models of the package, or with its default one.
+    """
+
+    examples: int
+    costly_every: int
+    every_way: bool
+    live: int
+    every_model: bool
+
+
+FULL = Extent(examples=40, costly_every=1, every_way=True, live=2, every_model=True)
+"""Everything: what a maintainer runs before a release, some twenty seconds for each protocol."""
+
+QUICK = Extent(examples=12, costly_every=4, every_way=False, live=0, every_model=False)
+"""A few seconds: what a maintainer runs at every change, and what mutants are tried with."""
+
+
+def run_conformance(plugin: Protocol, extent: Extent = FULL, *, only: str = "") -> Report:
+    """Run all checks of a protocol, or those whose name contains a text. Raises UsageError if there is none.
+
+    A protocol that is not installed is, for as long as it takes; one whose name another has is refused.
+    """
+    return Report(results=tuple(results(plugin, extent, only=only)), left_out=left_out())
+
+
+def results(plugin: Protocol, extent: Extent = FULL, *, only: str = "") -> Iterator[CheckResult]:
+    """Run the checks one by one, as `run_conformance` does; stop asking when you have heard enough."""
+    with _installed(plugin):
+        chosen = [check for check in all_checks(plugin, extent) if only in check.name]
+        if not chosen:
+            raise UsageError(f"no check has {only!r} in its name; run all of them to see their names")
+        yield from map(try_out, chosen)
+
+
+def first_failure(plugin: Protocol, extent: Extent = FULL) -> CheckResult | None:
+    """Run the checks up to the first that fails; None when all hold."""
+    return next((result for result in results(plugin, extent) if not result.passed), None)
+
+
+def run_checks(plugin: Protocol, vectors: VectorFile) -> Report:
+    """Put a protocol through all checks that a vector file gives rise to. Raises nothing that a codec does."""
+    return carry_out(checks_of(plugin, vectors))
+
+
+def conformance_tests(protocol: str, extent: Extent = FULL) -> Callable[[Check], None]:
+    """Return a test function that runs every check of an installed protocol as a test of its own.
+
+    extent: how much is tried, `FULL` or `QUICK`. Raises UnknownProtocolError for a protocol that is not installed.
+    """
+    import pytest  # noqa: PLC0415 - the checks run without it
+
+    checks = list(all_checks(installed[protocol], extent))
+
+    @pytest.mark.parametrize("check", checks, ids=[check.name for check in checks])
+    def test_conformance(check: Check) -> None:
+        check.run()
+
+    return test_conformance
+
+
+def left_out() -> tuple[str, ...]:
+    """Return what cannot be checked here, and why."""
+    return () if HAS_PROPERTIES else ("properties need hypothesis; install drivecomm[test]",)
+
+
+def all_checks(plugin: Protocol, extent: Extent = FULL) -> Iterator[Check]:
+    """Yield every check of a protocol that is installed, the quick ones that find most first."""
+    name = plugin.name
+    for theme in ("contract", "documents"):
+        yield from (each.on(f"{name}/{theme}", plugin) for each in registered(theme))
+    vectors = _vectors(plugin)
+    yield from checks_of(plugin, vectors, extent)
+    models = _models(plugin, extent)
+    for theme in ("parameters", "commands", "confusion"):
+        for model in models:
+            for each in registered(theme):
+                yield Check(f"{name}/models/{model}/{each.name}", _with_model(each, plugin, model), each.meaning)
+    for other in foreign.others(plugin):
+        prefix = f"{name}/foreign traffic/{other.name}"
+        yield from (each.on(prefix, plugin, other) for each in registered("foreign traffic"))
+    yield from _properties(plugin, extent)
+    for exchange in live.sample(vectors.exchanges, extent.live):
+        yield from (each.on(f"{name}/{vectors.name}/{exchange.id}", plugin, exchange) for each in registered("live"))
+
+
+def checks_of(plugin: Protocol, vectors: VectorFile, extent: Extent = FULL) -> Iterator[Check]:
+    """Yield every check of every vector, stream, refusal and exchange, and those of the protocol's schemas.
+
+    Where the extent is less than full, the costly ones are run on some of the vectors only. Raises FileFormatError for
+    vectors of another protocol.
+    """
+    if vectors.protocol != plugin.name:
+        raise FileFormatError(f"{vectors.name}: holds vectors of {vectors.protocol!r}, not of {plugin.name!r}")
+    prefix = f"{plugin.name}/{vectors.name}"
+    listed = frozenset(
+        (vector.direction, vector.data) for vector in (*vectors.vectors, *_vectors(plugin).vectors) if vector.valid
+    )
+    cases = [Case(plugin=plugin, vector=vector, listed=listed) for vector in vectors.vectors]
+    yield from _checks_of_cases(prefix, cases, costly=False)
+    ways = [way for way in registered("exchanges") if extent.every_way or not way.costly]
+    for exchange in vectors.exchanges:
+        yield from (way.on(f"{prefix}/{exchange.id}", plugin, exchange) for way in ways)
+    for refuse in vectors.refusals:
+        yield from (each.on(f"{prefix}/{refuse.id}", plugin, refuse) for each in registered("refusals"))
+    for named in forms_of(plugin):
+        yield from (each.on(f"{prefix}/{named.name}", named.form) for each in registered("schemas"))
+    for stream in vectors.streams:
+        yield from (each.on(f"{prefix}/{stream.id}", plugin, stream) for each in registered("streams"))
+    yield from _checks_of_cases(prefix, cases[:: extent.costly_every], costly=True)
+
+
+def _checks_of_cases(prefix: str, cases: Iterable[Case], *, costly: bool) -> Iterator[Check]:
+    for case in cases:
+        for each in registered("vectors"):
+            if each.costly is costly and each.applies_to(case.vector):
+                yield each.on(f"{prefix}/{case.vector.id}", case)
+
+
+def _properties(plugin: Protocol, extent: Extent) -> Iterator[Check]:
+    if not HAS_PROPERTIES:
+        return
+    from drivecomm.testing.checks import properties  # noqa: PLC0415 - needs hypothesis, which not everybody has
+
+    @lru_cache
+    def source(direction: Direction) -> properties.Drawn:
+        return properties.drawn(plugin, direction)
+
+    def holds(function: Any, direction: Direction) -> Callable[[], None]:
+        return lambda: properties.try_examples(function, source(direction), extent.examples)
+
+    directions: dict[Direction, str] = {"request": "requests", "reply": "replies"}
+    for each in registered("properties"):
+        for direction, telegrams in directions.items():
+            name = f"{plugin.name}/properties/{telegrams}/{each.name}"
+            yield Check(name, holds(each.function, direction), each.meaning)
+
+
+def _with_model(each: Registered, plugin: Protocol, model: str) -> Callable[[], None]:
+    # A model that cannot be read is a failure of each of its checks, and not of all of them at once.
+    return lambda: each.function(plugin, known_model(plugin, model))
+
+
+def _models(plugin: Protocol, extent: Extent) -> list[str]:
+    others = [name for name in model_names(plugin.package, plugin.name) if name != plugin.default_model]
+    return [plugin.default_model, *(others if extent.every_model else ())]
+
+
+def _vectors(plugin: Protocol) -> VectorFile:
+    try:
+        return packaged_vectors(plugin)
+    except FileFormatError:
+        # The checks of the documents say so; all that needs no vectors is checked all the same.
+        return VectorFile(name="vectors.toml", protocol=plugin.name)
+
+
+@contextmanager
+def _installed(plugin: Protocol) -> Iterator[None]:
+    if plugin.name in installed:
+        if installed[plugin.name] is plugin:
+            yield
+            return
+        raise UsageError(f"another protocol is installed as {plugin.name!r}; test that one, or uninstall it")
+    take_away = installed.register(plugin)
+    try:
+        yield
+    finally:
+        take_away()

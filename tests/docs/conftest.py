@@ -1,0 +1,47 @@
+"""The site, built once for all tests of one run, and the modules that make its pages."""
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+from pages import ROOT
+
+sys.path.insert(0, str(ROOT / "docs"))
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory):
+    pytest.importorskip("mkdocs", reason="the pages need the extra named docs")
+    run = os.environ.get("PYTEST_XDIST_TESTRUNUID")
+    if run is None:
+        return _built(tmp_path_factory.mktemp("site"))
+    # The processes of one run share a folder; whoever makes it builds the site, and the others wait.
+    folder = tmp_path_factory.getbasetemp().parent / f"site-{run}"
+    ready = folder.with_suffix(".ready")
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        for _ in range(1200):
+            if ready.exists():
+                return folder
+            time.sleep(0.1)
+        pytest.fail("the site could not be built")
+    _built(folder)
+    ready.touch()
+    return folder
+
+
+def _built(folder):
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)],
+        cwd=ROOT,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return folder

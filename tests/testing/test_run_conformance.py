@@ -1,0 +1,364 @@
+"""Judging whole protocols: those that ship pass, and each of many mistakes is found by the check that is for it."""
+
+from dataclasses import dataclass, replace
+from decimal import Decimal
+
+import pytest
+from altered import Altered
+
+from drivecomm.errors import UsageError
+from drivecomm.protocol import Ask, Pause, Stop, VirtualReply, installed
+from drivecomm.testing import FULL, QUICK, all_checks, first_failure, left_out, results, run_conformance, try_out
+
+# test_vectors and test_properties run what is left out here.
+ELSEWHERE = ("/vectors.toml/", "/properties/")
+HERE = [
+    check
+    for plugin in installed.working()
+    for check in all_checks(plugin, QUICK)
+    if not any(part in check.name for part in ELSEWHERE)
+]
+
+
+@pytest.mark.parametrize("check", HERE, ids=[check.name for check in HERE])
+def test_check(check):
+    check.run()
+
+
+def failed(plugin, only):
+    """Return the kinds of the checks in this part of the report that do not hold, with their reasons."""
+    found = {}
+    for check in all_checks(plugin, QUICK):
+        if only in check.name:
+            verdict = try_out(check)
+            if not verdict.passed:
+                found[check.kind] = verdict.reason
+    return found
+
+
+def test_every_check_says_what_must_hold():
+    checks = list(all_checks(installed["vabus"]))
+    assert [check.name for check in checks if not check.meaning.endswith(".")] == []
+    assert len({check.name for check in checks}) == len(checks)
+
+
+def test_full_is_more_than_quick():
+    full, quick = ({check.name for check in all_checks(installed["vabus"], extent)} for extent in (FULL, QUICK))
+    assert quick < full
+
+
+# Correlation and checks
+
+
+def test_an_address_that_is_not_compared(in_place_of):
+    real = installed["fuji"].mismatch
+    plugin = in_place_of("fuji", mismatch=lambda *pair: "" if real(*pair) == "address" else real(*pair))
+    assert "another drive is not believed" in failed(plugin, "/another drive")
+
+
+def test_a_parameter_that_is_not_compared(in_place_of):
+    real = installed["vabus"].mismatch
+    plugin = in_place_of("vabus", mismatch=lambda *pair: "" if real(*pair) == "parameter" else real(*pair))
+    assert "an answer answers its question only" in failed(plugin, "/an answer answers")
+
+
+def test_a_telegram_of_another_protocol_that_is_believed(in_place_of):
+    plugin = in_place_of("vabus", mismatch=lambda *_: "")
+    real = plugin.codec
+
+    def codec(options):
+        made = real(options)
+        anything = made.decode(b"A\x06", "reply")
+        return Altered(made, decode=lambda data, way: anything if way == "reply" else made.decode(data, way))
+
+    assert "is not believed" in failed(replace(plugin, codec=codec), "/foreign traffic/fuji/is not believed")
+
+
+def test_a_drive_that_answers_everything(in_place_of):
+    real = installed["vlt3500"].virtual
+
+    def virtual(address, options, model):
+        made = real(address, options, model)
+        return Altered(made, hear=lambda find, _: VirtualReply(data=find.data, delay_s=0.0))
+
+    plugin = in_place_of("vlt3500", virtual=virtual)
+    assert "virtual-drive" in failed(plugin, "/virtual-drive")
+
+
+# Values
+
+
+def altered_reading(real, change):
+    def read(*values, **options):
+        reading = yield from real.read(*values, **options)
+        return change(reading)
+
+    return read
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda reading: replace(reading, value=abs(reading.value)), ""),
+        (lambda reading: replace(reading, value=reading.value * 10), "the drive started with"),
+        (lambda reading: replace(reading, unit="V"), "has the unit 'V'"),
+        (lambda reading: replace(reading, name="x"), "is called 'x'"),
+        (lambda reading: replace(reading, raw=7), "reads 7, the drive holds"),
+    ],
+    ids=["sign lost", "decimal shifted", "wrong unit", "wrong name", "wrong raw value"],
+)
+def test_a_reading_that_is_wrong(with_operations, change, reason):
+    def only_numbers(reading):
+        return change(reading) if isinstance(reading.value, Decimal) else reading
+
+    plugin = with_operations("vabus", read=lambda real: altered_reading(real, only_numbers))
+    found = failed(plugin, "/reads what") | failed(plugin, "/writes what")
+    assert {"reads what the drive holds", "writes what was given"} & set(found)
+    assert reason in " ".join(found.values())
+
+
+def test_a_write_that_loses_the_sign(with_operations):
+    def writing(real):
+        return lambda name, value, **options: real.write(name, abs(value), **options)
+
+    plugin = with_operations("danfoss-fc", write=writing)
+    assert "writes what was given" in failed(plugin, "/writes what")
+
+
+def test_storing_where_nothing_can_be_stored(with_operations):
+    def writing(real):
+        def write(name, value, **options):
+            options.pop("store", None)
+            return real.write(name, value, **options)
+
+        return write
+
+    plugin = with_operations("vlt3500", write=writing)
+    assert "stores nothing where it cannot" in failed(plugin, "/stores nothing")
+
+
+# Commands
+
+
+def test_a_start_that_is_sent_again(with_operations):
+    def insisting(real):
+        def start(*, reverse=False):
+            exchange = real.start(reverse=reverse)
+            answer = None
+            try:
+                while True:
+                    command = exchange.send(answer)
+                    if isinstance(command, Ask):
+                        command = replace(command, attempts=3)
+                    answer = yield command
+            except StopIteration:
+                return
+
+        return start
+
+    for name in ("fuji", "vlt3500"):
+        plugin = with_operations(name, start=insisting)
+        assert set(failed(plugin, "/a st")) == {"a start is not repeated"}
+
+
+@pytest.mark.parametrize(
+    ("verb", "make", "kind"),
+    [
+        ("stop", lambda real: lambda *_: real.stop(Stop.COAST), "stops in every way"),
+        ("start", lambda real: lambda **_: real.start(), "runs backwards"),
+        ("start", lambda real: lambda **_: real.stop(), "runs at the reference"),
+        ("set_reference_percent", lambda real: lambda it: real.set_reference_percent(-it), "runs at the reference"),
+        ("status", lambda real: lambda: altered_status(real, fault=False), "tells its faults"),
+        ("status", lambda real: lambda: altered_status(real, fault_code=99), "tells its faults"),
+        ("status", lambda real: lambda: altered_status(real, fault_text="lunch"), "tells its faults"),
+        ("status", lambda real: lambda: altered_status(real, running=True), "stops in every way"),
+        ("status", lambda real: lambda: altered_status(real, actual_percent=Decimal(-50)), "runs at the reference"),
+        ("status", lambda real: lambda: altered_status(real, actual_hz=Decimal(1)), "runs at the reference"),
+        ("reset", lambda _: nothing, "is reset and stands"),
+        ("probe", lambda real: lambda: real.stop(Stop.COAST), "asking moves nothing"),
+        ("identify", lambda real: real.start, "asking moves nothing"),
+    ],
+)  # fmt: skip
+def test_a_verb_that_does_something_else(with_operations, verb, make, kind):
+    plugin = with_operations("danfoss-fc", **{verb: make})
+    assert kind in failed(plugin, f"/models/fc300/{kind}")
+
+
+def altered_status(real, **changes):
+    status = yield from real.status()
+    return replace(status, **changes)
+
+
+def nothing():
+    yield Pause(seconds=0.1)
+
+
+def test_a_reference_in_hertz_that_is_ten_times_too_high(with_operations):
+    plugin = with_operations("vabus", set_reference_hz=lambda real: lambda hz: real.set_reference_hz(hz * 2))
+    assert "told to run at 10 Hz" in failed(plugin, "vabus/models/agile/runs at")["runs at the reference"]
+
+
+# The contract
+
+
+@dataclass(kw_only=True)
+class LooseOptions:
+    """Options that can be changed."""
+
+    baudrate: int = 9600
+
+
+@pytest.mark.parametrize(
+    ("fields", "kind", "reason"),
+    [
+        ({"title": " "}, "has all fields", "title is empty"),
+        ({"facts": 3}, "has all fields", "facts is 3"),
+        ({"mismatch": None}, "has all fields", "mismatch cannot be called"),
+        ({"scan_addresses": range(40)}, "has addresses", "a scan asks at 0"),
+        ({"broadcast_address": 1}, "has addresses", "the broadcast address is that of a drive"),
+        ({"broadcast_address": None}, "operations are whole", "contradict each other"),
+        ({"options": LooseOptions}, "has frozen options", "is not frozen"),
+        ({"parameter_examples": ("?",)}, "finds its examples", "refused: "),
+        ({"parameter_examples": ()}, "finds its examples", "there are no examples"),
+        ({"blind_spots": lambda data, _: frozenset(range(len(data)))}, "is honest about blind spots", "called blind"),
+        ({"mismatch": lambda *_: None}, "judges every pair", "it says None"),
+        ({"mismatch": lambda request, _: request.no_such}, "judges every pair", "AttributeError"),
+    ],
+)
+def test_a_contract_that_is_not_kept(in_place_of, fields, kind, reason):
+    plugin = in_place_of("vabus", **fields)
+    assert reason in failed(plugin, f"/contract/{kind}")[kind]
+
+
+def test_operations_that_send_before_they_refuse(with_operations):
+    def hasty(real):
+        def set_reference(percent):
+            yield from real.probe()
+            yield from real.set_reference_percent(percent)
+
+        return set_reference
+
+    plugin = with_operations("vabus", set_reference_percent=hasty)
+    assert "is sent all the same" in failed(plugin, "/contract/refuses")["refuses what cannot be"]
+
+
+def test_all_drives_that_are_asked(with_operations):
+    plugin = with_operations("vabus", probe=lambda _: lambda: iter([Ask(message=None)]))
+    assert "probe at all drives waits" in failed(plugin, "/contract/speaks")["speaks to all without waiting"]
+
+
+@pytest.mark.parametrize(
+    ("fields", "kind"),
+    [
+        ({"package": "drivecomm.protocol.schema"}, "has a readme"),
+        ({"package": "drivecomm.protocol.schema"}, "has a source for every vector"),
+        ({"facts_source": "?"}, "names the source of its facts"),
+        ({"options": LooseOptions}, "explains its options"),
+        ({"parameter_keys": frozenset()}, "has models in order"),
+        ({"forms": lambda: {"another": installed["fuji"].forms()[next(iter(installed["fuji"].forms()))]}},
+         "has vectors for everything"),
+    ],
+)  # fmt: skip
+def test_a_package_that_does_not_say_enough(in_place_of, fields, kind):
+    plugin = in_place_of("vabus", **fields)
+    assert kind in failed(plugin, f"/documents/{kind}")
+
+
+# What requests are for
+
+
+@pytest.mark.parametrize(
+    ("fields", "kind", "reason"),
+    [
+        ({"only_asks": lambda _: True}, "tells asking from acting", "makes the motor run, and is said to ask only"),
+        ({"only_asks": lambda _: False}, "tells asking from acting", "is sent to ask, and is said to do more"),
+        ({"purpose": lambda _: "read"}, "tells what requests are for", "and is said to be a read"),
+        ({"purpose": lambda _: "write"}, "tells what requests are for", "is sent to read a parameter"),
+        ({"purpose": lambda _: "command"}, "tells what requests are for", "and is said to be a command"),
+    ],
+)
+def test_requests_that_are_not_what_they_are_said_to_be(in_place_of, fields, kind, reason):
+    plugin = in_place_of("vabus", **fields)
+    assert reason in failed(plugin, kind)[kind]
+
+
+def test_a_single_telegram_that_commands_and_is_said_to_ask(in_place_of):
+    plugin = in_place_of("danfoss-fc", only_asks=lambda _: True)
+    kind = "what only asks moves no drive"
+    assert "is said to ask only, and tells the motor" in failed(plugin, kind)[kind]
+
+
+def test_who_says_nothing_of_requests_is_not_judged_by_it(in_place_of):
+    plugin = in_place_of("vabus", only_asks=None, purpose=None)
+    assert not failed(plugin, "only asks") | failed(plugin, "asking from") | failed(plugin, "requests are for")
+
+
+# What a virtual drive does by itself
+
+
+@pytest.mark.parametrize(
+    ("take", "kind", "reason"),
+    [
+        ("drivecomm_vabus.store._check", "guards its limits", "10 := 0 is taken, and its limits are 1 to 4"),
+        ("drivecomm_vabus.store.Store.power_cycle", "forgets what was not stored", "written without being stored"),
+    ],
+)
+def test_a_virtual_drive_that_does_not_do_its_part(monkeypatch, take, kind, reason):
+    monkeypatch.setattr(take, lambda *_: None)
+    assert reason in failed(installed["vabus"], kind)[kind]
+
+
+def test_a_virtual_drive_that_knows_no_sign(monkeypatch):
+    def unsigned(machine):
+        percent = machine._store.number(516)
+        return percent / 2 if percent > 0 else 20.0
+
+    reference = "drivecomm_vlt3500.machine.Machine._reference_hz"
+    monkeypatch.setattr(reference, unsigned)
+    kind = "heeds the sign of a reference"
+    slow = failed(installed["vlt3500"], kind)
+    assert not slow, "as fast as at zero is as slow as it can"
+    monkeypatch.setattr(reference, lambda machine: abs(machine._store.number(516)) / 2)
+    assert "at -40 percent the motor turns forwards, 20 Hz" in failed(installed["vlt3500"], kind)[kind]
+
+
+def test_line_facts_of_which_the_source_does_not_speak(in_place_of):
+    facts = installed["vabus"].facts
+    kind = "names the source of its facts"
+    for settings, missing in (({"baudrate": 9600}, "9600"), ({"parity": "N"}, "7N1")):
+        plugin = in_place_of("vabus", facts=replace(facts, settings=replace(facts.settings, **settings)))
+        assert f"does not say {missing}" in failed(plugin, kind)[kind]
+
+
+# Judging
+
+
+def test_only_a_part_is_judged():
+    report = run_conformance(installed["fuji"], QUICK, only="/documents/")
+    assert report.ok
+    assert len(report.passed) == 7
+    assert report.left_out == left_out() == ()
+
+
+def test_a_part_that_is_not_there():
+    with pytest.raises(UsageError, match="no check has 'lunch' in its name"):
+        run_conformance(installed["vabus"], QUICK, only="lunch")
+
+
+def test_judging_stops_when_enough_was_heard(in_place_of):
+    plugin = in_place_of("vabus", title="")
+    verdict = first_failure(plugin, QUICK)
+    assert verdict.check.name == "vabus/contract/has all fields"
+    assert next(results(plugin, QUICK)).check.name == verdict.check.name
+
+
+def test_a_protocol_that_is_not_installed_is_for_the_time_being():
+    stranger = replace(installed["vabus"], name="stranger")
+    report = run_conformance(stranger, QUICK, only="/contract/has all")
+    assert report.ok
+    assert "stranger" not in installed
+
+
+def test_a_protocol_whose_name_is_taken():
+    with pytest.raises(UsageError, match="another protocol is installed as 'vabus'"):
+        run_conformance(replace(installed["vabus"], title="another"), QUICK)
