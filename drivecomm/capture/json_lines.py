@@ -86,15 +86,15 @@ def _object(line: bytes) -> dict[str, Any]:
     try:
         content = json.loads(line)
     except (ValueError, RecursionError) as error:
-        raise FileFormatError(f"it is no JSON ({error})") from error
+        raise FileFormatError(f"not valid JSON ({error})") from error
     if not isinstance(content, dict):
-        raise FileFormatError("it is no JSON object")
+        raise FileFormatError("not a JSON object")
     return content
 
 
 def _provenance(content: dict[str, Any]) -> Provenance:
     if not is_header(content):
-        raise FileFormatError('it does not say "format": "drivecomm-capture"')
+        raise FileFormatError('"format": "drivecomm-capture" is missing')
     return provenance_of(content)
 
 
@@ -102,13 +102,13 @@ def _piece(content: dict[str, Any]) -> Piece:
     only(content, _KEYS)
     time_s, source = content.get("time_s"), content.get("source", "unknown")
     if isinstance(time_s, bool) or not isinstance(time_s, int | float) or not 0 <= time_s <= LONGEST_S:
-        raise FileFormatError(f"time_s {time_s!r} is no number of seconds from 0 to 3e9")
+        raise FileFormatError(f"time_s {time_s!r} is not a number of seconds from 0 to 3e9")
     if source not in _SOURCES:
         raise FileFormatError(f"source {source!r} is not one of {', '.join(_SOURCES)}")
     try:
         data = bytes.fromhex(text(content, "hex"))
     except ValueError as error:
-        raise FileFormatError(f"hex is no hexadecimal: {error}") from error
+        raise FileFormatError(f"invalid hex: {error}") from error
     if not data:
         raise FileFormatError("hex is missing or empty")
     return Piece(
@@ -150,7 +150,7 @@ def is_header(content: object) -> bool:
 def provenance_of(header: Mapping[str, Any]) -> Provenance:
     """Return what such an object says. Raises FileFormatError for a key or a value that cannot be."""
     if header.get("version") != VERSION:
-        raise FileFormatError(f"version {header.get('version')!r} of the format is not known, only {VERSION} is")
+        raise FileFormatError(f"version {header.get('version')!r} of the format is not supported, only {VERSION} is")
     only(header, ("format", "version", "began", "settings", "drives", *_TEXTS))
     drives = header.get("drives", [])
     if not isinstance(drives, list) or not all(isinstance(drive, str) for drive in drives):
@@ -189,14 +189,14 @@ def text(content: Mapping[str, Any], key: str) -> str:
     if not isinstance(value, str):
         raise FileFormatError(f"{key} is not a text")
     if any("\ud800" <= character <= "\udfff" for character in value):
-        raise FileFormatError(f"{key} has half a character in it")
+        raise FileFormatError(f"{key} contains an unpaired surrogate")
     return value
 
 
 def only(content: Mapping[str, Any], known: Iterable[str]) -> None:
-    """Refuse keys that nobody knows, so that a misspelt one is not read as absent. Raises FileFormatError."""
+    """Reject unknown keys, so that a misspelt one is not read as absent. Raises FileFormatError."""
     if unknown := sorted(set(content) - set(known)):
-        raise FileFormatError(f"the key {unknown[0]!r} is not known")
+        raise FileFormatError(f"unknown key {unknown[0]!r}")
 
 
 def _time_of_day(written: str) -> datetime:

@@ -85,7 +85,7 @@ class _Reader:
                 raise FileFormatError(f"{self.path}: block at byte {place}: {error}") from error
             if not length:
                 if not self._sections:
-                    raise FileFormatError(f"{self.path}: it ends in the middle of its header")
+                    raise FileFormatError(f"{self.path}: the file ends in the middle of the header")
                 self._remarks.append(f"{self.path}: the block at byte {place} is cut off and left out")
                 return
             place += length
@@ -95,8 +95,8 @@ class _Reader:
         if self._foreign and not self._packets:
             kinds = ", ".join(map(str, sorted(self._foreign)))
             raise FileFormatError(
-                f"{self.path}: it was captured elsewhere than on a serial line (link type {kinds}); "
-                f"what is wanted is link type {pcapng.RTAC_SERIAL}"
+                f"{self.path}: not captured on a serial line (link type {kinds}); "
+                f"the supported link type is {pcapng.RTAC_SERIAL}"
             )
         self._remarks += [
             f"{self.path}: {count} packets of link type {kind} are left out" for kind, count in self._foreign.items()
@@ -126,7 +126,7 @@ class _Reader:
             return packets[0].time_ns // 1000 * 1000 if packets else 0
         began_ns = 0 if self._about.began is None else pcapng.nanoseconds(self._about.began)
         if packets and packets[0].time_ns < began_ns:
-            raise FileFormatError(f"{self.path}: its first packet is older than the capture")
+            raise FileFormatError(f"{self.path}: the first packet is older than the capture")
         return began_ns
 
     def _provenance(self, began_ns: int) -> Provenance:
@@ -142,12 +142,12 @@ class _Reader:
             self._order = _byte_order(content[place + 8 : place + 12])
         kind, length = struct.unpack_from(f"{self._order}II", content, place)
         if length < 12 or length % 4 or length > _LONGEST_BLOCK:
-            raise FileFormatError(f"a length of {length} cannot be")
+            raise FileFormatError(f"invalid length {length}")
         if left < length:
             return 0
         (again,) = struct.unpack_from(f"{self._order}I", content, place + length - 4)
         if again != length:
-            raise FileFormatError(f"its length is {length} at its beginning and {again} at its end")
+            raise FileFormatError(f"the length is {length} at the beginning and {again} at the end")
         body = content[place + 8 : place + length - 4]
         if kind == pcapng.SECTION:
             self._section(body)
@@ -162,7 +162,7 @@ class _Reader:
     def _section(self, body: bytes) -> None:
         major, minor = struct.unpack_from(f"{self._order}HH", body, 4)
         if major != 1:
-            raise FileFormatError(f"version {major}.{minor} of pcapng is not known, only 1 is")
+            raise FileFormatError(f"version {major}.{minor} of pcapng is not supported, only 1 is")
         self._interfaces = []
         self._sections += 1
         for code, value in self._options(body, 16):
@@ -203,9 +203,9 @@ class _Reader:
     def _packet(self, body: bytes) -> None:
         number, high, low, length, _ = struct.unpack_from(f"{self._order}IIIII", body)
         if number >= len(self._interfaces):
-            raise FileFormatError(f"interface {number} is not described before it is used")
+            raise FileFormatError(f"interface {number} is used before its description")
         if 20 + length > len(body):
-            raise FileFormatError(f"a packet of {length} bytes does not fit into it")
+            raise FileFormatError(f"a packet of {length} bytes does not fit into the block")
         interface = self._interfaces[number]
         if interface.link_type != pcapng.RTAC_SERIAL:
             self._foreign[interface.link_type] = self._foreign.get(interface.link_type, 0) + 1
@@ -224,7 +224,7 @@ class _Reader:
                 source = _SENT_TOWARDS.get(flags & 3, "unknown")
         time_ns = (high << 32 | low) * pcapng.SECOND_NS // interface.units + interface.offset_s * pcapng.SECOND_NS
         if not 0 <= time_ns <= pcapng.nanoseconds(pcapng.LATEST) + LONGEST_S * pcapng.SECOND_NS:
-            raise FileFormatError("its time is not between 1970 and 2495")
+            raise FileFormatError("the time is not between 1970 and 2495")
         self._packets.append(_Packet(time_ns=time_ns, data=data, source=source, interface=interface))
 
     def _options(self, body: bytes, place: int) -> list[tuple[int, bytes]]:
@@ -234,7 +234,7 @@ class _Reader:
             if code == pcapng.END:
                 break
             if place + 4 + length > len(body):
-                raise FileFormatError(f"option {code} is longer than its block")
+                raise FileFormatError(f"option {code} is longer than the block")
             found.append((code, body[place + 4 : place + 4 + length]))
             place += 4 + length + -length % 4
         return found
@@ -244,7 +244,7 @@ def _byte_order(mark: bytes) -> Order:
     for order in ("<", ">"):
         if mark == struct.pack(f"{order}I", pcapng.BYTE_ORDER):
             return order
-    raise FileFormatError("its byte-order mark is none")
+    raise FileFormatError("invalid byte-order mark")
 
 
 def _settings(baudrate: int, words: str) -> LineSettings | None:

@@ -27,7 +27,7 @@ class Pcapng:
     def __init__(self, provenance: Provenance) -> None:
         self._provenance = provenance
         if provenance.began is not None and not pcapng.EPOCH <= provenance.began <= pcapng.LATEST:
-            raise UsageError(f"a pcapng file has no room for a capture of {provenance.began:%Y}; write a .jsonl file")
+            raise UsageError(f"pcapng cannot store a capture of the year {provenance.began:%Y}; write a .jsonl file")
         self._began_ns = 0 if provenance.began is None else pcapng.nanoseconds(provenance.began)
         self._interfaces: dict[tuple[str, LineSettings | None], int] = {}
         self._written = 0

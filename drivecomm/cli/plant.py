@@ -123,9 +123,9 @@ def _order(control: str, order: str, **fields: Any) -> dict[str, Any]:
     if not control:
         raise UsageError("no control socket named; write --control with the place that drivecomm simulate printed")
     # Sockets and plants are loaded only where one is steered.
-    from drivecomm.virtual import PlantControl  # noqa: PLC0415
+    from drivecomm.virtual import ControlClient  # noqa: PLC0415
 
-    with PlantControl(control) as connection:
+    with ControlClient(control) as connection:
         return connection.order(order, **fields)
 
 

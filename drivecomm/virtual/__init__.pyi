@@ -1,8 +1,8 @@
 from .control_orders import answer_order as answer_order
 from .control_socket import (
-    _MOST_GUESTS as _MOST_GUESTS,
+    _MOST_CLIENTS as _MOST_CLIENTS,
     LONGEST_ORDER as LONGEST_ORDER,
-    PlantControl as PlantControl,
+    ControlClient as ControlClient,
     parse_place as parse_place,
 )
 from .direct import carry_out as carry_out

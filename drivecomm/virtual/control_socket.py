@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 LONGEST_ORDER = 65536
 """The most bytes that an order may have."""
 
-_MOST_GUESTS = 64
-# A little at a time, so that somebody with many orders cannot keep the server from its lines.
+_MOST_CLIENTS = 64
+# A little at a time, so that a client with many orders cannot keep the server from its lines.
 _CHUNK = 512
 _ANSWERS_S = 0.5
 _FORMS = "HOST:PORT or unix:PATH"
@@ -46,18 +46,18 @@ def parse_place(text: str) -> Place:
     """Read `HOST:PORT`, `:PORT` for this machine only, or `unix:PATH`. Raises UsageError."""
     if text.startswith("unix:"):
         if not hasattr(socket, "AF_UNIX"):
-            raise UsageError(f"this system has no Unix sockets; write HOST:PORT in the place of {text!r}")
+            raise UsageError(f"this system has no Unix sockets; write HOST:PORT instead of {text!r}")
         if len(text) == len("unix:"):
             raise UsageError(f"{text!r} names no path; write unix:PATH")
         return Place("", 0, text.removeprefix("unix:"))
     host, colon, port = text.rpartition(":")
     if not colon or not port.isascii() or not port.isdigit() or int(port) > 65535:
-        raise UsageError(f"{text!r} is no place for control; write {_FORMS}")
+        raise UsageError(f"{text!r} is not an address for the control socket; write {_FORMS}")
     return Place(host.removeprefix("[").removesuffix("]") or "127.0.0.1", int(port), "")
 
 
-class ControlDoor:
-    """Lets other programs steer a plant while it is served.
+class ControlServer:
+    """Lets other programs control a plant while it is served.
 
     be_now: brings the lines to the present, called before each order so that it happens now and not earlier.
     """
@@ -66,8 +66,8 @@ class ControlDoor:
         self._place = place
         self._plant = plant
         self._be_now = be_now
-        self._door: socket.socket | None = None
-        self._guests: dict[int, socket.socket] = {}
+        self._server: socket.socket | None = None
+        self._clients: dict[int, socket.socket] = {}
         self._pending: dict[int, bytes] = {}
 
     @property
@@ -80,118 +80,111 @@ class ControlDoor:
         place = self._place
         try:
             if place.path:
-                self._door = _unix_door(place.path)
+                self._server = _unix_server(place.path)
             else:
                 family = socket.AF_INET6 if ":" in place.host else socket.AF_INET
-                self._door = socket.create_server((place.host, place.port), family=family)
-                self._place = place._replace(port=self._door.getsockname()[1])
+                self._server = socket.create_server((place.host, place.port), family=family)
+                self._place = place._replace(port=self._server.getsockname()[1])
         except (OSError, OverflowError) as error:
             raise PortError(
-                f"cannot listen for control at {place} ({getattr(error, 'strerror', None) or error}); "
-                "choose another place, or port 0 for any free one"
+                f"cannot open the control socket at {place} ({getattr(error, 'strerror', None) or error}); "
+                "choose another address, or port 0 for any free one"
             ) from error
-        self._door.setblocking(False)
+        self._server.setblocking(False)
 
     def close(self) -> None:
         """End all connections; may be called again."""
-        for descriptor in list(self._guests):
-            self._let_go(descriptor)
-        if self._door is not None:
-            self._door.close()
-            self._door = None
+        for descriptor in list(self._clients):
+            self._disconnect(descriptor)
+        if self._server is not None:
+            self._server.close()
+            self._server = None
             if self._place.path:
                 Path(self._place.path).unlink(missing_ok=True)
 
     @property
     def descriptors(self) -> Sequence[int]:
-        """The door and those who came in."""
-        return [] if self._door is None else [self._door.fileno(), *self._guests]
+        """The listening socket and its clients."""
+        return [] if self._server is None else [self._server.fileno(), *self._clients]
 
     def attend(self, descriptor: int) -> None:
-        """Let somebody in, or take what somebody sent."""
-        if self._door is not None and descriptor == self._door.fileno():
-            self._let_in()
-        elif descriptor in self._guests:
-            self._hear(descriptor)
+        """Accept a client, or take what one sent."""
+        if self._server is not None and descriptor == self._server.fileno():
+            self._accept(self._server)
+        elif descriptor in self._clients:
+            self._receive(descriptor)
 
-    def _let_in(self) -> None:
-        if self._door is None:
-            return
+    def _accept(self, server: socket.socket) -> None:
         try:
-            guest, _ = self._door.accept()
+            client, _ = server.accept()
         except OSError:
-            # It has given up already.
+            # The client has given up already.
             return
-        if len(self._guests) >= _MOST_GUESTS:
-            guest.close()
+        if len(self._clients) >= _MOST_CLIENTS:
+            client.close()
             return
-        guest.setblocking(False)
-        guest.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
-        self._guests[guest.fileno()] = guest
-        self._pending[guest.fileno()] = b""
+        client.setblocking(False)
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
+        self._clients[client.fileno()] = client
+        self._pending[client.fileno()] = b""
 
-    def _hear(self, descriptor: int) -> None:
+    def _receive(self, descriptor: int) -> None:
         try:
-            data = self._guests[descriptor].recv(_CHUNK)
+            data = self._clients[descriptor].recv(_CHUNK)
         except BlockingIOError:
             return
         except OSError:
             data = b""
         if not data:
-            self._let_go(descriptor)
+            self._disconnect(descriptor)
             return
         *orders, rest = (self._pending[descriptor] + data).split(b"\n")
         if len(rest) > LONGEST_ORDER:
-            self._let_go(descriptor)
+            self._disconnect(descriptor)
             return
         self._pending[descriptor] = rest
         for order in orders:
-            if order.strip() and descriptor in self._guests:
+            if order.strip() and descriptor in self._clients:
                 self._be_now()
                 self._answer(descriptor, answer_order(self._plant, order))
 
     def _answer(self, descriptor: int, answer: bytes) -> None:
-        """Send; somebody who asks and does not read is let go."""
-        guest = self._guests.get(descriptor)
-        if guest is None:
-            return
+        """Send; a client that asks and does not read is disconnected."""
         try:
-            sent = guest.send(answer)
+            sent = self._clients[descriptor].send(answer)
         except OSError:
             sent = -1
         if sent != len(answer):
-            self._let_go(descriptor)
+            self._disconnect(descriptor)
 
-    def _let_go(self, descriptor: int) -> None:
-        guest = self._guests.pop(descriptor, None)
-        self._pending.pop(descriptor, None)
-        if guest is not None:
-            guest.close()
+    def _disconnect(self, descriptor: int) -> None:
+        self._clients.pop(descriptor).close()
+        del self._pending[descriptor]
 
 
-def _unix_door(path: str) -> socket.socket:
+def _unix_server(path: str) -> socket.socket:
     with contextlib.suppress(FileNotFoundError):
         if not stat.S_ISSOCK(os.stat(path).st_mode):  # noqa: PTH116 - mode of whatever is there
-            raise PortError(f"{path} exists and is no socket; choose another path, or remove it")
+            raise PortError(f"{path} exists and is not a socket; choose another path, or remove it")
         if _is_served(path):
-            raise PortError(f"another plant is steered at {path}; end it, or choose another path")
+            raise PortError(f"another plant has its control socket at {path}; stop it, or choose another path")
         # Left behind by a plant that was killed.
         os.unlink(path)  # noqa: PTH108
-    door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    server = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
-        door.bind(path)
-        door.listen()
+        server.bind(path)
+        server.listen()
     except OSError:
-        door.close()
+        server.close()
         raise
-    return door
+    return server
 
 
 def _is_served(path: str) -> bool:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as guest:
-        guest.settimeout(_ANSWERS_S)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
+        client.settimeout(_ANSWERS_S)
         try:
-            guest.connect(path)
+            client.connect(path)
         except OSError as error:
             # Somebody who is too busy to let us in is there, too.
             return isinstance(error, TimeoutError | BlockingIOError)
@@ -201,7 +194,7 @@ def _is_served(path: str) -> bool:
 _PATIENCE_S = 10.0
 
 
-class PlantControl:
+class ControlClient:
     """A connection to the control socket at HOST:PORT or unix:PATH.
 
     Raises UsageError for a text that is neither, PortError where no plant is.
@@ -220,7 +213,7 @@ class PlantControl:
         except OSError as error:
             raise PortError(
                 f"no plant at {address} ({error.strerror or error}); start one with drivecomm simulate, "
-                "which prints the place of its control socket"
+                "which prints the address of its control socket"
             ) from error
         self._file = self._socket.makefile("rb")
 
@@ -237,9 +230,9 @@ class PlantControl:
         except (OSError, ValueError) as error:
             raise LinkDownError(f"the plant at {self.address} does not answer ({error}); is it running?") from error
         if not isinstance(answer, dict):
-            raise LinkDownError(f"the plant at {self.address} has gone; start it again")
+            raise LinkDownError(f"the plant at {self.address} closed the connection; start it again")
         if not answer.pop("ok", False):
-            raise UsageError(str(answer.get("error", "the plant refused without saying why")))
+            raise UsageError(str(answer.get("error", "the plant refused without a reason")))
         return answer
 
     def close(self) -> None:

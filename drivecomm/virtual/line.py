@@ -155,7 +155,7 @@ class VirtualLine:
         return self._master.take()
 
     def inject(self, data: bytes) -> None:
-        """Put bytes on the line that come from nobody, at once: noise, or foreign traffic."""
+        """Inject foreign bytes at once: noise, or the traffic of another master."""
         self._speak("foreign", data)
 
     def power_off(self, drive: VirtualDrive) -> None:
@@ -195,7 +195,7 @@ class VirtualLine:
             self._speak(who, data)
 
     def _speak(self, who: Station | Source, data: bytes) -> None:
-        """Put characters on the wire, behind those that the same sender still has on it."""
+        """Put characters on the wire, after those that the same sender still has on it."""
         if (free_at := self._free_at.get(who, 0.0)) > self.time:
             self.call_at(free_at, partial(self._speak, who, data))
             return

@@ -1,4 +1,4 @@
-"""A fault of a plant's script that happens to telegrams: which ones, and how often."""
+"""Faults of a plant's script: disturbed telegrams, and drives that trip on a condition."""
 
 from __future__ import annotations
 
@@ -121,6 +121,6 @@ class ConditionWatch:
             return float(reading.value)
         except ValueError:
             raise UsageError(
-                f"parameter {self._condition.parameter} is no number but {reading.value!r}; "
-                "choose another, or a model of the drive that knows its type"
+                f"parameter {self._condition.parameter} is not a number but {reading.value!r}; "
+                "choose another, or a model that knows its type"
             ) from None

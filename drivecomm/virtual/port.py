@@ -77,4 +77,4 @@ class VirtualPort:
 
     def _check(self) -> None:
         if self._line.broken:
-            raise LinkDownError("the virtual line is broken; mend it by setting broken to False")
+            raise LinkDownError("the virtual line is broken; set broken to False to repair it")

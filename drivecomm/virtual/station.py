@@ -54,7 +54,7 @@ class Station:
     """Feeds one virtual drive with everything that is heard on its line, replies of other drives included.
 
     powered: a drive without power neither hears nor answers. pending: what has been heard of a telegram that is not
-    whole. answering: the number of the answer that the drive has in mind; whoever holds a lower one is forgotten.
+    whole. answering: the number of the answer that the drive has in mind; an answer with a lower number is dropped.
     answer: that answer; wakes_at: when the line comes back to it. agreed: the settings that the drive had when the line
     was made. right_settings: those that it gets back after a power cut that changed them.
     """

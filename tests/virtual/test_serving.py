@@ -437,12 +437,12 @@ class TestPseudoTerminal:
     def test_what_is_no_link_is_left_alone(self, tmp_path):
         path = tmp_path / "drive"
         path.write_text("mine")
-        with pytest.raises(PortError, match="exists and is no symbolic link"):
+        with pytest.raises(PortError, match="exists and is not a symbolic link"):
             parse_listen(f"pty:{path}").open()
         assert path.read_text() == "mine"
 
     def test_a_folder_that_does_not_exist(self, tmp_path):
-        with pytest.raises(PortError, match="choose a path in a folder that exists"):
+        with pytest.raises(PortError, match="choose a path in an existing folder"):
             parse_listen(f"pty:{tmp_path / 'no' / 'drive'}").open()
 
     def test_a_link_that_somebody_has_taken_over_stays(self, tmp_path):

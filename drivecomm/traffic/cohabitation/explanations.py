@@ -1,4 +1,4 @@
-"""Why a verdict is as it is, in one sentence."""
+"""Why a verdict is as it is, and what follows from it for the line, in sentences."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.traffic.cohabitation.outlines import leaves_of
 from drivecomm.traffic.cohabitation.search import TELEGRAMS
-from drivecomm.traffic.cohabitation.verdicts import Outcome
+from drivecomm.traffic.cohabitation.verdicts import Safety
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from drivecomm.traffic.cohabitation.drives import Partner
     from drivecomm.traffic.cohabitation.outlines import Outline
     from drivecomm.traffic.cohabitation.traffic import Sightings
-    from drivecomm.traffic.cohabitation.verdicts import Proof, Verdict
+    from drivecomm.traffic.cohabitation.verdicts import PairVerdict, Proof
 
 
 def safe(sightings: Sightings, *, whole: bool) -> str:
@@ -84,13 +84,13 @@ _TRIED = 12
 
 def advice(
     partners: Sequence[Partner],
-    verdicts: Sequence[tuple[Partner, Partner, Verdict]],
+    verdicts: Sequence[tuple[Partner, Partner, PairVerdict]],
     safe: Callable[[Partner, Partner], bool],
 ) -> Iterator[str]:
     """Yield sentences that say what to do. safe: whether a speaker's traffic excludes a telegram for a listener."""
     bad = [each for each in verdicts if not each[2].safe]
     if not bad:
-        tried = any(each[2].outcome is Outcome.UNHEARD for each in verdicts)
+        tried = any(each[2].outcome is Safety.UNHEARD for each in verdicts)
         yield (
             "safe as far as it was tried: drives with different line settings hear each other as noise"
             if tried

@@ -115,7 +115,7 @@ def _narrowed(outline: Outline, codec: Codec, read: Sequence[_Attempt], tried: i
     counters = {length.counter for length in outline.lengths.values()}
     runs = [number for number, place in enumerate(places) if place.repeats]
     for number, place in enumerate(places):
-        # What stands behind several runs could be anywhere.
+        # What comes after several runs could be anywhere.
         behind = sum(number > run for run in runs)
         if place.repeats or place.leaf in counters or len(place.allowed) == 1 or behind > 1:
             continue

@@ -29,13 +29,13 @@ State = tuple[Node, Node]
 
 
 class Traffic:
-    """Telegrams one after the other: a reply comes behind a request only, a request behind anything.
+    """Telegrams one after the other: a reply comes after a request only, a request after anything.
 
     outlines: the telegrams. hears: what becomes of each character on the way to its reader.
     """
 
     def __init__(self, outlines: Sequence[Outline], hears: bytes) -> None:
-        self.outlines = outlines
+        self.outlines, self.hears = outlines, hears
         self._masks = [[_mask(hears[code] for code in place.allowed) for place in each.places] for each in outlines]
         behind_reply = [number for number, each in enumerate(outlines) if each.direction == "request"]
         self._behind = {"request": range(len(outlines)), "reply": behind_reply}
@@ -209,12 +209,3 @@ class Reader:
         return [find.data for find in Framer(self.codec, self.direction).feed(data) if isinstance(find, Framed)] == [
             data
         ]
-
-
-@dataclass(frozen=True, slots=True)
-class Hearing:
-    """How traffic is heard. settings: with which; hears: what becomes of each character; reader: who looks into it."""
-
-    settings: LineSettings
-    hears: bytes
-    reader: Reader

@@ -1,11 +1,11 @@
 from .exchanges import (
-    Exchanged as Exchanged,
-    Part as Part,
+    RecordedExchange as RecordedExchange,
+    ReplyPart as ReplyPart,
     described as described,
-    exchanged as exchanged,
+    infer_sources as infer_sources,
     meanings as meanings,
     only_asks as only_asks,
-    telling_apart as telling_apart,
+    recorded_exchanges as recorded_exchanges,
 )
 from .recorded_drive import (
     RecordedCodec as RecordedCodec,
@@ -15,8 +15,8 @@ from .recorded_drive import (
 from .replay_line import ReplayError as ReplayError, replayed as replayed
 from .replay_master import (
     PATIENCE_S as PATIENCE_S,
-    Asking as Asking,
-    Outcome as Outcome,
+    ReplayedRequest as ReplayedRequest,
+    ReplayMaster as ReplayMaster,
     Sending as Sending,
     difference as difference,
 )

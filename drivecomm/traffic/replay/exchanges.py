@@ -1,4 +1,4 @@
-"""What was said in a capture as requests and what came back for them, by their bytes alone."""
+"""The exchanges of a capture: who sent what, each request with its reply, and what a request means."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
 
     from drivecomm.capture import Capture, Piece, Source
     from drivecomm.protocol import Direction, LineSettings, Message, Protocol
-    from drivecomm.traffic.sniffer import Finding
+    from drivecomm.traffic.sniffer import TrafficItem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
+class ReplyPart:
     """Bytes of a reply that came together.
 
     after_s: how long after the end of the request the last of them was there.
@@ -28,7 +28,7 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Exchanged:
+class RecordedExchange:
     """A request, and all that came before the next one.
 
     asked_s: when the last byte of the request was there. parts: of the reply, none where none came. settings: the line
@@ -37,7 +37,7 @@ class Exchanged:
 
     asked_s: float
     request: bytes
-    parts: tuple[Part, ...] = ()
+    parts: tuple[ReplyPart, ...] = ()
     line: str = ""
     settings: LineSettings | None = None
 
@@ -52,25 +52,25 @@ class Exchanged:
         return self.parts[-1].after_s if self.parts else 0.0
 
 
-def exchanged(capture: Capture) -> list[Exchanged]:
+def recorded_exchanges(capture: Capture) -> list[RecordedExchange]:
     """Return the requests of a capture and their replies, in order; each line of it has its own conversation.
 
-    Each piece of the master's is one request. What drives said before the first is left out, and so are pieces of which
-    nobody knows who sent them. Raises UsageError when there are no others.
+    Each piece of the master's is one request. What drives said before the first is left out, and so are pieces of
+    unknown source. Raises UsageError when there are no others.
     """
     if capture.pieces and all(piece.source == "unknown" for piece in capture.pieces):
-        raise UsageError("this capture does not say who sent what; tell requests and replies apart first")
-    found: list[Exchanged] = []
+        raise UsageError("this capture does not say who sent what; infer the sources first")
+    found: list[RecordedExchange] = []
     latest: dict[str, int] = {}
     for piece in capture.pieces:
         if piece.source == "master":
             latest[piece.line] = len(found)
             settings = piece.settings or capture.provenance.settings
-            found.append(Exchanged(asked_s=piece.time_s, request=piece.data, line=piece.line, settings=settings))
+            found.append(RecordedExchange(asked_s=piece.time_s, request=piece.data, line=piece.line, settings=settings))
         elif piece.source == "drive" and piece.line in latest:
             place = latest[piece.line]
             asked = found[place]
-            part = Part(after_s=piece.time_s - asked.asked_s, data=piece.data)
+            part = ReplyPart(after_s=piece.time_s - asked.asked_s, data=piece.data)
             found[place] = replace(asked, parts=(*asked.parts, part))
     return found
 
@@ -96,7 +96,7 @@ def only_asks(request: bytes, protocols: Iterable[Protocol]) -> bool:
 
 
 def described(request: bytes, protocols: Iterable[Protocol]) -> str:
-    """Return a request for people: its bytes, and what it is in the first protocol that knows it."""
+    """Return a request as text: its bytes, and what it is in the first protocol that knows it."""
     shown = request.hex(" ").upper()
     for plugin, message in meanings(request, protocols):
         address = getattr(message, "address", None)
@@ -107,7 +107,7 @@ def described(request: bytes, protocols: Iterable[Protocol]) -> str:
 _SENDERS: dict[Direction, Source] = {"request": "master", "reply": "drive"}
 
 
-def telling_apart(capture: Capture, protocols: Sequence[Protocol]) -> Capture:
+def infer_sources(capture: Capture, protocols: Sequence[Protocol]) -> Capture:
     """Return the capture with its unknown pieces cut into telegrams of these protocols, each with its source.
 
     Pieces whose source is known stay as they are; bytes that are no telegram stay unknown. What reads as a request and
@@ -117,29 +117,29 @@ def telling_apart(capture: Capture, protocols: Sequence[Protocol]) -> Capture:
     for line in {piece.line for piece in capture.pieces}:
         unknown = [piece for piece in capture.pieces if piece.source == "unknown" and piece.line == line]
         sniffer = Sniffer(protocols, settings=capture.provenance.settings)
-        findings = [finding for piece in unknown for finding in sniffer.feed(piece)] + sniffer.finish()
-        told += _told(unknown, findings, {protocol.name: protocol for protocol in protocols})
+        items = [item for piece in unknown for item in sniffer.feed(piece)] + sniffer.finish()
+        told += _told(unknown, items, {protocol.name: protocol for protocol in protocols})
     return replace(capture, pieces=sorted(told, key=lambda piece: piece.time_s))
 
 
-def _told(pieces: Sequence[Piece], findings: Sequence[Finding], protocols: dict[str, Protocol]) -> Iterator[Piece]:
+def _told(pieces: Sequence[Piece], items: Sequence[TrafficItem], protocols: dict[str, Protocol]) -> Iterator[Piece]:
     # The sniffer reports every byte once, in the order of the line.
     holders = [piece for piece in pieces for _ in piece.data]
     place = 0
     asked: tuple[str, Message, bytes] | None = None
-    for finding in findings:
+    for item in items:
         ways: dict[Direction, tuple[str, Message]] = {}
-        if isinstance(finding, HeardTelegram):
-            ways = {finding.direction: (finding.protocol, finding.message)}
-        elif isinstance(finding, AmbiguousTelegram) and len(finding.data) > 1:
-            ways = {direction: (name, message) for name, direction, message in finding.readings}
+        if isinstance(item, HeardTelegram):
+            ways = {item.direction: (item.protocol, item.message)}
+        elif isinstance(item, AmbiguousTelegram) and len(item.data) > 1:
+            ways = {direction: (name, message) for name, direction, message in item.readings}
         source: Source = "unknown"
-        if "reply" in ways and ("request" not in ways or _answers(ways["reply"], finding.data, asked, protocols)):
+        if "reply" in ways and ("request" not in ways or _answers(ways["reply"], item.data, asked, protocols)):
             source, asked = "drive", None
         elif "request" in ways:
-            source, asked = "master", (*ways["request"], finding.data)
-        first, place = holders[place], place + len(finding.data)
-        yield replace(first, time_s=holders[place - 1].time_s, data=finding.data, source=source)
+            source, asked = "master", (*ways["request"], item.data)
+        first, place = holders[place], place + len(item.data)
+        yield replace(first, time_s=holders[place - 1].time_s, data=item.data, source=source)
 
 
 def _answers(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Self
 
 from drivecomm.capture import Capture, read_capture
 from drivecomm.protocol import installed
-from drivecomm.traffic.replay.exchanges import described, exchanged
+from drivecomm.traffic.replay.exchanges import described, recorded_exchanges
 from drivecomm.virtual import VirtualPort
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Replayed:
     """
 
     def __init__(self, capture: Capture) -> None:
-        self._left = deque(enumerate(exchanged(capture), start=1))
+        self._left = deque(enumerate(recorded_exchanges(capture), start=1))
         self._arriving: deque[tuple[float, bytes]] = deque()
         self._settings: LineSettings | None = None
         self._free_at = 0.0
@@ -62,7 +62,7 @@ class Replayed:
     def transmit(self, data: bytes) -> None:
         """Let the master send. Raises ReplayError when this is not what it sent then."""
         if not self._left:
-            raise ReplayError(f"the capture is over, and {described(data, installed.working())} is sent")
+            raise ReplayError(f"the capture has ended, but {described(data, installed.working())} is sent")
         number, wanted = self._left[0]
         if data != wanted.request:
             plugins = list(installed.working())

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.traffic.sniffer.findings import DamagedTelegram, UnknownBytes, drive_named_in
 from drivecomm.traffic.sniffer.readings import Broken
+from drivecomm.traffic.sniffer.traffic_items import DamagedTelegram, UnknownBytes, drive_named_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from drivecomm.traffic.sniffer.directions import DirectionEstimator
-    from drivecomm.traffic.sniffer.findings import Finding
     from drivecomm.traffic.sniffer.readings import Reader
     from drivecomm.traffic.sniffer.stretch import Stretch
+    from drivecomm.traffic.sniffer.traffic_items import TrafficItem
 
 
 class DamageReport:
@@ -29,7 +29,7 @@ class DamageReport:
         self._estimators = estimators
         self._readers_for = readers_for
 
-    def findings(self, end: int) -> Iterator[Finding]:
+    def items(self, end: int) -> Iterator[TrafficItem]:
         """Yield what the bytes before this place are: damaged telegrams, or unknown."""
         start = unknown_from = 0
         while start < end:

@@ -1,4 +1,4 @@
-"""Everything about one line at once: telegrams, what answers what, and the count of it."""
+"""One line monitored: its telegrams, which reply answers which request, and statistics for each drive."""
 
 from __future__ import annotations
 
@@ -7,48 +7,48 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.link import Statistics
-from drivecomm.traffic.sniffer.findings import AmbiguousTelegram, DamagedTelegram, HeardTelegram, UnknownBytes
 from drivecomm.traffic.sniffer.sniffer import Sniffer
+from drivecomm.traffic.sniffer.traffic_items import AmbiguousTelegram, DamagedTelegram, HeardTelegram, UnknownBytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from drivecomm.capture import Piece
     from drivecomm.protocol import LineSettings, Protocol
-    from drivecomm.traffic.sniffer.findings import Finding
+    from drivecomm.traffic.sniffer.traffic_items import TrafficItem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Event:
+class LineEvent:
     """What happened on a line.
 
-    finding: what was heard; None when a request was given up without an answer. pair: for a reply, what it answers; for
+    item: what was heard; None when a request was given up without an answer. pair: for a reply, what it answers; for
     a request that was given up, that. retries: for a request, how often it had been asked before in a row.
     """
 
     line: str
     time_s: float
-    finding: Finding | None
+    item: TrafficItem | None
     pair: Pair | None = None
     retries: int = 0
 
     @property
     def drive(self) -> str:
         """Whom it concerns, as PROTOCOL:ADDRESS; empty where that is not known."""
-        if self.finding is None:
+        if self.item is None:
             return self.pair.drive if self.pair else ""
-        return getattr(self.finding, "drive", "") or getattr(self.finding, "protocol", "")
+        return getattr(self.item, "drive", "") or getattr(self.item, "protocol", "")
 
     @property
     def wrong(self) -> bool:
         """Whether it should not have happened: damage, a repetition, a reply that is missing, late or not asked for."""
-        if not isinstance(self.finding, HeardTelegram):
+        if not isinstance(self.item, HeardTelegram):
             return True
         return self.retries > 0 or (self.pair is not None and self.pair.outcome != "answered")
 
 
-class Watch:
-    """Watches one line. name: the line's name in a capture; the rest as for `Sniffer`."""
+class LineMonitor:
+    """Monitors one line. name: the line's name in a capture; the rest as for `Sniffer`."""
 
     def __init__(
         self,
@@ -69,15 +69,15 @@ class Watch:
         """What was counted, see `Tally.drives`."""
         return self._tally.drives
 
-    def feed(self, piece: Piece) -> list[Event]:
+    def feed(self, piece: Piece) -> list[LineEvent]:
         """Take bytes from the line; return what is now certain."""
         return self._events(self._sniffer.feed(piece))
 
-    def flush(self, now: float) -> list[Event]:
+    def flush(self, now: float) -> list[LineEvent]:
         """Return what is certain now that nothing has come up to this time."""
         return self._events(self._sniffer.flush(now))
 
-    def finish(self) -> list[Event]:
+    def finish(self) -> list[LineEvent]:
         """Return the rest, now that nothing follows."""
         events = self._events(self._sniffer.finish())
         return events + [self._given_up(pair, pair.request.time_s if pair.request else 0.0) for pair in self._left()]
@@ -88,28 +88,28 @@ class Watch:
             self._tally.pair(pair)
         return pairs
 
-    def _events(self, findings: Iterable[Finding]) -> list[Event]:
-        return [event for finding in findings for event in self._explained(finding)]
+    def _events(self, items: Iterable[TrafficItem]) -> list[LineEvent]:
+        return [event for item in items for event in self._explained(item)]
 
-    def _explained(self, finding: Finding) -> list[Event]:
+    def _explained(self, item: TrafficItem) -> list[LineEvent]:
         events, mine, retries = [], None, 0
-        for pair in self._pairing.feed(finding):
+        for pair in self._pairing.feed(item):
             self._tally.pair(pair)
-            if pair.reply is finding:
+            if pair.reply is item:
                 mine = pair
             else:
-                events.append(self._given_up(pair, finding.time_s))
-        if isinstance(finding, HeardTelegram) and finding.expects_reply:
+                events.append(self._given_up(pair, item.time_s))
+        if isinstance(item, HeardTelegram) and item.expects_reply:
             retries = self._pairing.retries
-        self._tally.feed(finding)
-        events.append(Event(line=self._name, time_s=finding.time_s, finding=finding, pair=mine, retries=retries))
+        self._tally.feed(item)
+        events.append(LineEvent(line=self._name, time_s=item.time_s, item=item, pair=mine, retries=retries))
         return events
 
-    def _given_up(self, pair: Pair, time_s: float) -> Event:
-        return Event(line=self._name, time_s=time_s, finding=None, pair=pair)
+    def _given_up(self, pair: Pair, time_s: float) -> LineEvent:
+        return LineEvent(line=self._name, time_s=time_s, item=None, pair=pair)
 
 
-Outcome: TypeAlias = Literal["answered", "late", "unanswered", "stray"]
+PairOutcome: TypeAlias = Literal["answered", "late", "unanswered", "stray"]
 
 _KEPT_UNANSWERED = 8
 
@@ -123,7 +123,7 @@ class Pair:
     often the master had asked the same before.
     """
 
-    outcome: Outcome
+    outcome: PairOutcome
     request: HeardTelegram | None
     reply: HeardTelegram | None
     reply_time_s: float | None = None
@@ -154,11 +154,11 @@ class Pairing:
         """How often the open request had been asked before in a row."""
         return self._retries
 
-    def feed(self, finding: Finding) -> list[Pair]:
+    def feed(self, item: TrafficItem) -> list[Pair]:
         """Take what was heard next; return what is now known to be over."""
-        if not isinstance(finding, HeardTelegram):
+        if not isinstance(item, HeardTelegram):
             return []
-        return self._request(finding) if finding.direction == "request" else [self._reply(finding)]
+        return self._request(item) if item.direction == "request" else [self._reply(item)]
 
     def finish(self) -> list[Pair]:
         """Return what is open when nothing follows."""
@@ -217,16 +217,16 @@ class Tally:
     drives: dict[str, Statistics] = field(default_factory=lambda: defaultdict(Statistics))
     _damaged: set[str] = field(default_factory=set)
 
-    def feed(self, finding: Finding) -> None:
+    def feed(self, item: TrafficItem) -> None:
         """Count what was heard."""
-        if isinstance(finding, DamagedTelegram):
-            self._count(finding.drive or finding.protocol, f"{finding.error.category} errors")
-            if finding.drive:
-                self._damaged.add(finding.drive)
-        elif isinstance(finding, UnknownBytes | AmbiguousTelegram):
-            self._count(LINE, "noise bytes", len(finding.data))
-        elif finding.broadcast:
-            self._count(finding.drive, "requests")
+        if isinstance(item, DamagedTelegram):
+            self._count(item.drive or item.protocol, f"{item.error.category} errors")
+            if item.drive:
+                self._damaged.add(item.drive)
+        elif isinstance(item, UnknownBytes | AmbiguousTelegram):
+            self._count(LINE, "noise bytes", len(item.data))
+        elif item.broadcast:
+            self._count(item.drive, "requests")
 
     def pair(self, pair: Pair) -> None:
         """Count what became of a request."""

@@ -9,14 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from drivecomm.traffic.sniffer.findings import ambiguous_of, telegram_of
+from drivecomm.traffic.sniffer.traffic_items import ambiguous_of, telegram_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from drivecomm.protocol import Direction
     from drivecomm.traffic.sniffer.directions import DirectionEstimator, Observation
-    from drivecomm.traffic.sniffer.findings import Finding
+    from drivecomm.traffic.sniffer.traffic_items import TrafficItem
 
 _CLEARLY_BETTER = 2
 # An odd number: where requests and replies alternate, the next beginning is the other one.
@@ -26,23 +26,23 @@ _AGREED = 4
 
 @dataclass(slots=True)
 class _Slot:
-    """A finding in its place, None while its direction is not known."""
+    """A item in its place, None while its direction is not known."""
 
     heard: Observation
-    finding: Finding | None = None
+    item: TrafficItem | None = None
 
 
-class PendingFindings:
+class PendingItems:
     """Findings of one line. estimators: of the protocols that may be spoken, by name."""
 
     def __init__(self, estimators: Mapping[str, DirectionEstimator]) -> None:
         self._estimators = estimators
-        self._found: list[_Slot | Finding] = []
+        self._found: list[_Slot | TrafficItem] = []
         self._open: dict[str, list[_Slot]] = {name: [] for name in estimators}
 
-    def add(self, finding: Finding) -> None:
+    def add(self, item: TrafficItem) -> None:
         """Take what has no direction, or whose direction is known."""
-        self._found.append(finding)
+        self._found.append(item)
 
     def hear(self, heard: Observation) -> None:
         """Take the next telegram of a protocol, one way or the other."""
@@ -58,14 +58,14 @@ class PendingFindings:
         if len(slots) >= _LONGEST_DOUBT:
             self._give_up(name)
 
-    def certain(self) -> list[Finding]:
-        """Return the findings before the first whose direction is still open, and keep the others."""
-        certain: list[Finding] = []
+    def certain(self) -> list[TrafficItem]:
+        """Return the items before the first whose direction is still open, and keep the others."""
+        certain: list[TrafficItem] = []
         for each in self._found:
-            finding = each.finding if isinstance(each, _Slot) else each
-            if finding is None:
+            item = each.item if isinstance(each, _Slot) else each
+            if item is None:
                 break
-            certain.append(finding)
+            certain.append(item)
         del self._found[: len(certain)]
         return certain
 
@@ -81,16 +81,16 @@ class PendingFindings:
         if directions is not None:
             estimator.certain = True
             for slot, direction in zip(slots, directions, strict=True):
-                slot.finding = _directed(estimator, slot.heard, direction)
+                slot.item = _directed(estimator, slot.heard, direction)
             slots.clear()
 
     def _give_up(self, name: str) -> None:
         for slot in self._open[name]:
-            slot.finding = ambiguous_of(slot.heard)
+            slot.item = ambiguous_of(slot.heard)
         self._open[name].clear()
 
 
-def _directed(estimator: DirectionEstimator, heard: Observation, direction: Direction | None) -> Finding:
+def _directed(estimator: DirectionEstimator, heard: Observation, direction: Direction | None) -> TrafficItem:
     reading = heard.reading(direction) if direction else None
     if reading is None:
         estimator.doubt(heard)

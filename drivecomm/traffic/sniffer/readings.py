@@ -97,7 +97,7 @@ class Reader:
         return Unfinished(needed)
 
     def look_at_rest(self, data: bytes, start: int, limit: int) -> Look:
-        """Return what begins at `start` when nothing comes behind `limit`: a whole telegram or a broken one."""
+        """Return what begins at `start` when nothing comes after `limit`: a whole telegram or a broken one."""
         found = self.look(data, start, limit)
         return self._read(self._text(data, start, limit), start) if isinstance(found, Unfinished) else found
 
@@ -185,7 +185,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class _Choice:
-    """Candidates one behind the other. end: where the last is over; left_over: characters before it that none has."""
+    """Candidates one after the other. end: where the last is over; left_over: characters before it that none has."""
 
     weight: int
     end: int

@@ -15,17 +15,17 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.traffic.sniffer.damage import DamageReport
 from drivecomm.traffic.sniffer.directions import DirectionEstimator, Observation
-from drivecomm.traffic.sniffer.findings import AmbiguousTelegram, ways_of
-from drivecomm.traffic.sniffer.pending import PendingFindings
+from drivecomm.traffic.sniffer.pending import PendingItems
 from drivecomm.traffic.sniffer.readings import Candidate, Reader, Reading, Unfinished, choose, readers_of
 from drivecomm.traffic.sniffer.stretch import Stretch
+from drivecomm.traffic.sniffer.traffic_items import AmbiguousTelegram, ways_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from drivecomm.capture import Piece
     from drivecomm.protocol import Direction, LineSettings, Protocol
-    from drivecomm.traffic.sniffer.findings import Finding
+    from drivecomm.traffic.sniffer.traffic_items import TrafficItem
 
 _SENDERS: dict[str, Direction] = {"master": "request", "drive": "reply"}
 Belief: TypeAlias = Literal["yes", "no", "wait", "perhaps"]
@@ -60,7 +60,7 @@ class Sniffer:
         known = list(protocols)
         self._stretch = Stretch(settings.character_s if settings else None)
         self._estimators = {protocol.name: DirectionEstimator(protocol) for protocol in known}
-        self._pending = PendingFindings(self._estimators)
+        self._pending = PendingItems(self._estimators)
         self._damage = DamageReport(self._stretch, self._estimators, self._readers_for)
         options = options or {}
         self._readers = [reader for each in known for reader in readers_of(each, options.get(each.name))]
@@ -71,7 +71,7 @@ class Sniffer:
         self._spoken_last = ""
         self._silence_s = 0.0
 
-    def feed(self, piece: Piece) -> list[Finding]:
+    def feed(self, piece: Piece) -> list[TrafficItem]:
         """Take bytes from the line and return what is now certain."""
         if not piece.data:
             return self.flush(piece.time_s)
@@ -80,13 +80,13 @@ class Sniffer:
         self._search()
         return self._pending.certain()
 
-    def flush(self, now: float) -> list[Finding]:
+    def flush(self, now: float) -> list[TrafficItem]:
         """Return what is certain now that nothing has come up to this time."""
         self._silence_s = max(0.0, self._stretch.silence_after(now))
         self._search()
         return self._pending.certain()
 
-    def finish(self) -> list[Finding]:
+    def finish(self) -> list[TrafficItem]:
         """Return all that is left, now that nothing follows."""
         self._silence_s = inf
         self._search()
@@ -241,7 +241,7 @@ class Sniffer:
             return "no"
         alone = self._stands_alone(end)
         if alone != "yes":
-            # Of a request that was damaged behind its first character, that one is left over.
+            # Of a request that was damaged after its first character, that one is left over.
             return alone
         estimator = self._estimators[reading.protocol.name]
         if reading.direction == "reply":
@@ -259,7 +259,7 @@ class Sniffer:
             return "yes"
         following, waiting = self._readings_at(end)
         if following:
-            # The same again and again is no telegram behind another.
+            # The same again and again is no telegram after another.
             same = stretch.data[end - 1 : end] * _MANY == stretch.data[end - 1 : end - 1 + _MANY]
             return "no" if same and all(reading.short for reading in following) else "yes"
         return "wait" if waiting else "no"
@@ -290,8 +290,8 @@ class Sniffer:
 
     def _report(self, end: int) -> None:
         """Report the bytes before this place as damaged telegrams, or as unknown."""
-        for finding in self._damage.findings(end):
-            self._pending.add(finding)
+        for item in self._damage.items(end):
+            self._pending.add(item)
         self._forget(end)
 
     def _forget(self, number: int) -> None:

@@ -81,7 +81,7 @@ class UnknownBytes:
     data: bytes
 
 
-Finding: TypeAlias = HeardTelegram | DamagedTelegram | AmbiguousTelegram | UnknownBytes
+TrafficItem: TypeAlias = HeardTelegram | DamagedTelegram | AmbiguousTelegram | UnknownBytes
 """What the sniffer makes of bytes."""
 
 
@@ -91,12 +91,12 @@ def ways_of(readings: Iterable[Reading]) -> tuple[tuple[str, Direction, Any], ..
 
 
 def ambiguous_of(heard: Observation) -> AmbiguousTelegram:
-    """Return the finding for what may have gone either way."""
+    """Return the item for what may have gone either way."""
     return AmbiguousTelegram(time_s=heard.ended_s, data=heard.readings[0].data, readings=ways_of(heard.readings))
 
 
 def telegram_of(reading: Reading, heard: Observation) -> HeardTelegram:
-    """Return the finding for what was read so."""
+    """Return the item for what was read so."""
     protocol, message = reading.protocol, reading.message
     named = getattr(message, "address", None) is not None
     return HeardTelegram(
