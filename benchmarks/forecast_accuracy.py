@@ -11,7 +11,8 @@ from report import Figure, Section
 
 import drivecomm
 from drivecomm.models import load_model
-from drivecomm.polling import Plan, PlannedDrive, PlannedRead
+from drivecomm.polling import Plan, PlannedRead
+from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import VirtualLine, forecast, virtual_drive
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def _plan(baudrate: int) -> Plan:
         plugin = drivecomm.protocols()[protocol]
         for address in addresses:
             options = {"baudrate": baudrate, "bytesize": 8, "parity": "N", "stopbits": 1, "model": plugin.default_model}
-            drive = PlannedDrive(protocol=protocol, address=address, options=options, reply_delay_s=_DELAY_S)
+            drive = DriveConfig(protocol=protocol, address=address, options=options, reply_delay_s=_DELAY_S)
             reads += [PlannedRead(drive=drive, parameter=parameter) for parameter in _readable(protocol, address)]
     return Plan(reads=tuple(reads))
 

@@ -1,4 +1,4 @@
-"""What reads files that people and other programs write: vectors, models, plants, poll plans, captures."""
+"""What reads files that people and other programs write: vectors, models, plants, captures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from drivecomm.capture import MAGIC, Capture, JsonLines, Pcapng, Piece, Provenan
 from drivecomm.errors import DriveCommError, FileFormatError
 from drivecomm.models import model_names, read_model
 from drivecomm.plant import files as plant_files
-from drivecomm.polling import plan_files
 from drivecomm.protocol import LineSettings, installed
 from drivecomm.testing import load_vectors, packaged_vectors
 
@@ -37,7 +36,6 @@ def file_targets() -> Iterator[Target]:
     yield _toml("vector-files", load_vectors, tuple(_vector_files(plugins)))
     yield _toml("model-files", _read_model, tuple(_model_files(plugins)))
     yield _toml("plant-files", plant_files.read_plant, (_documented(plant_files.__doc__),))
-    yield _toml("poll-plans", plan_files.read_plan, (_documented(plan_files.__doc__),))
     captures = list(_captures(plugins))
     yield Target(
         name="capture-json-lines",

@@ -9,7 +9,8 @@ from mutation import mutate_json
 from target import Target, expect
 
 from drivecomm.models import load_model
-from drivecomm.plant import Plant, PlantDrive, PlantLine
+from drivecomm.plant import Plant, PlantLine
+from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import VirtualPlant, answer_order
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ def order_target(plugin: Protocol) -> Target:
     """Return the orders, to a plant with one drive of this protocol; each input has a plant of its own."""
     # Read once: reading it takes a hundred times as long as an order.
     model = load_model(plugin.package, plugin.name, plugin.default_model)
-    drive = PlantDrive(
+    drive = DriveConfig(
         protocol=plugin.name, address=plugin.addresses[0], line="hall", name="pump", options={"model": model}
     )
     plan = Plant(lines=(PlantLine(name="hall"),), drives=(drive,))

@@ -176,7 +176,6 @@ def test_the_plug_in_contract(plugin):
         rows = form.describe()
         assert all(len(row) == 3 and all(isinstance(cell, str) for cell in row) for row in rows)
     operations = plugin.operations(plugin.addresses[0], plugin.options(), None)
-    assert operations.capabilities.link_loss
     assert operations.capabilities.stops
     for verb in ("read", "write", "status", "start", "stop", "reset", "probe", "identify"):
         assert callable(getattr(operations, verb))

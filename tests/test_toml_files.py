@@ -9,17 +9,14 @@ from drivecomm.commissioning.parameter_sets import read_set
 from drivecomm.errors import FileFormatError
 from drivecomm.models import read_model
 from drivecomm.plant import read_plant
-from drivecomm.polling import read_plan
 from drivecomm.testing import load_vectors
 
 PLANT = 'format = 1\n[[line]]\nname = "hall"\n[[drive]]\nname = "pump"\ndrive = "vabus:1"\ntitle = "Förderpumpe"\n'
-PLAN = 'format = 1\n[[drive]]\nname = "pump"\ndrive = "vabus:1"\n[[poll]]\ndrive = "pump"\nparameters = ["481"]\n'
 MODEL = 'format = 1\nprotocol = "vabus"\nname = "own"\ntitle = "größer"\n'
 VECTORS = resources.files("drivecomm_vabus").joinpath("vectors.toml").read_text(encoding="utf-8")
 
 READERS = {
     "plant": (read_plant, PLANT),
-    "plan": (read_plan, PLAN),
     "model": (lambda path: read_model(path, "vabus"), MODEL),
     "vectors": (load_vectors, VECTORS),
 }

@@ -5,78 +5,71 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from drivecomm.bus.async_drive import AsyncBroadcast, AsyncDrive
-from drivecomm.bus.async_turns import AsyncTurns
-from drivecomm.bus.bus import REOPEN_FIRST_S, REOPEN_LONGEST_S, port_opener
-from drivecomm.bus.roster import Roster, echo_mode, line_overrides
-from drivecomm.bus.scanning import Found, Search, introduce, look
-from drivecomm.bus.stored_writes import ALLOWED, StoredWrites
-from drivecomm.bus.turns import Rank
+from drivecomm.bus.async_priority_lock import AsyncPriorityLock
+from drivecomm.bus.bus import port_opener, recorded
+from drivecomm.bus.faces import Awaited
+from drivecomm.bus.priority_lock import Rank
+from drivecomm.bus.procedures import carry_out_async
+from drivecomm.bus.roster import Roster
+from drivecomm.bus.scanning import Found, Search
+from drivecomm.bus.shared_bus import SharedBus
+from drivecomm.bus.stored_writes import ALLOWED
+from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
+from drivecomm.bus.waiting import reaching
 from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError
-from drivecomm.link import GrowingPause
 from drivecomm.polling import poll_async
 from drivecomm.transport import runner_for
 
 if TYPE_CHECKING:
-    from collections import Counter
-    from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterable, Mapping
-    from pathlib import Path
+    from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterable
     from types import TracebackType
 
+    from drivecomm.bus.faces import Job
     from drivecomm.bus.likely_settings import LineChoices
+    from drivecomm.bus.waiting import Goal
     from drivecomm.capture import Record
-    from drivecomm.link import CommandCall, Echo, Health, Party, Port, Statistics, Steps, TraceEvent
+    from drivecomm.link import Echo, Port, TraceEvent
     from drivecomm.polling import PollItem, PollResult
-    from drivecomm.protocol import Exchange, Model, Parity, Reading
+    from drivecomm.protocol import DriveStatus, Parity
     from drivecomm.transport import Runner
 
 T = TypeVar("T")
-R = TypeVar("R", "Reading", "Reading | None")
-
-_CLOSED = "this bus is closed; open it again with open_bus_async"
 
 
-class AsyncBus:
+class AsyncDrive(DriveVerbs["AsyncBus"], Awaited):
+    """One addressed drive, made by `AsyncBus.drive`; every verb is one exchange on the bus, and raises as `Drive`'s do.
+
+    Cancelling a verb leaves the bus usable; whether the drive acted on a command that was cancelled is not known.
+    """
+
+    async def wait_for(self, goal: Goal, timeout_s: float = 10.0) -> DriveStatus:
+        """Ask for the status until the drive is in a state, or "at_reference"; as `Drive.wait_for`."""
+        return await carry_out_async(self, reaching(self.name, goal, timeout_s, self.bus.now))
+
+
+class AsyncBroadcast(BroadcastVerbs["AsyncBus"], Awaited):
+    """All drives of one protocol on a bus at once. Nobody answers, so nothing is known of what they did."""
+
+
+class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
     """The master's side of one line, an asynchronous context manager; may be used by many tasks of one event loop.
 
     open_port: opens the port, on entering and again after it was lost; it may block, and does so in a thread. roster:
     the drives and what holds for all of them. on_close: called when the bus has been closed.
     """
 
+    _drive = AsyncDrive
+    _broadcast = AsyncBroadcast
+    _opened_with = "open_bus_async"
+
     def __init__(
         self, open_port: Callable[[], Port], roster: Roster, on_close: Callable[[], None] | None = None
     ) -> None:
-        self._open_port = open_port
-        self._roster = roster
-        self._on_close = on_close
-        self._turns = AsyncTurns()
+        super().__init__(open_port, roster, on_close)
+        self._lock = AsyncPriorityLock()
         self._owner: asyncio.Task[Any] | None = None
-        self._closed = False
-        self._reopening = GrowingPause(REOPEN_FIRST_S, REOPEN_LONGEST_S)
-        self._port: Port | None = None
-        self._clock: Port | None = None
         self._runner: Runner | None = None
-        roster.link.stop_waits = self._turns.stop_waits
-
-    def drive(
-        self,
-        protocol: str,
-        address: int,
-        *,
-        model: str | Path | Model | None = None,
-        set_up: Mapping[str, Any] | None = None,
-        read_only: str = "",
-        **options: Any,
-    ) -> AsyncDrive:
-        """Return the drive at an address; nothing is sent. The arguments are those of `Bus.drive`."""
-        member = self._roster.member(protocol, address, model, set_up, options, read_only=read_only)
-        self._roster.add(member.party.name)
-        return AsyncDrive(self, *member)
-
-    def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> AsyncBroadcast:
-        """Return all drives of a protocol at once; what is sent to them is never answered."""
-        member = self._roster.all_drives(protocol, model, options)
-        return AsyncBroadcast(self, member.party, member.operations)
+        roster.link.stop_waits = self._lock.stop_waits
 
     async def scan(
         self,
@@ -89,95 +82,36 @@ class AsyncBus:
     ) -> AsyncIterator[Found]:
         """Yield the drives that answer, as `Bus.scan` does; sends only what cannot move a motor."""
         search = Search(only, addresses, choices)
-        asking = None
-        for asking in search:
-            if progress is not None:
-                progress(str(asking), search.done, search.total)
-            member = self._roster.member(asking.protocol, asking.address, None, None, {**asking.options, **options})
-            seen = await self.insist(member.party, look(asking, member.operations, member.party.facts.settings))
-            found = search.heard(asking, seen)
-            if found is not None and found.sound:
-                found = await self.insist(member.party, introduce(found, member.operations))
+        for each in self._scan(search, progress, options):
+            if isinstance(each, Found):
                 # Reads files the first time.
-                found = await asyncio.to_thread(search.model_of, found)
-            if found is not None:
-                yield found
-        for each in search.damaged():
-            yield each
-        if progress is not None and asking is not None:
-            progress(str(asking), search.total, search.total)
+                yield await asyncio.to_thread(search.model_of, each)
+            else:
+                each.found = await self.run(each.job)
 
     def poll(
         self, items: Iterable[PollItem[AsyncDrive]], *, duration_s: float | None = None, cycles: int | None = None
     ) -> AsyncGenerator[PollResult, None]:
         """Yield the results of a poll plan for drives on this bus; see `drivecomm.poll_async`."""
-        plan = list(items)
-        for item in plan:
-            if item.drive.bus is not self:
-                raise UsageError(f"{item.drive.name} is not on this bus; poll it with drivecomm.poll_async")
-        return poll_async(plan, duration_s=duration_s, cycles=cycles)
+        return poll_async(self._on_this_bus(items, "drivecomm.poll_async"), duration_s=duration_s, cycles=cycles)
 
-    async def run(
-        self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ, command: CommandCall | None = None
-    ) -> T:
-        """Carry out an exchange with a drive, unless the drive is known not to answer; waits for its turn.
-
-        A port that was lost is opened again first. Raises DeadlineError when the drive's deadline_s passes, and
-        CommandCancelledError for a command that a stop has cancelled.
-        """
-        deadline = self.now() + party.facts.timing.deadline_s
-        steps = self._roster.link.run(party, exchange, deadline=deadline, command=command)
-        return (await self._in_turn(steps, party, rank))[0]
-
-    async def reading(
-        self, party: Party, exchange: Exchange[R], rank: Rank = Rank.READ, command: CommandCall | None = None
-    ) -> R:
-        """Carry out an exchange as `run` does; the reading that it results in gets the time of its reply."""
-        deadline = self.now() + party.facts.timing.deadline_s
-        steps = self._roster.link.run(party, exchange, deadline=deadline, command=command)
-        result, time_s = await self._in_turn(steps, party, rank)
-        return result and result.at(time_s)
-
-    async def insist(self, party: Party, exchange: Exchange[T]) -> T:
-        """Carry out an exchange whatever is known of the drive; waits for its turn."""
-        deadline = self.now() + party.facts.timing.deadline_s
-        return (await self._in_turn(self._roster.link.insist(party, exchange, deadline=deadline), party, Rank.READ))[0]
-
-    async def stop(self, party: Party, exchange: Exchange[T]) -> T:
-        """Carry out an exchange that stops a motor, or all of a protocol; see `drivecomm.link.command_order`."""
-        deadline = self.now() + party.facts.timing.deadline_s
-        self._roster.commands.stop_called(party.name)
-        # Tasks that were made before this call and have not begun were asked for before it.
-        await asyncio.sleep(0)
-        self._roster.commands.stop_called(party.name)
-        stopping = self._roster.stopping(party, exchange)
-        return (await self._in_turn(self._roster.link.stop(party, stopping, deadline=deadline), party, Rank.STOP))[0]
-
-    def command(self, party: Party) -> CommandCall:
-        """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that."""
-        return self._roster.commands.called(party.name)
-
-    def watched(self, party: Party, silence_s: float | None) -> None:
-        """Take note how long a drive's watchdog waits; None when it is off, or not known."""
-        self._roster.commands.watch(party.name, silence_s)
-        self._roster.link.repeat_within(party, float("inf") if silence_s is None else silence_s)
-
-    def storing(self, party: Party, parameter: str) -> None:
-        """Count a write that may end in EEPROM. Raises UsageError for one too many within an hour."""
-        self._roster.stored_writes.count(party.name, parameter, self.now())
-
-    def now(self) -> float:
-        """Return the time on the line's clock, in seconds; its beginning means nothing."""
-        if self._closed:
-            raise UsageError(_CLOSED)
-        if self._clock is None:
-            raise UsageError("this bus is not open; use it in `async with`")
-        return self._clock.now()
-
-    @property
-    def real_time(self) -> bool:
-        """Whether time passes by itself, as it does everywhere but on a virtual line."""
-        return self._clock is None or self._clock.real_time
+    async def run(self, job: Job[T]) -> T:
+        """Carry out a job when it is its turn, as `Bus.run` does."""
+        deadline = self._called(job)
+        if job.rank is Rank.STOP:
+            # Tasks that were made before this call and have not begun were asked for before it.
+            await asyncio.sleep(0)
+            self._roster.commands.stop_called(job.peer.name)
+        await self._take_turn(job.rank, job.peer.facts.timing.deadline_s, job.peer.name)
+        try:
+            runner = await self._opened()
+            try:
+                return self._timed(await runner.run(self._begin(job, deadline), self._lock.stop_waits))
+            except LinkDownError:
+                self._let_go()
+                raise
+        finally:
+            self._give_back()
 
     async def sleep_until(self, until: float) -> None:
         """Let time pass on the line's clock; others may use the line meanwhile."""
@@ -191,25 +125,6 @@ class AsyncBus:
             self._clock.wait(until)
         finally:
             self._give_back()
-
-    def wall_time(self) -> float:
-        """Return the time in seconds since 1970 (on a virtual line: since its start), 0 before it was opened."""
-        return 0.0 if self._clock is None else self._clock.wall_time()
-
-    @property
-    def counters(self) -> Mapping[str, Counter[str]]:
-        """What happened so far, by drive: requests, replies, retries, timeouts, and each kind of error."""
-        return self._roster.link.counters
-
-    @property
-    def statistics(self) -> Mapping[str, Statistics]:
-        """The counters and the reply times, by drive."""
-        return self._roster.link.statistics
-
-    @property
-    def health(self) -> Mapping[str, Health]:
-        """Whether the drives answer, by name."""
-        return self._roster.link.health
 
     async def close(self) -> None:
         """Give the port back; the bus cannot be used any more."""
@@ -231,50 +146,29 @@ class AsyncBus:
     ) -> None:
         await self.close()
 
-    async def _in_turn(self, steps: Steps[T], party: Party, rank: Rank) -> tuple[T, float]:
-        await self._take_turn(rank, party.facts.timing.deadline_s, party.name)
-        try:
-            runner = await self._opened()
-            try:
-                result = await runner.run(steps, self._turns.stop_waits)
-            except LinkDownError:
-                self._let_go()
-                raise
-            return result, self.wall_time()
-        finally:
-            self._give_back()
-
     async def _take_turn(self, rank: Rank, seconds: float, who: str) -> None:
         if self._owner is not None and self._owner is asyncio.current_task():
             raise UsageError("a trace function cannot use the bus that calls it")
         if rank is Rank.STOP and self._runner is not None:
             self._runner.look()
-        if not await self._turns.take(rank, seconds):
+        if not await self._lock.take(rank, seconds):
             raise DeadlineError(f"{who}: the line was busy with others for {seconds:g} s")
         self._owner = asyncio.current_task()
 
     def _give_back(self) -> None:
         self._owner = None
-        self._turns.give_back()
+        self._lock.give_back()
 
     async def _opened(self) -> Runner:
         if self._runner is not None:
             return self._runner
-        if self._closed:
-            raise UsageError(_CLOSED)
-        if self._clock is not None and (now := self._clock.now()) < self._reopening.over_at:
-            raise LinkDownError(f"the port was lost; it is opened again in {self._reopening.over_at - now:.1f} s")
+        self._check_backoff()
         try:
             port = await self._new_port()
         except (PortError, LinkDownError):
-            if self._clock is not None:
-                self._reopening.failed(self._clock.now())
+            self._opening_failed()
             raise
-        self._reopening.succeeded()
-        if self._clock is not None:
-            self._roster.link.reopened()
-        self._port = self._clock = port
-        self._roster.link.paced = port.paced
+        self._was_opened(port)
         self._runner = runner_for(port)
         return self._runner
 
@@ -330,21 +224,6 @@ def open_bus_async(
         "stopbits": stopbits,
         "reply_timeout_s": reply_timeout_s,
         "attempts": attempts,
-        **facts,
     }
-    roster = Roster(
-        overrides=line_overrides(given),
-        trace=trace,
-        echo=echo_mode(echo),
-        guard_s=guard_s,
-        stored_writes=StoredWrites(stored_writes_per_hour),
-    )
-    opener = port_opener(port, rs485=rs485, low_latency=low_latency)
-    if record is None:
-        return AsyncBus(opener, roster)
-    # Files and their formats are for those who record.
-    from drivecomm.capture import Recording  # noqa: PLC0415
-
-    name = port if isinstance(port, str) else ""
-    recording = Recording(opener, record, name=name, echo=echo_mode(echo), drives=roster.names)
-    return AsyncBus(recording.open_port, roster, recording.close)
+    roster = Roster({**given, **facts}, trace, echo, guard_s, stored_writes_per_hour)
+    return AsyncBus(*recorded(port_opener(port, rs485=rs485, low_latency=low_latency), roster, record, port))

@@ -5,85 +5,78 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from drivecomm.bus.drive import Broadcast, Drive
-from drivecomm.bus.roster import Roster, echo_mode, line_overrides
-from drivecomm.bus.scanning import Found, Search, introduce, look
-from drivecomm.bus.stored_writes import ALLOWED, StoredWrites
-from drivecomm.bus.turns import Rank, Turn, Turns
+from drivecomm.bus.faces import Blocking
+from drivecomm.bus.priority_lock import PriorityLock, Rank, Turn
+from drivecomm.bus.procedures import carry_out
+from drivecomm.bus.roster import Roster
+from drivecomm.bus.scanning import Found, Search
+from drivecomm.bus.shared_bus import SharedBus
+from drivecomm.bus.stored_writes import ALLOWED
+from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
+from drivecomm.bus.waiting import reaching
 from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError, shortened
-from drivecomm.link import GrowingPause
 from drivecomm.polling import poll
 from drivecomm.transport import run
 
 if TYPE_CHECKING:
-    from collections import Counter
-    from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-    from pathlib import Path
+    from collections.abc import Callable, Generator, Iterable, Iterator
     from types import TracebackType
 
+    from drivecomm.bus.faces import Job
     from drivecomm.bus.likely_settings import LineChoices
+    from drivecomm.bus.waiting import Goal
     from drivecomm.capture import Record
-    from drivecomm.link import CommandCall, Echo, Health, Party, Port, Statistics, Steps, TraceEvent
+    from drivecomm.link import Echo, Port, TraceEvent
     from drivecomm.polling import PollItem, PollResult
-    from drivecomm.protocol import Exchange, Model, Parity, Reading
+    from drivecomm.protocol import DriveStatus, Parity
 
 T = TypeVar("T")
-R = TypeVar("R", "Reading", "Reading | None")
-
-_CLOSED = "this bus is closed; open it again with open_bus"
-
-REOPEN_FIRST_S = 0.5
-REOPEN_LONGEST_S = 2.0
 
 
-class Bus:
+class Drive(DriveVerbs["Bus"], Blocking):
+    """One addressed drive, made by `Bus.drive`: the one interface to drives of every maker.
+
+    Every verb is one exchange on the bus. It may raise LinkError (port or line), ReplyError (no believable reply),
+    DriveError (the drive said no), and UsageError before anything is sent. A drive that does not answer is given up
+    after some time: its verbs then raise NotAnsweringError at once, and now and then ask again; only `stop` and `probe`
+    always ask.
+
+    A stop goes before everything: what waits for a reply meanwhile raises OvertakenError, and commands for the same
+    drive that were called before it and are not carried out yet raise CommandCancelledError.
+    """
+
+    def wait_for(self, goal: Goal, timeout_s: float = 10.0) -> DriveStatus:
+        """Ask for the status until the drive is in a state, or "at_reference"; returns that status.
+
+        Others use the line meanwhile. Raises StateError if the drive does not reach the state in time, and at once when
+        it has a fault that is not waited for.
+        """
+        return carry_out(self, reaching(self.name, goal, timeout_s, self.bus.now))
+
+
+class Broadcast(BroadcastVerbs["Bus"], Blocking):
+    """All drives of one protocol on a bus at once. Nobody answers, so nothing is known of what they did."""
+
+
+class Bus(SharedBus[Drive, Broadcast]):
     """The master's side of one line. Runs one exchange at a time, whoever asks; may be used from many threads.
 
     open_port: opens the port, at once and again after it was lost. roster: the drives and what holds for all of them.
     on_close: called when the bus has been closed.
     """
 
+    _drive = Drive
+    _broadcast = Broadcast
+    _opened_with = "open_bus"
+    _clock: Port
+
     def __init__(
         self, open_port: Callable[[], Port], roster: Roster, on_close: Callable[[], None] | None = None
     ) -> None:
-        self._open_port = open_port
-        self._roster = roster
-        self._on_close = on_close
-        self._turns = Turns()
-        self._closed = False
-        self._reopening = GrowingPause(REOPEN_FIRST_S, REOPEN_LONGEST_S)
-        self._port: Port | None = open_port()
-        self._clock: Port = self._port
-        roster.link.paced = self._port.paced
-        roster.link.stop_waits = self._turns.stop_waits
-
-    def drive(
-        self,
-        protocol: str,
-        address: int,
-        *,
-        model: str | Path | Model | None = None,
-        set_up: Mapping[str, Any] | None = None,
-        read_only: str = "",
-        **options: Any,
-    ) -> Drive:
-        """Return the drive at an address; nothing is sent.
-
-        model: a model of the protocol's package by name, or a TOML file. set_up: parameters and the values that are
-        written to it, without storing them, before anything else is sent, and again whenever it or the line was away;
-        such as its control watchdog. read_only: why this drive may not be written or commanded, as the sentence of the
-        UsageError that is raised then; it can be asked, and stopped. options: line facts of this drive (baudrate,
-        parity, reply_timeout_s, attempts, ...) and the protocol's own drive options. Raises UsageError for anything
-        that cannot be.
-        """
-        member = self._roster.member(protocol, address, model, set_up, options, read_only=read_only)
-        self._roster.add(member.party.name)
-        return Drive(self, *member)
-
-    def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> Broadcast:
-        """Return all drives of a protocol at once; what is sent to them is never answered."""
-        member = self._roster.all_drives(protocol, model, options)
-        return Broadcast(self, member.party, member.operations)
+        super().__init__(open_port, roster, on_close)
+        self._lock = PriorityLock()
+        roster.link.stop_waits = self._lock.stop_waits
+        self._was_opened(open_port())
 
     def scan(
         self,
@@ -105,84 +98,38 @@ class Bus:
         are done, and how many there are. options: line facts for all drives asked.
         """
         search = Search(only, addresses, choices)
-        asking = None
-        for asking in search:
-            if progress is not None:
-                progress(str(asking), search.done, search.total)
-            member = self._roster.member(asking.protocol, asking.address, None, None, {**asking.options, **options})
-            seen = self.insist(member.party, look(asking, member.operations, member.party.facts.settings))
-            found = search.heard(asking, seen)
-            if found is not None and found.sound:
-                found = search.model_of(self.insist(member.party, introduce(found, member.operations)))
-            if found is not None:
-                yield found
-        yield from search.damaged()
-        if progress is not None and asking is not None:
-            progress(str(asking), search.total, search.total)
+        for each in self._scan(search, progress, options):
+            if isinstance(each, Found):
+                yield search.model_of(each)
+            else:
+                each.found = self.run(each.job)
 
     def poll(
         self, items: Iterable[PollItem[Drive]], *, duration_s: float | None = None, cycles: int | None = None
     ) -> Generator[PollResult, None, None]:
         """Yield the results of a poll plan for drives on this bus; see `drivecomm.poll`."""
-        plan = list(items)
-        for item in plan:
-            if item.drive.bus is not self:
-                raise UsageError(f"{item.drive.name} is not on this bus; poll it with drivecomm.poll")
-        return poll(plan, duration_s=duration_s, cycles=cycles)
+        return poll(self._on_this_bus(items, "drivecomm.poll"), duration_s=duration_s, cycles=cycles)
 
-    def run(self, party: Party, exchange: Exchange[T], rank: Rank = Rank.READ, command: CommandCall | None = None) -> T:
-        """Carry out an exchange with a drive, unless the drive is known not to answer; waits for its turn.
+    def run(self, job: Job[T]) -> T:
+        """Carry out a job when it is its turn; a port that was lost is opened again first.
 
-        A port that was lost is opened again first. Raises DeadlineError when the drive's deadline_s passes, and
-        CommandCancelledError for a command that a stop has cancelled.
+        Raises what the exchange raises, DeadlineError when the drive's deadline_s passes, CommandCancelledError for a
+        command that a stop has cancelled, NotAnsweringError for a drive that is known not to answer.
         """
-        deadline = self.now() + party.facts.timing.deadline_s
-        return self._in_turn(self._roster.link.run(party, exchange, deadline=deadline, command=command), party, rank)[0]
-
-    def reading(
-        self, party: Party, exchange: Exchange[R], rank: Rank = Rank.READ, command: CommandCall | None = None
-    ) -> R:
-        """Carry out an exchange as `run` does; the reading that it results in gets the time of its reply."""
-        deadline = self.now() + party.facts.timing.deadline_s
-        steps = self._roster.link.run(party, exchange, deadline=deadline, command=command)
-        result, time_s = self._in_turn(steps, party, rank)
-        return result and result.at(time_s)
-
-    def insist(self, party: Party, exchange: Exchange[T]) -> T:
-        """Carry out an exchange whatever is known of the drive; waits for its turn."""
-        deadline = self.now() + party.facts.timing.deadline_s
-        return self._in_turn(self._roster.link.insist(party, exchange, deadline=deadline), party, Rank.READ)[0]
-
-    def stop(self, party: Party, exchange: Exchange[T]) -> T:
-        """Carry out an exchange that stops a motor, or all of a protocol; see `drivecomm.link.command_order`."""
-        deadline = self.now() + party.facts.timing.deadline_s
-        self._roster.commands.stop_called(party.name)
-        stopping = self._roster.stopping(party, exchange)
-        return self._in_turn(self._roster.link.stop(party, stopping, deadline=deadline), party, Rank.STOP)[0]
-
-    def command(self, party: Party) -> CommandCall:
-        """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that."""
-        return self._roster.commands.called(party.name)
-
-    def watched(self, party: Party, silence_s: float | None) -> None:
-        """Take note how long a drive's watchdog waits; None when it is off, or not known."""
-        self._roster.commands.watch(party.name, silence_s)
-        self._roster.link.repeat_within(party, float("inf") if silence_s is None else silence_s)
-
-    def storing(self, party: Party, parameter: str) -> None:
-        """Count a write that may end in EEPROM. Raises UsageError for one too many within an hour."""
-        self._roster.stored_writes.count(party.name, parameter, self.now())
-
-    def now(self) -> float:
-        """Return the time on the line's clock, in seconds; its beginning means nothing."""
-        if self._closed:
-            raise UsageError(_CLOSED)
-        return self._clock.now()
-
-    @property
-    def real_time(self) -> bool:
-        """Whether time passes by itself, as it does everywhere but on a virtual line."""
-        return self._clock.real_time
+        deadline = self._called(job)
+        turn = Turn(job.rank)
+        try:
+            with turn.held:
+                self._wait_for(turn, job.peer.facts.timing.deadline_s, job.peer.name)
+                port = self._opened()
+                try:
+                    return self._timed(run(self._begin(job, deadline), port, self._lock.stop_waits))
+                except LinkDownError:
+                    self._port = None
+                    port.close()
+                    raise
+        finally:
+            self._lock.hand_on()
 
     def sleep_until(self, until: float) -> None:
         """Let time pass on the line's clock; others may use the line meanwhile."""
@@ -196,26 +143,7 @@ class Bus:
                 self._wait_for(turn, float("inf"), "the bus")
                 self._clock.wait(until)
         finally:
-            self._turns.hand_on()
-
-    def wall_time(self) -> float:
-        """Return the time in seconds since 1970 (on a virtual line: since its start), also while the line is down."""
-        return self._clock.wall_time()
-
-    @property
-    def counters(self) -> Mapping[str, Counter[str]]:
-        """What happened so far, by drive: requests, replies, retries, timeouts, and each kind of error."""
-        return self._roster.link.counters
-
-    @property
-    def statistics(self) -> Mapping[str, Statistics]:
-        """The counters and the reply times, by drive."""
-        return self._roster.link.statistics
-
-    @property
-    def health(self) -> Mapping[str, Health]:
-        """Whether the drives answer, by name."""
-        return self._roster.link.health
+            self._lock.hand_on()
 
     def close(self) -> None:
         """Give the port back; the bus cannot be used any more."""
@@ -230,7 +158,7 @@ class Bus:
                 if self._on_close is not None:
                     self._on_close()
         finally:
-            self._turns.hand_on()
+            self._lock.hand_on()
 
     def __enter__(self) -> Self:
         return self
@@ -240,45 +168,23 @@ class Bus:
     ) -> None:
         self.close()
 
-    def _in_turn(self, steps: Steps[T], party: Party, rank: Rank) -> tuple[T, float]:
-        turn = Turn(rank)
-        try:
-            with turn.held:
-                self._wait_for(turn, party.facts.timing.deadline_s, party.name)
-                port = self._opened()
-                try:
-                    result = run(steps, port, self._turns.stop_waits)
-                except LinkDownError:
-                    self._port = None
-                    port.close()
-                    raise
-                return result, port.wall_time()
-        finally:
-            self._turns.hand_on()
-
     def _wait_for(self, turn: Turn, seconds: float, who: str) -> None:
-        if self._turns.is_mine():
+        if self._lock.is_mine():
             raise UsageError("a trace function cannot use the bus that calls it")
-        if not self._turns.take(turn, seconds):
+        if not self._lock.take(turn, seconds):
             raise DeadlineError(f"{who}: the line was busy with others for {seconds:g} s")
 
     def _opened(self) -> Port:
         if self._port is not None:
             return self._port
-        if self._closed:
-            raise UsageError(_CLOSED)
-        now = self._clock.now()
-        if now < self._reopening.over_at:
-            raise LinkDownError(f"the port was lost; it is opened again in {self._reopening.over_at - now:.1f} s")
+        self._check_backoff()
         try:
-            self._port = self._clock = self._open_port()
+            port = self._open_port()
         except (PortError, LinkDownError):
-            self._reopening.failed(now)
+            self._opening_failed()
             raise
-        self._reopening.succeeded()
-        self._roster.link.paced = self._port.paced
-        self._roster.link.reopened()
-        return self._port
+        self._was_opened(port)
+        return port
 
 
 def open_bus(
@@ -321,24 +227,9 @@ def open_bus(
         "stopbits": stopbits,
         "reply_timeout_s": reply_timeout_s,
         "attempts": attempts,
-        **facts,
     }
-    roster = Roster(
-        overrides=line_overrides(given),
-        trace=trace,
-        echo=echo_mode(echo),
-        guard_s=guard_s,
-        stored_writes=StoredWrites(stored_writes_per_hour),
-    )
-    opener = port_opener(port, rs485=rs485, low_latency=low_latency)
-    if record is None:
-        return Bus(opener, roster)
-    # Files and their formats are for those who record.
-    from drivecomm.capture import Recording  # noqa: PLC0415
-
-    name = port if isinstance(port, str) else ""
-    recording = Recording(opener, record, name=name, echo=echo_mode(echo), drives=roster.names)
-    return Bus(recording.open_port, roster, recording.close)
+    roster = Roster({**given, **facts}, trace, echo, guard_s, stored_writes_per_hour)
+    return Bus(*recorded(port_opener(port, rs485=rs485, low_latency=low_latency), roster, record, port))
 
 
 def port_opener(
@@ -347,7 +238,7 @@ def port_opener(
     """Return what opens this port, and opens it again when it was lost: then by the name that follows the adapter."""
     if not isinstance(port, str):
         if not callable(port):
-            raise UsageError(f"{shortened(port)} is no port; give its name, or a function that returns one")
+            raise UsageError(f"port cannot be {shortened(port)}; give its name, or a function that returns a port")
         return port
     names = [port]
 
@@ -360,3 +251,17 @@ def port_opener(
         return opened
 
     return open_port
+
+
+def recorded(
+    opener: Callable[[], Port], roster: Roster, record: Record | None, port: object
+) -> tuple[Callable[[], Port], Roster, Callable[[], None] | None]:
+    """Return what a bus is made of; with a record, the port that is opened writes down what goes over it."""
+    if record is None:
+        return opener, roster, None
+    # Files and their formats are for those who record.
+    from drivecomm.capture import Recording  # noqa: PLC0415
+
+    name = port if isinstance(port, str) else ""
+    recording = Recording(opener, record, name=name, echo=roster.echo, drives=roster.names)
+    return recording.open_port, roster, recording.close

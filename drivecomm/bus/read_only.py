@@ -9,14 +9,25 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
-from drivecomm.bus.verbs import COMMON_VERBS
-from drivecomm.errors import ReadOnlyError, ReplyError, UsageError
-from drivecomm.protocol import Pause, Stop
+from drivecomm.bus.exchanges import COMMON_VERBS
+from drivecomm.errors import ReadOnlyError, UsageError
+from drivecomm.protocol import Pause, Stop, with_each_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.protocol import Capabilities, DriveStatus, Exchange, Message, Operations, Reading, Value
+    from drivecomm.protocol import (
+        Ask,
+        Capabilities,
+        DriveStatus,
+        Exchange,
+        Intent,
+        Message,
+        Operations,
+        Reading,
+        Tell,
+        Value,
+    )
 
 T = TypeVar("T")
 
@@ -25,14 +36,14 @@ class ReadOnly:
     """The operations of a drive without those that write or command; stopping it stays, always.
 
     new: makes the drive's operations, with nothing remembered; each stop and each verb gets its own. why: the sentence
-    that a refusal gives. only_asks: the protocol's, None where it has none: then no verb of its own is let through.
+    that a refusal gives. intent: the protocol's, None where it has none: then no verb of its own is let through.
     """
 
-    def __init__(self, new: Callable[[], Operations], why: str, only_asks: Callable[[Message], bool] | None) -> None:
+    def __init__(self, new: Callable[[], Operations], why: str, intent: Callable[[Message], Intent] | None) -> None:
         self._operations = new()
         self._new = new
         self._why = why
-        self._only_asks = only_asks
+        self._intent = intent
 
     @property
     def capabilities(self) -> Capabilities:
@@ -105,21 +116,15 @@ class ReadOnly:
         A verb that sends nothing at all means to be carried out by what is sent later, and is refused, too.
         """
         asked = False
-        try:
-            command = next(exchange)
-            while True:
-                asked = True
-                if not isinstance(command, Pause) and not (self._only_asks and self._only_asks(command.message)):
-                    exchange.close()
-                    raise UsageError(self._why)
-                try:
-                    outcome = yield command
-                except ReplyError as error:
-                    command = exchange.throw(error)
-                else:
-                    command = exchange.send(outcome)
-        except StopIteration as finished:
-            if not asked:
-                raise UsageError(self._why) from None
-            result: T = finished.value
-            return result
+
+        def checked(command: Ask | Tell | Pause) -> Ask | Tell | Pause:
+            nonlocal asked
+            asked = True
+            if not isinstance(command, Pause) and not (self._intent and self._intent(command.message).only_asks):
+                raise UsageError(self._why)
+            return command
+
+        result = yield from with_each_command(exchange, checked)
+        if not asked:
+            raise UsageError(self._why)
+        return result

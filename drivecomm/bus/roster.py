@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+from drivecomm.bus.exchanges import setting_up
 from drivecomm.bus.read_only import ReadOnly
-from drivecomm.bus.stored_writes import StoredWrites
-from drivecomm.bus.verbs import setting_up
-from drivecomm.errors import AddressError, NotSupported, UsageError, meant, shortened
+from drivecomm.bus.stored_writes import ALLOWED, StoredWrites
+from drivecomm.errors import NotSupported, UsageError, shortened
 from drivecomm.link import Commands, Link, Party
 from drivecomm.models import load_model
-from drivecomm.protocol import LINE_FACT_NAMES, installed, is_duration, sort_out
+from drivecomm.protocol import checked_address, installed, is_duration, line_overrides, resolve_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,26 +35,26 @@ class Member(NamedTuple):
 class Roster:
     """The drives of one line and its link.
 
-    overrides: line facts that hold for all drives. stored_writes: counts what goes to EEPROM.
+    facts: line facts that hold for all drives; None for each that is not given. The others are those of `open_bus`.
     """
 
     def __init__(
         self,
-        *,
-        overrides: Mapping[str, Any] | None = None,
+        facts: Mapping[str, Any] | None = None,
         trace: Callable[[TraceEvent], None] | None = None,
-        echo: Echo = "off",
+        echo: bool | Echo = "off",
         guard_s: float = 0.005,
-        stored_writes: StoredWrites | None = None,
+        stored_writes_per_hour: int = ALLOWED,
     ) -> None:
+        self._overrides = line_overrides(facts or {})
+        self.echo = _echo_mode(echo)
         if not is_duration(guard_s):
             raise UsageError(f"guard_s cannot be {shortened(guard_s)}; give seconds, 0 or more")
         if trace is not None and not callable(trace):
             raise UsageError(f"trace cannot be {shortened(trace)}; give a function that is called with each event")
-        self.stored_writes = stored_writes or StoredWrites()
+        self.stored_writes = StoredWrites(stored_writes_per_hour)
         self.commands = Commands()
-        self.link = Link(trace=trace, echo=echo, guard_s=guard_s, away=self.commands.forget)
-        self._overrides = dict(overrides or {})
+        self.link = Link(trace=trace, echo=self.echo, guard_s=guard_s, away=self.commands.forget)
         self._names: set[str] = set()
         self._set_up: dict[str, tuple[Operations, dict[str, Any]]] = {}
 
@@ -77,18 +77,16 @@ class Roster:
             raise UsageError(f"set_up cannot be {shortened(set_up)}; give parameters and their values")
         if not isinstance(read_only, str):
             raise UsageError(f"read_only cannot be {shortened(read_only)}; give a sentence that says why")
-        if type(address) is not int or address not in plugin.addresses:
-            allowed = f"{plugin.addresses.start} to {plugin.addresses.stop - 1}"
-            raise AddressError(f"{protocol} has no drive at address {shortened(address)}; addresses are {allowed}")
+        checked_address(plugin, address)
         known = None if model is None else load_model(plugin.package, protocol, model)
-        facts, chosen = sort_out(plugin, known, options, for_all=self._overrides)
+        facts, chosen = resolve_options(plugin, known, options, for_all=self._overrides)
         name = f"{plugin.name}:{address}"
         remembered = () if plugin.memory is None else (self.commands.memory(name, plugin.memory),)
         operations: Operations = plugin.operations(address, chosen, known, *remembered)
         if read_only:
             if set_up:
                 raise UsageError(f"{name} cannot be set up: {read_only}")
-            operations = ReadOnly(partial(plugin.operations, address, chosen, known), read_only, plugin.only_asks)
+            operations = ReadOnly(partial(plugin.operations, address, chosen, known), read_only, plugin.intent)
         if set_up:
             self._set_up[name] = (operations, dict(set_up))
 
@@ -114,7 +112,7 @@ class Roster:
         if plugin.broadcast_address is None:
             raise NotSupported(f"{protocol} has no broadcast; command its drives one by one")
         known = None if model is None else load_model(plugin.package, protocol, model)
-        facts, chosen = sort_out(plugin, known, options, for_all=self._overrides)
+        facts, chosen = resolve_options(plugin, known, options, for_all=self._overrides)
         party = Party(name=f"{plugin.name}:*", codec=plugin.codec(chosen), facts=facts, mismatch=plugin.mismatch)
         return Member(party, plugin.operations(plugin.broadcast_address, chosen, known), known)
 
@@ -132,18 +130,10 @@ class Roster:
         return (yield from exchange)
 
 
-def line_overrides(facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Return those line facts that are given. Raises UsageError for a name that is none."""
-    unknown = sorted(set(facts) - LINE_FACT_NAMES)
-    if unknown:
-        raise UsageError(f"a line has no fact {unknown[0]!r}; {meant(unknown[0], sorted(LINE_FACT_NAMES), 'it has')}")
-    return {name: value for name, value in facts.items() if value is not None}
-
-
-def echo_mode(echo: bool | Echo) -> Echo:
+def _echo_mode(echo: bool | Echo) -> Echo:
     """Return how to treat an echo: True is "expect", False is "off"."""
     if echo in ("off", "expect", "auto"):
         return echo
     if isinstance(echo, bool):
         return "expect" if echo else "off"
-    raise UsageError(f"echo {shortened(echo)} is none of off, expect and auto")
+    raise UsageError(f"echo cannot be {shortened(echo)}; use off, expect or auto")

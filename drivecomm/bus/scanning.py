@@ -12,15 +12,17 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.bus.faces import Job
 from drivecomm.bus.likely_settings import likely_settings
 from drivecomm.errors import DriveCommError, NoReplyError, ReplyError, UsageError, shortened
 from drivecomm.models import load_model, model_names, user_folders
-from drivecomm.protocol import Ask, installed
+from drivecomm.protocol import Ask, DriveConfig, installed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from drivecomm.bus.likely_settings import LineChoices
+    from drivecomm.bus.roster import Member
     from drivecomm.protocol import Exchange, LineSettings, Model, Operations, Protocol
 
 FIRST_ADDRESSES = 3
@@ -52,15 +54,16 @@ class Found:
         return f"{self.protocol}:{self.address}"
 
     @property
-    def options(self) -> dict[str, Any]:
-        """What to give `Bus.drive` besides protocol and address, so that it speaks to this drive."""
+    def drive(self) -> DriveConfig:
+        """The drive with the model and the line settings by which it is spoken to: `found.drive.build(bus.drive)`."""
         line = {} if self.settings is None else options_of(self.settings)
-        return {**({"model": self.model} if self.model else {}), **line}
+        options = {**({"model": self.model} if self.model else {}), **line}
+        return DriveConfig(protocol=self.protocol, address=self.address, options=options)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asking:
-    """One question of a scan: whether somebody is at this address, at these line settings.
+    """One step of a scan: to ask whether somebody is at this address, at these line settings.
 
     settings: None for those that the bus has for the protocol.
     """
@@ -76,6 +79,14 @@ class Asking:
 
     def __str__(self) -> str:
         return self.protocol if self.settings is None else f"{self.protocol} {self.settings}"
+
+
+@dataclass(slots=True, eq=False)
+class Question:
+    """A job of a scan. found: what it resulted in, for whoever carries it out to fill in."""
+
+    job: Job[Found | None]
+    found: Found | None = None
 
 
 class Search:
@@ -194,12 +205,12 @@ def options_of(settings: LineSettings) -> dict[str, Any]:
 def scan_plan(only: Iterable[str] | None, addresses: Iterable[int] | None) -> list[tuple[Protocol, int]]:
     """Return whom a scan asks, in order; addresses that a protocol does not have are left out."""
     if only is not None and (isinstance(only, str) or not isinstance(only, Iterable)):
-        raise UsageError(f"{shortened(only)} is no list of protocols; give one, such as ['vabus']")
+        raise UsageError(f"protocols cannot be {shortened(only)}; give a list, such as ['vabus']")
     plugins = [installed[name] for name in only] if only is not None else list(installed.working())
     try:
         wanted = None if addresses is None else list(addresses)
     except TypeError:
-        raise UsageError(f"{shortened(addresses)} are no addresses; give a list of them") from None
+        raise UsageError(f"addresses cannot be {shortened(addresses)}; give a list of numbers") from None
     return [
         (plugin, address)
         for plugin in plugins
@@ -208,7 +219,30 @@ def scan_plan(only: Iterable[str] | None, addresses: Iterable[int] | None) -> li
     ]
 
 
-def look(asking: Asking, operations: Operations, settings: LineSettings) -> Exchange[Found | None]:
+def scanning(
+    search: Search, member_of: Callable[[Asking], Member], progress: Callable[[str, int, int], None] | None
+) -> Iterator[Question | Found]:
+    """Yield the questions of a scan, whose answers must be filled in, and the drives that were found by them."""
+    asking = None
+    for asking in search:
+        if progress is not None:
+            progress(str(asking), search.done, search.total)
+        party, operations, _ = member_of(asking)
+        question = Question(Job(party, probe(asking, operations, party.facts.settings), insists=True))
+        yield question
+        found = search.heard(asking, question.found)
+        if found is not None and found.sound:
+            question = Question(Job(party, identify(found, operations), insists=True))
+            yield question
+            found = question.found
+        if found is not None:
+            yield found
+    yield from search.damaged()
+    if progress is not None and asking is not None:
+        progress(str(asking), search.total, search.total)
+
+
+def probe(asking: Asking, operations: Operations, settings: LineSettings) -> Exchange[Found | None]:
     """Ask one address whether a drive is there; None when nobody answers. settings: those of the line."""
     try:
         yield from operations.probe()
@@ -221,7 +255,7 @@ def look(asking: Asking, operations: Operations, settings: LineSettings) -> Exch
     return Found(protocol=asking.protocol, address=asking.address, sound=True, settings=settings)
 
 
-def introduce(found: Found, operations: Operations) -> Exchange[Found]:
+def identify(found: Found, operations: Operations) -> Exchange[Found]:
     """Let a drive that is there tell what it is."""
     try:
         identity = yield from operations.identify()

@@ -1,266 +1,233 @@
-"""The verbs of a drive as exchanges, the same for callers that block and callers that await."""
+"""The verbs of a drive, for `Drive` and `AsyncDrive` alike."""
 
 from __future__ import annotations
 
-import inspect
-from dataclasses import replace
-from decimal import Decimal
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from drivecomm.bus.stored_writes import is_stored
-from drivecomm.errors import (
-    NotSupported,
-    ParameterAddressError,
-    StateError,
-    UsageError,
-    ValueRefusedError,
-    meant,
-    near,
-    shortened,
-)
-from drivecomm.models import CommonName, link_loss_of, not_said, parameter_at, quantities
-from drivecomm.protocol import Stop, exact, misfit
+from drivecomm.bus.exchanges import Exchanges
+from drivecomm.bus.faces import Job, Verb
+from drivecomm.bus.priority_lock import Rank
+from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
-    from drivecomm.protocol import Capabilities, Exchange, Model, Operations, Reading, Value
+    from drivecomm.bus.shared_bus import SharedBus
+    from drivecomm.link import Party
+    from drivecomm.protocol import Capabilities, DriveStatus, Exchange, LineFacts, Model, Operations, Reading, Value
 
 T = TypeVar("T")
-
-COMMON_VERBS = frozenset({"jog", "hold", "select_setup", "select_preset", "set_relay"})
-"""Verbs that not every drive has, and that mean the same on those that have them."""
-
-_LONGEST_NAME = 200
-"""Characters of a parameter's address or name; far more than any has."""
+B = TypeVar("B", bound="SharedBus[Any, Any]")
 
 
-class Verbs:
-    """Turns what a caller asks of a drive into exchanges; what cannot be is a UsageError before anything is sent."""
+class _Verbs(Generic[B]):
+    """What the verbs of one drive and those of all drives of a protocol need."""
 
-    def __init__(self, name: str, operations: Operations, model: Model | None = None) -> None:
-        self._name = name
-        self.operations = operations
-        self._model = model
-        self._common: dict[str, CommonName] = {}
+    def __init__(self, bus: B, party: Party, operations: Operations, model: Model | None = None) -> None:
+        self._bus = bus
+        self._party = party
+        self._exchanges = Exchanges(party.name, operations, model)
 
-    def read(self, parameter: str, options: Mapping[str, Any]) -> Exchange[Reading]:
-        """Read a parameter, by its address, its name in the model or a common name."""
-        self._must_name(parameter)
-        common = self._common_name(parameter)
-        if common is not None:
-            return _told(bound(self.operations.read, common.address, **options), common)
-        try:
-            return bound(self.operations.read, parameter, **options)
-        except ParameterAddressError as error:
-            raise self._unknown(parameter, error) from error
+    @property
+    def bus(self) -> B:
+        """The bus that it is on."""
+        return self._bus
 
-    def check_read(self, parameter: str, options: Mapping[str, Any]) -> None:
-        """Raise what `read` would raise before it sends anything, and UsageError for what can only be written."""
-        self.read(parameter, options).close()
-        common = self._common_name(parameter)
-        info = parameter_at(common.address if common else parameter, self._model) if self._model else None
-        if self._model is not None and info is not None and "r" not in info.access:
-            raise NotSupported(f"{info.address} can only be written, says model {self._model.name}")
-
-    def write(self, parameter: str, value: Value | float, options: Mapping[str, Any]) -> Exchange[Reading | None]:
-        """Write a parameter, named as for `read`; by a common name, the value is in the unit of the quantity."""
-        self._must_name(parameter)
-        if not isinstance(value, int | float | Decimal | str):
-            raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is neither a number nor a text")
-        if not isinstance(value, str):
-            exact(value, parameter)
-        value = self._number_of(parameter, value)
-        common = self._common_name(parameter)
-        if common is not None:
-            return _confirmed(bound(self.operations.write, common.address, common.given(value), **options), common)
-        try:
-            return bound(self.operations.write, parameter, value, **options)
-        except ParameterAddressError as error:
-            raise self._unknown(parameter, error) from error
-
-    def start(self, *, reverse: bool) -> Exchange[None]:
-        """Start the motor."""
-        return bound(self.operations.start, reverse=reverse)
-
-    def stop(self, how: Stop) -> Exchange[None]:
-        """Stop the motor; a way to stop may be given by its name, such as "coast"."""
-        try:
-            way = Stop(how)
-        except ValueError:
-            known = meant(how, [stop.value for stop in Stop], "they are")
-            raise UsageError(f"{shortened(how)} is no way to stop; {known}") from None
-        return self.operations.stop(way)
-
-    def _must_name(self, parameter: object) -> None:
-        if not isinstance(parameter, str) or len(parameter) > _LONGEST_NAME:
-            raise ParameterAddressError(f'{shortened(parameter)} names no parameter; give a text, such as "481"')
-
-    def _unknown(self, parameter: str, error: ParameterAddressError) -> ParameterAddressError:
-        """Return the error for a parameter that the protocol does not know, with what was probably meant."""
-        if parameter in quantities():
-            return not_said(parameter, self._model)
-        known = set(quantities())
-        if self._model is not None:
-            names = {info.name for info in self._model.parameters.values()}
-            known = {*self._model.quantities, *self._model.parameters, *names}
-        question = near(parameter, known)
-        return ParameterAddressError(f"{error}; {question}" if question else str(error))
-
-    def _number_of(self, parameter: str, value: Value | float) -> Value | float:
-        """Return what stands for a value that was given by its name in the model, such as an option's text."""
-        if not isinstance(value, str) or self._model is None:
-            return value
-        common = self._common_name(parameter)
-        info = self._model.find((common.address if common else parameter).partition("[")[0])
-        named = [number for number, text in info.values.items() if text.casefold() == value.casefold()] if info else []
-        return named[0] if len(named) == 1 else value
-
-    def _common_name(self, parameter: str) -> CommonName | None:
-        """Return what a common name is on this drive, None for any other word; looked up when it is asked for first."""
-        if self._model is None or parameter not in self._model.quantities or parameter not in quantities():
-            return None
-        if parameter not in self._common:
-            self._common[parameter] = CommonName(parameter, self._model)
-        return self._common[parameter]
+    @property
+    def party(self) -> Party:
+        """What the link sees of it."""
+        return self._party
 
     @property
     def capabilities(self) -> Capabilities:
-        """What this drive can be asked to do."""
-        operations = self.operations
-        told = replace(operations.capabilities, verbs=COMMON_VERBS.intersection(operations.extra))
-        return replace(told, link_loss=link_loss_of(self._model)) if self._model else told
+        """What it can be asked to do."""
+        return self._exchanges.capabilities
 
-    def stored_parameter(self, parameter: str, options: Mapping[str, Any]) -> str:
-        """Return the address of what a write with these options may change in EEPROM, empty where it does not.
+    def _command(self, exchange: Exchange[T]) -> Job[T]:
+        return Job(self._party, exchange, Rank.COMMAND, self._bus.command(self._party))
 
-        However the parameter is called, it is the one address that the protocol has for it.
+    def _write(self, parameter: str, options: Mapping[str, Any], exchange: Exchange[T]) -> Job[T]:
+        if stored := self._exchanges.stored_parameter(parameter, options):
+            self._bus.storing(self._party, stored)
+        return self._command(exchange)
+
+
+class DriveVerbs(_Verbs[B]):
+    """The verbs of one addressed drive."""
+
+    def __init__(self, bus: B, party: Party, operations: Operations, model: Model | None) -> None:
+        super().__init__(bus, party, operations, model)
+        self.model = model
+
+    @property
+    def name(self) -> str:
+        """The drive as the command line names it, such as "vabus:1"."""
+        return self._party.name
+
+    @property
+    def facts(self) -> LineFacts:
+        """Line settings and timing of this drive."""
+        return self._party.facts
+
+    def watched(self, silence_s: float | None) -> None:
+        """Say how long this drive's watchdog waits for its master, None when it is off; sends nothing.
+
+        Where such a watchdog counts from the last command (Danfoss FC), `status` then repeats what was commanded, as
+        long as that is not older than this: the drive has acted by itself then. `set_watchdog`, `read_watchdog` and
+        `keep` call this.
         """
-        common = self._common_name(parameter)
-        address: str = bound(self.operations.address_of, common.address if common else parameter, **options)
-        store = bool(options.get("store"))
-        return address if is_stored(self.operations.capabilities, self._model, address, store=store) else ""
+        self._bus.watched(self._party, silence_s)
 
-    def written_and_read(
-        self, parameter: str, value: Value | float, options: Mapping[str, Any]
-    ) -> Exchange[Reading | None]:
-        """Write a parameter, read it, and compare. Raises StateError when the drive holds something else."""
-        writing = self.write(parameter, value, options)
-        known = inspect.signature(self.operations.read).parameters
-        reading = self.read(parameter, {name: given for name, given in options.items() if name in known})
-        return _compared(writing, reading, self._number_of(parameter, value))
+    @Verb
+    def read(self, /, parameter: str, **options: Any) -> Job[Reading]:
+        """Read a parameter, by its address in the protocol's form or by its name in the drive's model.
 
+        options: the protocol's own, such as type= (vabus, danfoss-fc) or dataset= (vabus).
+        """
+        return Job(self._party, self._exchanges.to_read(parameter, options))
+
+    @Verb
+    def polled(self, /, parameter: str, **options: Any) -> Job[Reading]:
+        """Read a parameter when nobody else wants the line: everything else overtakes it."""
+        return Job(self._party, self._exchanges.to_read(parameter, options), Rank.POLL)
+
+    def check_read(self, parameter: str, **options: Any) -> None:
+        """Raise UsageError for what `read` could never read on this drive; sends nothing."""
+        self._exchanges.check_read(parameter, options)
+
+    @Verb
+    def write(
+        self, /, parameter: str, value: Value | float, *, store: bool = False, **options: Any
+    ) -> Job[Reading | None]:
+        """Write a parameter; returns what the drive reports back, None where it only confirms.
+
+        value: physical where the model knows the scale, in the quantity's unit for a common name, or the text of one of
+        its options. store: keep the value over power-off (EEPROM) where the protocol makes the difference. A value that
+        does not fit raises ValueRefusedError before anything is sent, and so does a UsageError for a parameter that was
+        stored too often within an hour: EEPROM cells wear out.
+        """
+        given = {"store": store, **options}
+        return self._write(parameter, given, self._exchanges.to_write(parameter, value, given))
+
+    @Verb
+    def write_and_read(
+        self, /, parameter: str, value: Value | float, *, store: bool = False, **options: Any
+    ) -> Job[Reading | None]:
+        """Write a parameter as `write` does, and read it back. Raises StateError when the drive holds another value."""
+        given = {"store": store, **options}
+        return self._write(parameter, given, self._exchanges.to_write_and_read(parameter, value, given))
+
+    def check_write(self, parameter: str, value: Value | float, *, store: bool = False, **options: Any) -> None:
+        """Raise what `write` would raise before it sends anything; sends nothing."""
+        self._exchanges.to_write(parameter, value, {"store": store, **options}).close()
+
+    @Verb
+    def status(self) -> Job[DriveStatus]:
+        """Read the status word; commands nothing new.
+
+        Where a drive's watchdog counts from its last command (Danfoss FC) and is known to be on (`watched`), the
+        command that this bus has given is then repeated, if the status just read says that the drive obeys it still.
+        """
+        return Job(self._party, self._exchanges.operations.status())
+
+    @Verb
+    def start(self, *, reverse: bool = False) -> Job[None]:
+        """Start the motor with the reference that is set.
+
+        What stops it when this program falls silent is a setting of the drive: see `capabilities.link_loss`.
+        """
+        return self._command(self._exchanges.to_start(reverse=reverse))
+
+    @Verb
+    def stop(self, how: Stop = Stop.RAMP) -> Job[None]:
+        """Stop the motor; overtakes all else on the line, and asks also a drive that has not answered."""
+        return Job(self._party, self._exchanges.to_stop(how), Rank.STOP)
+
+    @Verb
+    def reset(self) -> Job[None]:
+        """Acknowledge a fault. The motor does not start again by this."""
+        return self._command(self._exchanges.operations.reset())
+
+    @Verb
+    def reverse(self) -> Job[None]:
+        """Start the motor backwards, or let a running one turn round."""
+        return self._command(self._exchanges.to_start(reverse=True))
+
+    @Verb
     def set_reference(
-        self, percent: Value | float | None, hz: Value | float | None, rpm: Value | float | None = None
-    ) -> Exchange[None]:
-        """Set the reference in one of its units."""
-        if sum(given is not None for given in (percent, hz, rpm)) != 1:
-            raise UsageError("a reference is set with percent, with hz or with rpm, one of them")
-        if percent is not None:
-            return self.operations.set_reference_percent(exact(percent, "reference"))
-        if hz is not None:
-            return self.operations.set_reference_hz(exact(hz, "reference"))
-        return self._set_reference_rpm(exact(rpm if rpm is not None else 0, "reference"))
+        self,
+        *,
+        percent: Value | float | None = None,
+        hz: Value | float | None = None,
+        rpm: Value | float | None = None,
+    ) -> Job[None]:
+        """Set the reference, as a share of the reference range, as output frequency or as speed; never stored.
 
-    def _set_reference_rpm(self, rpm: Decimal) -> Exchange[None]:
-        for name in ("motor_rated_frequency", "motor_rated_speed"):
-            if self._common_name(name) is None:
-                raise NotSupported(f"{self._name}: without {name} in its model, revolutions are unknown; give hz")
-        if not self.operations.capabilities.reference_hz:
-            raise NotSupported(f"{self._name} takes its reference in percent only here; see its options for hertz")
-        frequency = yield from self.read("motor_rated_frequency", {})
-        speed = yield from self.read("motor_rated_speed", {})
-        yield from self.operations.set_reference_hz(frequency_for(rpm, frequency, speed))
+        rpm: of the motor's field, which its name plate in the drive gives; a loaded motor slips below it. Raises
+        UsageError unless exactly one of them is given.
+        """
+        return self._command(self._exchanges.to_set_reference(percent, hz, rpm))
 
-    def common(self, verb: str, arguments: Mapping[str, Any]) -> Exchange[Any]:
-        """Carry out a verb that means the same on every drive that has it."""
-        if verb not in self.operations.extra:
-            can = ", ".join(sorted(self.capabilities.verbs)) or "none of them"
-            raise NotSupported(f"{self._name} cannot {verb}; of the common verbs it has {can}")
-        return bound(self.operations.extra[verb], **arguments)
+    @Verb
+    def jog(self, number: int = 1) -> Job[None]:
+        """Run at a jog speed until the next start or stop. Raises NotSupported where there is none."""
+        return self._command(self._exchanges.common("jog", {"number": number}))
 
-    def call(self, verb: str, arguments: Mapping[str, Any]) -> Exchange[Any]:
-        """Carry out a verb that only this protocol has."""
-        extra = self.operations.extra
-        if not isinstance(verb, str) or verb not in extra:
-            known = meant(verb, sorted(extra), "it has")
-            raise NotSupported(f"{self._name} has no verb {shortened(verb)}; {known}")
-        return bound(extra[verb], **arguments)
+    @Verb
+    def hold(self) -> Job[None]:
+        """Keep the output frequency of a running motor as it is until the next start or stop."""
+        return self._command(self._exchanges.common("hold", {}))
 
+    @Verb
+    def select_setup(self, number: int) -> Job[None]:
+        """Work with this set-up of parameters, from 1 on."""
+        return self._command(self._exchanges.common("select_setup", {"number": number}))
 
-def _told(exchange: Exchange[Reading], common: CommonName) -> Exchange[Reading]:
-    return common.told((yield from exchange))
+    @Verb
+    def select_preset(self, number: int) -> Job[None]:
+        """Take this preset reference, from 1 on."""
+        return self._command(self._exchanges.common("select_preset", {"number": number}))
 
+    @Verb
+    def set_relay(self, number: int, on: bool) -> Job[None]:
+        """Switch a relay, from 1 on."""
+        return self._command(self._exchanges.common("set_relay", {"number": number, "on": on}))
 
-def _confirmed(exchange: Exchange[Reading | None], common: CommonName) -> Exchange[Reading | None]:
-    reading = yield from exchange
-    return None if reading is None else common.told(reading)
+    @Verb
+    def probe(self) -> Job[None]:
+        """Ask once whether a drive is there, with something that cannot move a motor. Raises ReplyError if not."""
+        return Job(self._party, self._exchanges.operations.probe(), insists=True)
 
+    @Verb
+    def identify(self) -> Job[Mapping[str, str]]:
+        """Read what the drive tells of itself: name plate, software, address; empty when it tells nothing."""
+        return Job(self._party, self._exchanges.operations.identify())
 
-def _compared(
-    writing: Exchange[Reading | None], reading: Exchange[Reading], wanted: Value | float
-) -> Exchange[Reading | None]:
-    yield from writing
-    held = yield from reading
-    if not _same(held.value, wanted):
-        raise StateError(f"{held.parameter} was written as {wanted} and holds {held}; see the limits of the drive")
-    return held
+    @Verb
+    def call(self, /, verb: str, **arguments: Any) -> Job[Any]:
+        """Carry out a verb that only this protocol has, such as jogging or choosing a set-up.
 
+        The protocol's documentation lists them with their arguments. Raises NotSupported for a verb that it lacks.
+        """
+        return self._command(self._exchanges.call(verb, arguments))
 
-def _same(held: Value, wanted: Value | float) -> bool:
-    if isinstance(held, str):
-        return held.rstrip() == str(wanted).rstrip()
-    return Decimal(held) == exact(wanted, "read back")
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.name}>"
 
 
-def frequency_for(rpm: Decimal, rated_frequency: Reading, rated_speed: Reading) -> Decimal:
-    """Return the frequency at which a motor with this name plate turns so fast without load, to 0.01 Hz.
+class BroadcastVerbs(_Verbs[B]):
+    """The verbs of all drives of a protocol at once."""
 
-    The number of pole pairs is the whole number that the name plate comes nearest to from above: slip makes a motor
-    slower than its field. Raises UsageError for a name plate that is empty.
-    """
-    if isinstance(rated_frequency.value, str) or isinstance(rated_speed.value, str) or not rated_speed.value:
-        raise UsageError("the drive holds no name plate of its motor, so revolutions are unknown; give hz")
-    pole_pairs = int(60 * Decimal(rated_frequency.value) / Decimal(rated_speed.value))
-    if pole_pairs < 1:
-        raise UsageError(
-            f"a motor of {rated_frequency} with {rated_speed} has no pole pairs; correct its name plate in the drive"
-        )
-    return exact(rpm * pole_pairs / 60, "reference").quantize(Decimal("0.01"))
+    @Verb
+    def write(self, /, parameter: str, value: Value | float, **options: Any) -> Job[None]:
+        """Write a parameter of all drives; returns when the telegram is sent."""
+        return self._write(parameter, options, _without_reply(self._exchanges.to_write(parameter, value, options)))
+
+    @Verb
+    def stop(self, how: Stop = Stop.RAMP) -> Job[None]:
+        """Stop all motors; overtakes all else on the line, and returns when the telegram is sent."""
+        return Job(self._party, self._exchanges.to_stop(how), Rank.STOP)
 
 
-def setting_up(operations: Operations, writes: Mapping[str, Any]) -> Exchange[None]:
-    """Write these parameters to a drive that was away."""
-    for parameter, value in writes.items():
-        yield from operations.write(parameter, value)
-
-
-def bound(operation: Callable[..., T], *values: Any, **options: Any) -> T:
-    """Call an operation; options that it does not have, or that are of another type, are a UsageError that says so."""
-    if options and (wrong := misfit(operation, options)):
-        name, takes = wrong
-        raise UsageError(f"{name} cannot be {shortened(options[name])}; it takes {takes}")
-    try:
-        return operation(*values, **options)
-    except TypeError:
-        _refuse(operation, values, options)
-        raise
-
-
-def _refuse(operation: Callable[..., Any], values: tuple[Any, ...], options: Mapping[str, Any]) -> None:
-    """Say which option is unknown or missing, if that is why the call failed."""
-    parameters = inspect.signature(operation).parameters
-    takes_any = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
-    unknown = [] if takes_any else sorted(set(options) - set(parameters))
-    name = getattr(operation, "__name__", "it")
-    if unknown:
-        known = [name for name, one in parameters.items() if one.kind is one.KEYWORD_ONLY or not values]
-        there = meant(unknown[0], known, "it has")
-        raise UsageError(f"{name} has no option {unknown[0]!r} here; {there}") from None
-    missing = [
-        name
-        for name, one in list(parameters.items())[len(values) :]
-        if one.default is one.empty and one.kind is not one.VAR_KEYWORD and name not in options
-    ]
-    if missing:
-        raise UsageError(f"{name} needs {', '.join(missing)}") from None
+def _without_reply(exchange: Exchange[Reading | None]) -> Exchange[None]:
+    yield from exchange

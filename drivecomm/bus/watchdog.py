@@ -9,14 +9,21 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import TYPE_CHECKING, TypeVar
 
-from drivecomm.bus.steps import Read, Steps, Watched, Write, carry_out, carry_out_async
+from drivecomm.bus.procedures import (
+    Procedure,
+    carry_out,
+    carry_out_async,
+    note_watchdog,
+    read_parameter,
+    write_parameter,
+)
 from drivecomm.errors import NotSupported, StateError, UnexpectedReplyError, UsageError, ValueRefusedError
 from drivecomm.models import converted, link_loss_of
 from drivecomm.protocol import exact
 
 if TYPE_CHECKING:
-    from drivecomm.bus.async_drive import AsyncDrive
-    from drivecomm.bus.drive import Drive
+    from drivecomm.bus.async_bus import AsyncDrive
+    from drivecomm.bus.bus import Drive
     from drivecomm.protocol import LinkLoss, Model, ParameterInfo, Reading, Value, Watchdog
 
 T = TypeVar("T")
@@ -51,7 +58,7 @@ def read_watchdog(drive: Drive) -> Setting:
     Raises UsageError for a drive without a model, NotSupported where its model knows no watchdog, and what `Drive.read`
     raises.
     """
-    return carry_out(drive, reading_steps(drive.name, drive.model))
+    return carry_out(drive, reading_watchdog(drive.name, drive.model))
 
 
 def set_watchdog(drive: Drive, policy: LinkLoss, time_s: Value | float = 5) -> Setting:
@@ -64,17 +71,17 @@ def set_watchdog(drive: Drive, policy: LinkLoss, time_s: Value | float = 5) -> S
     Raises NotSupported for a policy that this drive's watchdog has not, ValueRefusedError for a time that its parameter
     cannot hold, StateError where it reads back something else, and as `read_watchdog`.
     """
-    return carry_out(drive, setting_steps(drive.name, drive.model, policy, time_s))
+    return carry_out(drive, setting_watchdog(drive.name, drive.model, policy, time_s))
 
 
 async def read_watchdog_async(drive: AsyncDrive) -> Setting:
     """Return how the drive's watchdog is set; as `read_watchdog`."""
-    return await carry_out_async(drive, reading_steps(drive.name, drive.model))
+    return await carry_out_async(drive, reading_watchdog(drive.name, drive.model))
 
 
 async def set_watchdog_async(drive: AsyncDrive, policy: LinkLoss, time_s: Value | float = 5) -> Setting:
     """Set the drive's watchdog; as `set_watchdog`."""
-    return await carry_out_async(drive, setting_steps(drive.name, drive.model, policy, time_s))
+    return await carry_out_async(drive, setting_watchdog(drive.name, drive.model, policy, time_s))
 
 
 def policies(model: Model | None) -> tuple[LinkLoss, ...]:
@@ -85,41 +92,41 @@ def policies(model: Model | None) -> tuple[LinkLoss, ...]:
     return tuple(known if model.watchdog.off is None else {"hold": None, **known})
 
 
-def reading_steps(name: str, model: Model | None) -> Steps[Setting]:
+def reading_watchdog(name: str, model: Model | None) -> Procedure[Setting]:
     """Read how the watchdog of the drive with this name is set."""
-    return _minded(_reading(_Parameters(name, model)))
+    return _noted(_reading(_Parameters(name, model)))
 
 
-def setting_steps(name: str, model: Model | None, policy: LinkLoss, time_s: Value | float) -> Steps[Setting]:
+def setting_watchdog(name: str, model: Model | None, policy: LinkLoss, time_s: Value | float) -> Procedure[Setting]:
     """Set the watchdog to a policy, and read it back. What cannot be raises before anything is sent."""
     parameters = _Parameters(name, model)
     action, time = parameters.values_for(policy, exact(time_s, "watchdog time"))
-    return _minded(_setting(parameters, action, time))
+    return _noted(_setting(parameters, action, time))
 
 
-def putting_back_steps(name: str, model: Model | None, earlier: Setting) -> Steps[Setting]:
+def restoring_watchdog(name: str, model: Model | None, earlier: Setting) -> Procedure[Setting]:
     """Set the watchdog as it was."""
-    return _minded(_setting(_Parameters(name, model), earlier.action_value, earlier.time_value))
+    return _noted(_setting(_Parameters(name, model), earlier.action_value, earlier.time_value))
 
 
-def _minded(steps: Steps[Setting]) -> Steps[Setting]:
+def _noted(procedure: Procedure[Setting]) -> Procedure[Setting]:
     """Let the drive know how long its watchdog waits: what is older is not repeated."""
-    setting = yield from steps
-    yield Watched(None if setting.time_s is None else float(setting.time_s))
+    setting = yield from procedure
+    yield note_watchdog(None if setting.time_s is None else float(setting.time_s))
     return setting
 
 
-def _reading(parameters: _Parameters) -> Steps[Setting]:
-    time = _number((yield Read(parameters.time.address)))
+def _reading(parameters: _Parameters) -> Procedure[Setting]:
+    time = _number((yield read_parameter(parameters.time.address)))
     action, words = None, ""
     if parameters.action is not None:
-        reading = yield Read(parameters.action.address)
+        reading = yield read_parameter(parameters.action.address)
         action = _number(reading)
         words = _words(parameters.action, action)
     return parameters.setting(action, time, words)
 
 
-def _setting(parameters: _Parameters, action: Value | None, time: Value | None) -> Steps[Setting]:
+def _setting(parameters: _Parameters, action: Value | None, time: Value | None) -> Procedure[Setting]:
     """Write what differs. A parameter whose value is None keeps what it holds."""
     now = yield from _reading(parameters)
     held = {parameters.time.address: now.time_value}
@@ -133,10 +140,10 @@ def _setting(parameters: _Parameters, action: Value | None, time: Value | None) 
     written = [address for address in order if wanted[address] != held[address]]
     for address in written:
         try:
-            yield Write(address, wanted[address], store=False)
+            yield write_parameter(address, wanted[address], store=False)
         except NotSupported:
             # This drive keeps what is written to it, in any case.
-            yield Write(address, wanted[address], store=True)
+            yield write_parameter(address, wanted[address], store=True)
     if not written:
         return now
     after = yield from _reading(parameters)
@@ -157,9 +164,7 @@ class _Parameters:
 
     def __init__(self, name: str, model: Model | None) -> None:
         if model is None:
-            raise UsageError(
-                f"{name} has no model, and so nothing says which parameters its watchdog has; name its model"
-            )
+            raise UsageError(f"{name} has no model, so the parameters of its watchdog are unknown; give its model")
         if model.watchdog is None:
             raise NotSupported(
                 f"the model {model.name} of {name} knows no watchdog that can be set; when its master falls "
@@ -248,7 +253,7 @@ def _info(model: Model, address: str) -> ParameterInfo:
     found = model.find(address)
     if found is None:
         raise UsageError(
-            f"the watchdog of model {model.name} names {address!r}, which is none of its parameters; mend the model"
+            f"the watchdog of model {model.name} names {address!r}, not one of its parameters; correct the model"
         )
     return found
 

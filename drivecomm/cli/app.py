@@ -1,49 +1,71 @@
-"""The application: its commands, each from the module of its group."""
+"""The application and its commands."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.main import get_command
 
-from drivecomm.cli import drives, telegrams
-from drivecomm.cli.cohabit import cohabit
-from drivecomm.cli.conformance import conformance
-from drivecomm.cli.demo import demo
-from drivecomm.cli.doctor import doctor
-from drivecomm.cli.forecast import forecast
-from drivecomm.cli.help_text import let_flow
-from drivecomm.cli.line_options import LineCommand, on_a_line
-from drivecomm.cli.models import models
-from drivecomm.cli.models_grow import grow
-from drivecomm.cli.parameter_sets import backup, compare, restore
-from drivecomm.cli.plant import plant
-from drivecomm.cli.plot import plot
-from drivecomm.cli.poll import poll
-from drivecomm.cli.replay import replay
-from drivecomm.cli.scan import scan
-from drivecomm.cli.simulate import simulate
-from drivecomm.cli.sniff.command import sniff
-from drivecomm.cli.stats import stats
-from drivecomm.cli.status import status
-from drivecomm.cli.vectors import check, from_capture
-from drivecomm.cli.wait import wait
-from drivecomm.cli.watch import watch
+from drivecomm.cli.argument_values import Group
+from drivecomm.cli.lazy_commands import lazy
 from drivecomm.version import __version__
 
-app = typer.Typer(
-    name="drivecomm",
-    help="Variable-frequency drives of different makers over serial lines: scan, read, write, command, simulate.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-vectors = typer.Typer(name="vectors", help="Test vectors: the packaged ones and a stranger's.", no_args_is_help=True)
-vectors.command("check")(check)
-vectors.command("from-capture")(from_capture)
+COMMANDS = {
+    "demo": ("demo.command:demo", "Tour everything on virtual lines, or on a real line with --port."),
+    "protocols": ("protocols:protocols", "List the installed protocols with their defaults and models."),
+    "decode": ("decode:decode", "Decode one telegram."),
+    "encode": ("encode:encode", "Build one telegram from its fields and print it in hexadecimal."),
+    "scan": ("scan:scan", "Find the drives on a line."),
+    "doctor": ("doctor:doctor", "Examine a port and its line, and say how to fix what is wrong."),
+    "stats": ("stats:stats", "Poll drives for a while and count replies, errors and reply times."),
+    "read": ("read:read", "Read parameters."),
+    "write": ("write:write", "Write a parameter."),
+    "status": ("status:status", "Show the state of a drive, or of all drives of the plant."),
+    "start": ("start:start", "Start the motor."),
+    "stop": ("stop.command:stop", "Stop the motor, or with --all every motor."),
+    "reset": ("reset:reset", "Acknowledge a fault."),
+    "reference": ("reference:reference", "Set the reference."),
+    "wait": ("wait:wait", "Wait until a drive reaches a state."),
+    "call": ("call:call", "Call a function that only this protocol has, such as jog."),
+    "backup": ("parameter_sets.backup:backup", "Save the parameters of a drive to a file."),
+    "compare": ("parameter_sets.compare:compare", "Compare the parameters of two drives or files."),
+    "restore": ("parameter_sets.restore:restore", "Write the parameters in a file to a drive."),
+    "poll": ("poll:poll", "Read parameters periodically."),
+    "watch": ("watch.command:watch", "Watch drives on a live screen in the terminal."),
+    "plot": ("plot:plot", "Plot a log of values."),
+    "forecast": ("forecast:forecast", "Predict how long a poll plan takes."),
+    "cohabit": ("cohabit:cohabit", "Check whether drives on one line can mistake each other's telegrams."),
+    "simulate": ("simulate:simulate", "Serve virtual drives to other programs."),
+    "replay": ("replay:replay", "Replay a capture as its drives or as its master."),
+    "sniff": ("sniff.command:sniff", "Listen to a line without sending, or read a capture."),
+    "plant": ("", "Control the virtual drives of drivecomm simulate."),
+    "plant trip": ("plant:trip", "Make a drive trip."),
+    "plant power": ("plant:power", "Switch the power of a drive off or on."),
+    "plant set": ("plant:set_value", "Set a parameter as if at the keypad of the drive."),
+    "plant inject": ("plant:inject", "Inject foreign bytes."),
+    "plant fault": ("plant:fault", "Add a fault to the script of a running plant."),
+    "plant show": ("plant:show", "Show the state of the drives, or parameters of one drive."),
+    "models": ("", "Drive models: list, show, check or make them."),
+    "models list": ("models.show:list_models", "List the models by protocol."),
+    "models show": ("models.show:show", "Show what is known of a drive series."),
+    "models check": ("models.show:check", "Check model files."),
+    "models names": ("models.show:names", "List the common names and their units."),
+    "models grow": ("models.grow:grow", "Make a model file from what a drive tells of its parameters."),
+    "conformance": ("conformance:conformance", "Run the conformance tests on a protocol package."),
+    "vectors": ("", "Test vectors: run them, or make them from a capture."),
+    "vectors check": ("vectors:check", "Run all checks of test vectors."),
+    "vectors from-capture": ("vectors:from_capture", "Make test vectors from a capture."),
+}
+"""By name: where it is, empty for a group, and what it does."""
 
-_NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
+READING = frozenset(
+    {
+        *("protocols", "decode", "encode", "scan", "doctor", "stats", "read", "status", "wait", "compare", "poll"),
+        *("forecast", "cohabit", "replay", "sniff", "conformance", "models", "vectors", "demo"),
+    }
+)
+"""Commands that only print: they end when their output cannot be written. The others finish their work."""
 
 
 def _version(value: bool) -> None:
@@ -52,45 +74,27 @@ def _version(value: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
-def common(
+def _common(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     """Variable-frequency drives of different makers over serial lines."""
 
 
-app.command(cls=LineCommand)(on_a_line(demo))
-app.command()(telegrams.protocols)
-app.command(context_settings=_NEGATIVE_NUMBERS)(telegrams.decode)
-app.command()(telegrams.encode)
-app.command(cls=LineCommand)(on_a_line(scan))
-app.command(cls=LineCommand)(on_a_line(doctor))
-app.command(cls=LineCommand)(on_a_line(stats))
-app.command(cls=LineCommand)(on_a_line(drives.read))
-app.command(cls=LineCommand, context_settings=_NEGATIVE_NUMBERS)(on_a_line(drives.write))
-app.command(cls=LineCommand)(on_a_line(status))
-app.command(cls=LineCommand)(on_a_line(drives.start))
-app.command(cls=LineCommand)(on_a_line(drives.stop))
-app.command(cls=LineCommand)(on_a_line(drives.reset))
-app.command(cls=LineCommand, context_settings=_NEGATIVE_NUMBERS)(on_a_line(drives.reference))
-app.command(cls=LineCommand)(on_a_line(wait))
-app.command(cls=LineCommand)(on_a_line(drives.call))
-app.command(cls=LineCommand)(on_a_line(backup))
-app.command(cls=LineCommand)(on_a_line(compare))
-app.command(cls=LineCommand)(on_a_line(restore))
-app.command(cls=LineCommand)(on_a_line(poll))
-app.command(cls=LineCommand)(on_a_line(watch))
-app.command()(plot)
-app.command(cls=LineCommand)(on_a_line(forecast))
-app.command()(cohabit)
-app.command()(simulate)
-app.command(cls=LineCommand)(on_a_line(replay))
-app.command()(sniff)
-app.add_typer(plant)
-models.command("grow", cls=LineCommand)(on_a_line(grow))
-app.add_typer(models)
-app.command()(conformance)
-app.add_typer(vectors)
-let_flow(app)
+def _application() -> Any:
+    application = typer.Typer(
+        name="drivecomm",
+        cls=Group,
+        help="Variable-frequency drives of different makers over serial lines: scan, read, write, command, simulate.",
+        no_args_is_help=True,
+        add_completion=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    application.callback()(_common)
+    found: Any = get_command(application)
+    found.commands.update(lazy(COMMANDS))
+    return found
+
+
+app = _application()

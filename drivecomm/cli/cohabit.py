@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivecomm.cli.drive_names import parse_drive
+from drivecomm.cli.options import Json
 from drivecomm.cli.output import emit, plain, say
 from drivecomm.errors import UsageError
-from drivecomm.traffic.cohabitation import LineDrive, check_line
+from drivecomm.plant import read_plant
+from drivecomm.protocol import DriveConfig, parse_drive
+from drivecomm.traffic.cohabitation import check_line
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,25 +26,23 @@ def cohabit(
     ] = None,
     drive: Annotated[
         list[str] | None,
-        typer.Option(
-            "--drive", "-d", metavar="DRIVE", help="PROTOCOL:ADDRESS[,baudrate=...,parity=...]; one for each drive."
-        ),
+        typer.Option("--drive", "-d", metavar="DRIVE", help="PROTOCOL:ADDRESS[,baudrate=...,parity=...]; repeatable."),
     ] = None,
     bits: Annotated[
         int | None,
-        typer.Option("--bits", min=1, help="Let pass what chance brings about in less than one of 2^BITS telegrams."),
+        typer.Option("--bits", min=1, help="Accept what happens by chance in less than one of 2^BITS telegrams."),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
+    json: Json = False,
 ) -> int:
-    """Tell whether drives on one line can take each other's telegrams for their own, with telegrams as proof.
+    """Check whether drives on one line can mistake each other's telegrams for their own, with proof.
 
-    Opens no port. Exit code 1 when a drive can, or when that is not excluded.
+    Opens no port. Exit code 1 when a drive can, or when that cannot be ruled out.
     """
     if (plant is None) == (not drive):
         raise UsageError("give a plant file, or the drives of one line with --drive")
-    lines = plant_lines(plant) if plant is not None else {"": [line_drive(text) for text in drive or []]}
+    lines = plant_lines(plant) if plant is not None else {"": [parse_drive(text) for text in drive or []]}
     if not any(len(drives) > 1 for drives in lines.values()):
-        raise UsageError("one drive has nobody to be mistaken for; name two or more drives of a line with --drive")
+        raise UsageError("a single drive cannot be mistaken for another; name two or more with --drive")
     passed = True
     for name, drives in lines.items():
         found = check_line(drives)
@@ -59,30 +59,10 @@ def _passes(verdict: PairVerdict, bits: int | None) -> bool:
     return verdict.safe or (bits is not None and chance is not None and chance > bits)
 
 
-def plant_lines(path: Path) -> dict[str, list[LineDrive]]:
+def plant_lines(path: Path) -> dict[str, list[DriveConfig]]:
     """Return the drives of a plant file by the names of their lines. Raises FileFormatError."""
-    # Loaded by those who have a file only.
-    from drivecomm.plant import read_plant  # noqa: PLC0415
-
     plant = read_plant(path)
-    return {
-        line.name: [
-            LineDrive(
-                protocol=drive.protocol,
-                address=drive.address,
-                name=drive.name,
-                options={**line.settings, **drive.options},
-            )
-            for drive in plant.on_line(line.name)
-        ]
-        for line in plant.lines
-    }
-
-
-def line_drive(text: str) -> LineDrive:
-    """Read a drive as the command line names it. Raises UsageError."""
-    name = parse_drive(text)
-    return LineDrive(protocol=name.protocol, address=name.address, options=name.options)
+    return {line.name: [line.reached(drive) for drive in plant.on_line(line.name)] for line in plant.lines}
 
 
 def _emit(line: str, found: Cohabitation) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivecomm.cli.options import Json
 from drivecomm.cli.output import emit, say
 from drivecomm.errors import UsageError
 from drivecomm.protocol import installed
@@ -21,7 +22,7 @@ def conformance(
     html: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write the report as a page too.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="A few seconds: fewer examples, one model, no ports.")] = False,
     stop: Annotated[bool, typer.Option("--stop", help="Stop at the first check that fails.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
+    json: Json = False,
 ) -> int:
     """Run the conformance tests of a protocol package. Exit code 1 when a check fails."""
     from drivecomm.testing import FULL, QUICK, Report, left_out, results  # noqa: PLC0415 - only this command needs them

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivecomm.cli.address_lists import addresses_of
+from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.options import Addresses, OnlyProtocols, addresses_of
 from drivecomm.cli.output import emit, say, sentence
+from drivecomm.cli.progress import progress_bar
+from drivecomm.commissioning.doctor import Finding, examine, judge
 from drivecomm.errors import LinkError
+from drivecomm.transport import SerialPort
 
 if TYPE_CHECKING:
-    from drivecomm.cli.examined_lines import ExaminedLine
-    from drivecomm.commissioning.doctor import Examination, Finding
-    from drivecomm.link import Port
+    from drivecomm.commissioning.doctor import Examination
+    from drivecomm.link import Echo, Port
+    from drivecomm.plant import Plant, PlantLine
+    from drivecomm.protocol import DriveConfig
     from drivecomm.transport import PortReport
 
 _QUICK_ADDRESSES = range(1, 5)
@@ -33,27 +35,24 @@ def doctor(
         str | None,
         typer.Argument(
             metavar="[PORT]",
-            help="The port (--port does as well), or a line of the plant by its name. If absent: each of them.",
+            help="Port (or use --port), or name of a line in the plant file. Default: all lines of the plant.",
         ),
     ] = None,
-    protocol: Annotated[list[str] | None, typer.Option("--protocol", help="Only these; repeat it for more.")] = None,
-    addresses: Annotated[str | None, typer.Option("--addresses", "-a", help="Such as 1-31 or 1,5,7-9.")] = None,
+    protocol: OnlyProtocols = None,
+    addresses: Addresses = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Addresses 1 to 4 only, fewer questions, no other baud rates.")
+        bool, typer.Option("--quick", help="Only addresses 1 to 4, fewer requests, no other baud rates.")
     ] = False,
 ) -> int:
-    """Examine a port and its line: adapter, noise, echo, who answers, how fast; with a remedy for what is wrong.
+    """Examine a port and its line: adapter, noise, echo, drives, reply times; with a remedy for each problem.
 
-    The drives that the plant has on the line are asked at their own settings; others at the usual ones. Sends only what
-    cannot move a motor. Exit code 1 when there is a problem.
+    Drives of the plant are asked at their own settings, others at the usual ones. Sends only what cannot move a motor.
+    Exit code 1 when there is a problem.
     """
-    from drivecomm.cli.examined_lines import lines_to_examine  # noqa: PLC0415 - only this command needs them
-    from drivecomm.commissioning.doctor import Finding, judge  # noqa: PLC0415
-
     if name is not None and line.port != name:
         line.refuse(f"{name} is the port", "port")
     wanted = addresses_of(addresses) if addresses else list(_QUICK_ADDRESSES) if quick else None
-    lines = lines_to_examine(replace(line, port=name or line.port))
+    lines = _lines_to_examine(replace(line, port=name or line.port))
     sound = True
     for each in lines:
         if len(lines) > 1 and not line.json:
@@ -75,13 +74,48 @@ def doctor(
     return 0 if sound else 1
 
 
-def _examined(
-    line: ExaminedLine, *, only: list[str] | None, addresses: list[int] | None, quick: bool
-) -> tuple[PortReport | None, Examination]:
-    from drivecomm.commissioning.doctor import examine  # noqa: PLC0415 - only this command needs it
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _ExaminedLine:
+    """A line to examine. name: the plant's, empty for a port that no plant has. drives: those that the plant says."""
 
+    options: LineOptions
+    name: str = ""
+    drives: tuple[DriveConfig, ...] = ()
+
+
+def _lines_to_examine(line: LineOptions) -> list[_ExaminedLine]:
+    """Return the line whose port or name in the plant is given, or each line of the plant. Raises UsageError."""
+    known = known_plant(line.plant, port_given=False)
+    if known is None:
+        return [_ExaminedLine(options=line)]
+    if line.port is None:
+        return [_of_the_plant(each, known, line) for each in known.lines]
+    named = [each for each in known.lines if line.port in (each.name, each.reached_at)]
+    return [_of_the_plant(each, known, replace(line, port=None)) for each in named] or [
+        _ExaminedLine(options=replace(line, given=line.given | {"port"}))
+    ]
+
+
+def _of_the_plant(each: PlantLine, known: Plant, line: LineOptions) -> _ExaminedLine:
+    given = {key: value for key, value in line.facts.items() if value is not None}
+    echo: Echo = "expect" if each.echo and line.echo == "off" else line.echo
+    settings = {key: value for key, value in each.settings.items() if key not in given}
+    return _ExaminedLine(
+        options=replace(line, port=line.port_of(each, known.file), echo=echo, given=line.given | {"port"}, **settings),
+        name=each.name,
+        drives=tuple(
+            # What is given on the command line goes before what the plant says.
+            each.reached(drive).with_options(**given)
+            for drive in known.on_line(each.name)
+        ),
+    )
+
+
+def _examined(
+    line: _ExaminedLine, *, only: list[str] | None, addresses: list[int] | None, quick: bool
+) -> tuple[PortReport | None, Examination]:
     options = line.options
-    with options.opened() as opened, _progress(shown=not options.json) as progress:
+    with options.opened() as opened, progress_bar("", shown=not options.json) as progress:
         report = _report(opened)
         return report, examine(
             opened,
@@ -98,26 +132,7 @@ def _examined(
 
 
 def _report(port: Port) -> PortReport | None:
-    from drivecomm.transport import SerialPort  # noqa: PLC0415 - loads pyserial
-
     return port.report() if isinstance(port, SerialPort) else None
-
-
-@contextmanager
-def _progress(*, shown: bool) -> Iterator[Callable[[str, int, int], None]]:
-    """Yield what shows how far it is, on standard error, where the findings are not."""
-    from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
-    from rich.progress import BarColumn, Progress, TextColumn  # noqa: PLC0415
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn())
-    with Progress(*columns, console=console, transient=True, disable=not (shown and sys.stderr.isatty())) as progress:
-        task = progress.add_task("opening", total=None)
-
-        def show(what: str, done: int, of: int) -> None:
-            progress.update(task, description=what, completed=done, total=of)
-
-        yield show
 
 
 def _say(findings: list[Finding]) -> None:
@@ -129,7 +144,7 @@ def _say(findings: list[Finding]) -> None:
     say(f"{problems or 'no'} problem{'' if problems == 1 else 's'} found")
 
 
-def _emit(line: ExaminedLine, measured: tuple[PortReport | None, Examination] | None, findings: list[Finding]) -> None:
+def _emit(line: _ExaminedLine, measured: tuple[PortReport | None, Examination] | None, findings: list[Finding]) -> None:
     for one in findings:
         emit(finding=one.about, weight=one.weight, text=one.text, remedy=one.remedy, line=line.name)
     if measured is None:

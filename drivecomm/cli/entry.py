@@ -1,4 +1,4 @@
-"""Where the command line begins and where its errors end: one sentence each, and an exit code.
+"""Where the command line begins, and where its errors end: one sentence each, and an exit code.
 
 0 success, 1 a step or a check failed, 2 usage, 3 port or line, 4 no believable reply, 5 the drive said no, 130
 interrupted (143 by SIGTERM, 129 by SIGHUP). The codes live on the error classes.
@@ -7,8 +7,15 @@ interrupted (143 by SIGTERM, 129 by SIGHUP). The codes live on the error classes
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+# Loaded when they are needed: `--version` needs none of it, and stopping everything not even typer.
+# ruff: noqa: PLC0415
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -16,27 +23,27 @@ def main(arguments: list[str] | None = None) -> int:
     if arguments is not None:
         return _carry_out(arguments)
     # Not for those who run commands within a program of their own.
-    from drivecomm.cli import signals, streams  # noqa: PLC0415
+    from drivecomm.cli import signals, streams
 
     given = sys.argv[1:]
     streams.guard()
     if given[:1] == ["stop"]:
         # It is carried through, and its exit code says what came of it.
-        signals.go_on()
+        signals.ignore()
         streams.begin(reads=False)
     else:
         signals.interrupt()
     try:
         code = _carry_out(given)
-        signals.go_on()
+        signals.ignore()
     except KeyboardInterrupt:
         # While another error was told, or when all was done.
-        from drivecomm.cli.output import interrupted  # noqa: PLC0415
+        from drivecomm.cli.output import interrupted
 
         code = interrupted(as_json="--json" in given)
-        signals.go_on()
+        signals.ignore()
     code = streams.finished(code)
-    signals.leave()
+    signals.restore()
     return code
 
 
@@ -46,11 +53,69 @@ def _carry_out(given: list[str]) -> int:
         sys.stdout.write(f"drivecomm {__version__}\n")
         return 0
     if given[:1] == ["stop"] and "--all" in given:
-        from drivecomm.cli.stop_at_once import stop_at_once  # noqa: PLC0415
+        from drivecomm.cli.stop.quick_arguments import quick_stop
 
-        code = stop_at_once(given[1:])
-        if code is not None:
-            return code
-    from drivecomm.cli.run import run  # noqa: PLC0415
-
+        if stop := quick_stop(given[1:]):
+            return exit_code_of(stop, as_json="--json" in given)
     return run(given)
+
+
+def run(arguments: list[str]) -> int:
+    """Run one command, whose words typer reads, and return its exit code."""
+    from drivecomm.cli import streams
+    from drivecomm.cli.app import READING, app
+
+    def call() -> Any:
+        with app.make_context("drivecomm", list(arguments)) as context:
+            return app.invoke(context)
+
+    streams.begin(reads=not arguments or arguments[0] in READING or arguments[0].startswith("-"))
+    return exit_code_of(call, as_json="--json" in arguments)
+
+
+def exit_code_of(command: Callable[[], Any], *, as_json: bool) -> int:
+    """Carry a command out and return its exit code; errors become sentences here, and only here."""
+    from drivecomm.cli import signals
+    from drivecomm.cli.output import complain, interrupted
+    from drivecomm.errors import DriveCommError
+
+    try:
+        code = command()
+    except DriveCommError as error:
+        complain(error, as_json=as_json)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return interrupted(as_json=as_json)
+    except BrokenPipeError:
+        # The reader of our output has gone, as `head` does.
+        return 0
+    except Exception as error:
+        if signals.interrupted():
+            # An interruption does not get out of everything as what it is.
+            return interrupted(as_json=as_json)
+        if hasattr(error, "exit_code"):
+            return _usage_error(error, as_json=as_json)
+        if isinstance(error, OSError):
+            # The machine's, which cannot be foreseen everywhere: a full disk, no room for another file.
+            complain(f"{error.filename or 'this machine'}: {error.strerror or error}", as_json=as_json)
+            return DriveCommError.exit_code
+        raise
+    return code if isinstance(code, int) else 0
+
+
+def _usage_error(error: Any, *, as_json: bool) -> int:
+    """Say what is wrong with the words of a call; typer's way to end, after --help, says nothing more."""
+    from drivecomm.cli.output import complain, say
+
+    if not hasattr(error, "format_message"):
+        return int(error.exit_code)
+    context = getattr(error, "ctx", None)
+    text = error.format_message().rstrip(".")
+    if type(error).__name__ == "NoArgsIsHelpError":
+        # Where it is drawn, it was when the error was made.
+        if text:
+            say(text)
+        return int(error.exit_code)
+    hint = f" (see {context.command_path} --help)" if context else ""
+    complain(f"{text}{hint}", as_json=as_json, exit_code=error.exit_code)
+    return int(error.exit_code)

@@ -36,12 +36,12 @@ def forecast(
         str, typer.Option("--room", metavar="PERCENT", help="Of the line's time, for commands and repetitions.")
     ] = "5%",
 ) -> int:
-    """Tell how long a round of a poll plan takes, before anything runs.
+    """Estimate how long a round of a poll plan takes, and whether the plan fits its lines.
 
     Takes the same plan as poll and opens no port. Exit code 1 when the plan does not fit, or does so without room to
     spare.
     """
-    chosen = given_plan(words or [], plan, line, period_s=period)
+    chosen, line = given_plan(words or [], plan, line, period_s=period)
     facts: dict[str, Any] = {
         "baudrate": line.baudrate,
         "bytesize": line.bytesize,
@@ -52,7 +52,7 @@ def forecast(
     }
     delay_s = None if delay is None else delay / 1000
     share, well = _share(room), True
-    for port in chosen.ports:
+    for port in chosen.lines:
         found = foresee(chosen.on_line(port), guard_s=guard / 1000, reply_delay_s=delay_s, room=share, **facts)
         well = well and found.room_to_spare
         if line.json:
@@ -66,7 +66,7 @@ def _share(percent: str) -> float:
     try:
         return float(percent.strip().removesuffix("%")) / 100
     except ValueError:
-        raise UsageError(f"{percent!r} is no share of the line's time; give --room in percent, such as 5%") from None
+        raise UsageError(f"invalid --room {percent!r}; give a percentage of the line's time, such as 5%") from None
 
 
 def _draw(found: Forecast, room: float) -> None:

@@ -1,31 +1,29 @@
-"""The options that every command on a line has, declared once."""
+"""The options that every command on a line has, declared once, and what they open: ports, buses and drives."""
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from copy import copy
 from dataclasses import dataclass, fields, replace
-from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
-
-import typer
-from typer.core import TyperCommand
+from typing import TYPE_CHECKING, Annotated, Any
 
 from drivecomm.bus import bus as buses
-from drivecomm.cli.drive_names import Asked, known_plant, parse_drive, placed
+from drivecomm.cli.drive_names import Asked, known_plant, placed
 from drivecomm.cli.output import sentence, trace_as_json, trace_to_standard_error
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
 from drivecomm.link import Echo, tell_all
+from drivecomm.protocol import parse_drive
 from drivecomm.transport import same_port
 
 if TYPE_CHECKING:
-    from drivecomm.bus import Bus
-    from drivecomm.cli.drive_names import DriveName
+    # At run time only by what reads the options' annotations: `stop --all` is quicker without it.
+    import typer
+
+    from drivecomm.bus import Bus, Drive
     from drivecomm.link import Port, TraceEvent
-    from drivecomm.plant import PlantLine, PlantLinkLoss
+    from drivecomm.plant import PlantLine
+    from drivecomm.protocol import DriveConfig, LinkLossPolicy
 
 _LINE = "Line"
 _PLANT = "Plant"
@@ -70,30 +68,28 @@ class LineOptions:
     bytesize: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="Data bits, 7 or 8.")] = None
     parity: Annotated[str | None, typer.Option(rich_help_panel=_LINE, help="N, E, O, M or S.")] = None
     stopbits: Annotated[float | None, typer.Option(rich_help_panel=_LINE, help="1, 1.5 or 2.")] = None
-    timeout: Annotated[float | None, typer.Option(rich_help_panel=_LINE, help="Reply time in seconds.")] = None
-    attempts: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="How often to ask at most.")] = None
+    timeout: Annotated[float | None, typer.Option(rich_help_panel=_LINE, help="Seconds to wait for a reply.")] = None
+    attempts: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="Attempts per request at most.")] = None
     echo: Annotated[
         Echo,
         typer.Option(
             rich_help_panel=_LINE,
-            help="Whether the adapter hands back what it sends; --echo alone is expect, auto sees by itself.",
+            help="Whether the adapter echoes what it sends; --echo alone is expect, auto detects it.",
         ),
     ] = "off"
     rs485: Annotated[
-        bool, typer.Option("--rs485", rich_help_panel=_LINE, help="The port's driver switches the transmitter.")
+        bool, typer.Option("--rs485", rich_help_panel=_LINE, help="Let the port's driver switch the transmitter.")
     ] = False
     low_latency: Annotated[
         bool | None,
-        typer.Option(rich_help_panel=_LINE, help="A USB adapter hands bytes over at once; where it can, if absent."),
+        typer.Option(rich_help_panel=_LINE, help="Let a USB adapter deliver bytes at once; by default where it can."),
     ] = None
     trace: Annotated[
         bool, typer.Option("--trace", rich_help_panel=_LINE, help="Show every telegram, decoded, with its time.")
     ] = False
     record: Annotated[
         Path | None,
-        typer.Option(
-            "--record", rich_help_panel=_LINE, help="A file for every byte sent and received: .jsonl or .pcapng."
-        ),
+        typer.Option("--record", rich_help_panel=_LINE, help="Record every byte sent and received: .jsonl or .pcapng."),
     ] = None
     plant: Annotated[
         Path | None,
@@ -101,17 +97,17 @@ class LineOptions:
             "--plant",
             metavar="FILE",
             rich_help_panel=_PLANT,
-            help="Plant file in which drives have names; also $DRIVECOMM_PLANT, or plant.toml here, without --port.",
+            help="Plant file that names the drives. Default without --port: $DRIVECOMM_PLANT or plant.toml here.",
         ),
     ] = None
     arm: Annotated[
-        bool, typer.Option("--arm", rich_help_panel=_PLANT, help="Command a drive that the plant does not arm.")
+        bool, typer.Option("--arm", rich_help_panel=_PLANT, help="Command a drive that is not armed in the plant file.")
     ] = False
     json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False
     given: frozenset[str] = frozenset()
     """Which of these were written on the command line; the others have their defaults, or are of the environment."""
 
-    def reaching(self, text: str) -> tuple[LineOptions, DriveName]:
+    def reaching(self, text: str) -> tuple[LineOptions, DriveConfig]:
         """Return the line of a drive and the drive, which is named as PROTOCOL:ADDRESS or as the plant names it.
 
         This is where all that is said of a drive comes together. What protocol and model say, `Bus.drive` adds. The
@@ -128,9 +124,9 @@ class LineOptions:
         port = self.port_of(place.line, place.file)
         echo: Echo = "expect" if place.line.echo and "echo" not in self.given else self.echo
         settings = {key: value for key, value in place.line.settings.items() if getattr(self, key) is None}
-        options = self._over(place.name.options, place.settings)
+        options = self._over(place.drive.options, place.settings)
         reached = replace(self, port=port, echo=echo, given=self.given | {"port"}, **settings)
-        return reached, replace(place.name, options=options)
+        return reached, replace(place.drive, options=options)
 
     def _over(self, options: Mapping[str, Any], behind: Mapping[str, Any]) -> dict[str, Any]:
         """Return a drive's options with what the command line says in their place."""
@@ -151,7 +147,7 @@ class LineOptions:
         """Raise UsageError if one of these options is written on the command line, which has no effect on this call."""
         for name in names or tuple(field.name for field in fields(self) if field.name != "json"):
             if name in self.given:
-                raise UsageError(f"{why}, so that --{name.replace('_', '-')} has no effect; leave it out")
+                raise UsageError(f"{why}, so --{name.replace('_', '-')} has no effect; leave it out")
 
     def must_be_armed(self) -> None:
         """Raise UsageError if the plant keeps a drive at this port read-only, and --arm is not given.
@@ -159,12 +155,12 @@ class LineOptions:
         For what commands whatever drives are there.
         """
         known = known_plant(self.plant, port_given=False)
-        for drive in known.plant.drives if known else ():
-            there = known is not None and same_port(known.plant.line(drive.line).reached_at, self.named_port)
+        for drive in known.drives if known else ():
+            there = known is not None and same_port(known.line(drive.line).reached_at, self.named_port)
             if known is not None and there and not drive.armed and not self.arm:
                 raise UsageError(f"{drive.why_read_only(known.file)}, or give --arm for this once")
 
-    def link_loss_of(self, text: str) -> PlantLinkLoss | None:
+    def link_loss_of(self, text: str) -> LinkLossPolicy | None:
         """Return what the plant says that a drive's motor shall do when its master falls silent, None for nothing."""
         place = placed(text, self.asked)
         return place.drive.link_loss if place else None
@@ -179,7 +175,7 @@ class LineOptions:
     def at(self, port: str) -> LineOptions:
         """Return the options for another port; where the plant says that its line has an echo, there is one."""
         known = known_plant(self.plant, port_given=self.port is not None)
-        lines = known.plant.lines if known else ()
+        lines = known.lines if known else ()
         echoes = "echo" not in self.given and any(line.echo for line in lines if line.reached_at == port)
         return replace(self, port=port, echo="expect" if echoes else self.echo, given=self.given | {"port"})
 
@@ -188,6 +184,19 @@ class LineOptions:
         """Open the bus for the time of the block; errors then name the port. listener: also told the trace."""
         with self._recorded(), self._named_in_errors(), self._open_bus(self.named_port, listener) as bus:
             yield bus
+
+    @contextmanager
+    def drive(self, text: str, model: str | None = None) -> Iterator[tuple[Drive, DriveConfig]]:
+        """Open the line of a drive and yield the drive and its name; errors within the block then name both."""
+        reached, name = self.reaching(text)
+        with reached.drive_at(name, model) as drive:
+            yield drive, name
+
+    @contextmanager
+    def drive_at(self, name: DriveConfig, model: str | None = None) -> Iterator[Drive]:
+        """Yield a drive of this line, as `drive` does."""
+        with self.bus() as bus, naming(name):
+            yield bus.drive(name.protocol, name.address, **{**name.options, **({"model": model} if model else {})})
 
     @contextmanager
     def opened(self) -> Iterator[Port]:
@@ -210,10 +219,10 @@ class LineOptions:
         known = known_plant(self.plant, port_given=False)
         if known is None:
             raise UsageError("no port: give --port, or set DRIVECOMM_PORT")
-        if len(known.plant.lines) > 1:
-            ports = ", ".join(f"{line.reached_at or 'no port'} ({line.name})" for line in known.plant.lines)
+        if len(known.lines) > 1:
+            ports = ", ".join(f"{line.reached_at or 'no port'} ({line.name})" for line in known.lines)
             raise UsageError(f"no port: give --port; {known.file} has {ports}")
-        return self.port_of(known.plant.lines[0], known.file)
+        return self.port_of(known.lines[0], known.file)
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -275,65 +284,13 @@ class LineOptions:
         return buses.open_bus(port, **{**self.opening, "trace": tell_all(self.shown_trace, listener)})
 
 
-class LineCommand(TyperCommand):
-    """A command with the line options: lets `--echo` stand alone, as it did before it had a value."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Give a lone `--echo` its value."""
-        modes = get_args(Echo)
-        ends = args.index("--") if "--" in args else len(args)
-        given = []
-        for place, word in enumerate(args):
-            given.append(word)
-            if word == "--echo" and place < ends and (place + 1 == len(args) or args[place + 1] not in modes):
-                given.append("expect")
-        return super().parse_args(ctx, given)
-
-
-def on_a_line(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the line options; it receives them together as its argument `line`.
-
-    An option that the command has itself, such as one with room for several values, is its own alone.
-    """
-    hints = get_type_hints(LineOptions, include_extras=True)
-    signature = inspect.signature(command, eval_str=True)
-    own = [parameter for name, parameter in signature.parameters.items() if name != "line"]
-    names = [field.name for field in fields(LineOptions) if field.name != "given"]
-    shared = [field for field in fields(LineOptions) if field.name in names and field.name not in signature.parameters]
-    idle = WITHOUT_EFFECT.get(command.__name__, {})
-    added = [
-        inspect.Parameter(
-            field.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=field.default,
-            annotation=_hidden(hints[field.name]) if field.name in idle else hints[field.name],
-        )
-        for field in shared
-    ]
-
-    @wraps(command)
-    def with_line(context: typer.Context, **arguments: Any) -> Any:
-        given = frozenset(name for name in names if _is_written(context, name))
-        line = LineOptions(**{field.name: arguments.pop(field.name) for field in shared}, given=given)
-        for name, why in idle.items():
-            line.refuse(f"{command.__name__} {why}", name)
-        return command(line=line, **arguments)
-
-    context = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
-    parameters = [context, *(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own), *added]
-    with_line.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    with_line.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    del with_line.__wrapped__
-    return with_line
-
-
-def _is_written(context: typer.Context, name: str) -> bool:
-    source = context.get_parameter_source(name)
-    return source is not None and source.name == "COMMANDLINE"
-
-
-def _hidden(hint: Any) -> Any:
-    """Return the hint of an option that is known to be one, and not offered."""
-    option = copy(hint.__metadata__[0])
-    option.hidden = True
-    return Annotated[hint.__origin__, option]
+@contextmanager
+def naming(name: DriveConfig) -> Iterator[None]:
+    """Let the errors of the block name a drive, as the plant calls it."""
+    try:
+        yield
+    except DriveCommError as error:
+        error.about = name.labels
+        if name.name not in str(error):
+            error.args = (f"{name.name}: {error}", *error.args[1:])
+        raise

@@ -12,13 +12,12 @@ import typer
 
 from drivecomm.cli.output import complain
 from drivecomm.errors import DriveCommError
+from drivecomm.plant.value_log import open_log
 
 if TYPE_CHECKING:
     from drivecomm.polling import PollResult
 
-Log = Annotated[
-    Path | None, typer.Option("--log", metavar="FILE", help="Keep every value in a file: .csv or .parquet.")
-]
+Log = Annotated[Path | None, typer.Option("--log", metavar="FILE", help="Log every value to a file: .csv or .parquet.")]
 
 
 @contextmanager
@@ -30,9 +29,6 @@ def opened_log(path: Path | None, *, as_json: bool) -> Iterator[Callable[[PollRe
     if path is None:
         yield lambda _: None
         return
-    # Files and their forms are for those who keep a log.
-    from drivecomm.plant.value_log import open_log  # noqa: PLC0415
-
     tell = partial(complain, as_json=as_json)
     log = open_log(path, tell=tell)
     try:

@@ -1,4 +1,4 @@
-"""Poll plans as the command line writes them: drives, each followed by its parameters, or a plan file."""
+"""Poll plans as the command line writes them: drives, each followed by its parameters, or a plant file."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivecomm.cli.drive_names import KnownPlant, known_plant, parse_drive, parse_settings
+from drivecomm.cli.drive_names import known_plant
 from drivecomm.errors import UsageError
-from drivecomm.polling import Plan, PlannedDrive, PlannedRead
-from drivecomm.protocol import installed, unknown_protocol
+from drivecomm.polling import Plan, PlannedRead
+from drivecomm.protocol import DriveConfig, installed, parse_drive, parse_options, unknown_protocol
 
 if TYPE_CHECKING:
     from drivecomm.cli.line_options import LineOptions
-    from drivecomm.plant import Plant, PlantDrive
+    from drivecomm.plant import Plant
+    from drivecomm.protocol import DriveConfig
 
 Words = Annotated[
     list[str] | None,
@@ -25,7 +26,7 @@ Words = Annotated[
         help="A drive and its parameters, each with ,name=value options, @SECONDS and !PRIORITY behind it.",
     ),
 ]
-PlanFile = Annotated[Path | None, typer.Option("--plan", help="Plan file (.toml) instead of drives and parameters.")]
+PlanFile = Annotated[Path | None, typer.Option("--plan", help="Plant file whose drives say what is polled.")]
 Period = Annotated[
     float | None, typer.Option("--period", help="Seconds, for parameters without @; 1 if absent, 0 without a pause.")
 ]
@@ -35,73 +36,44 @@ _PARAMETER = re.compile(r"(?P<what>[^@!]+)(?:@(?P<period>[^@!]*))?(?:!(?P<priori
 _NEXT_SETTING = re.compile(r",(?=[A-Za-z_-]+=)")
 
 
-def given_plan(words: list[str], plan_file: Path | None, line: LineOptions, *, period_s: float | None = None) -> Plan:
-    """Return the plan of a call; drives that name no port are on that of the call. Raises UsageError.
+def given_plan(
+    words: list[str], plan_file: Path | None, line: LineOptions, *, period_s: float | None = None
+) -> tuple[Plan, LineOptions]:
+    """Return the plan of a call, and the line options for it; drives whose line has no port are on that of the call.
 
-    Without words and plan file it is what the plant polls. What the command line says of all drives goes before what a
-    file says of one. period_s: for parameters on the command line without one of their own, a second if absent.
+    Without words it is what the plant polls. What the command line says of all drives goes before what a file says of
+    one. period_s: for parameters on the command line without one of their own, a second if absent. Raises UsageError.
     """
-    if plan_file is not None and words:
-        raise UsageError("give a plan file or drives and parameters, not both")
     if plan_file is not None:
+        if words:
+            raise UsageError("give --plan or drives and parameters, not both")
         line.refuse(f"the drives are those of {plan_file}", "plant")
-        plan = _plan_in(plan_file)
+        line = replace(line, plant=plan_file)
+    # What begins with a name means the plant, whatever port is given.
+    begins_with_name = bool(words) and ":" not in words[0].partition(",")[0]
+    known = known_plant(line.plant, port_given=line.port is not None and not begins_with_name)
+    if words or known is None:
+        plan = parse_plan(words, period_s=1.0 if period_s is None else period_s, known=known)
     else:
-        # What begins with a name means the plant, whatever port is given.
-        begins_with_name = bool(words) and ":" not in words[0].partition(",")[0]
-        there = known_plant(line.plant, port_given=line.port is not None and not begins_with_name)
-        if there is not None and not words:
-            plan = plan_of_plant(there.plant, there.file)
-        else:
-            plan = parse_plan(words, period_s=1.0 if period_s is None else period_s, known=there)
-    if period_s is not None and not words:
-        raise UsageError("the plan says how often each is read, so that --period has no effect; leave it out")
-    if all(drive.port for drive in plan.drives):
+        if period_s is not None:
+            raise UsageError("the plant says how often each is read, so --period has no effect; leave it out")
+        plan = known.poll_plan()
+    if all(drive.line for drive in plan.drives):
         line.refuse("the plan names the ports of all its drives", "port")
-    placed = {
-        drive: replace(drive, port=drive.port or line.port or "", options={**drive.options, **line.said_facts})
-        for drive in plan.drives
-    }
-    return replace(plan, reads=tuple(replace(read, drive=placed[read.drive]) for read in plan.reads))
+
+    def placed(drive: DriveConfig) -> DriveConfig:
+        return replace(drive, line=drive.line or line.port or "").with_options(**line.said_facts)
+
+    return plan.with_drives(placed), line
 
 
-def _plan_in(file: Path) -> Plan:
-    """Return the plan in a file: a poll plan, or what a plant file polls."""
-    # Loaded by those who have a file only.
-    from drivecomm.plant import plant_in  # noqa: PLC0415
-    from drivecomm.polling import plan_in  # noqa: PLC0415
-    from drivecomm.tomlfile import read_toml  # noqa: PLC0415
-
-    content = read_toml(file, "a poll plan").content
-    # Only plants have lines, and only poll plans have polls beside their drives.
-    if "line" in content and "poll" not in content:
-        return plan_of_plant(plant_in(content, file), str(file))
-    return plan_in(content, file)
-
-
-def plan_of_plant(plant: Plant, file: str) -> Plan:
-    """Return what a plant says is polled of its drives. Raises UsageError where nothing is."""
-    reads = [
-        PlannedRead(drive=_planned(plant, drive), parameter=parameter, period_s=read.period_s, priority=read.priority)
-        for drive in plant.drives
-        for read in drive.poll
-        for parameter in read.parameters
-    ]
-    if not reads:
-        raise UsageError(
-            f'{file}: nothing is polled there; write poll = [{{ parameters = ["output_frequency"] }}] in a drive, or '
-            "name drives and parameters"
-        )
-    return Plan(reads=tuple(reads))
-
-
-def parse_plan(words: list[str], *, period_s: float, known: KnownPlant | None = None) -> Plan:
+def parse_plan(words: list[str], *, period_s: float, known: Plant | None = None) -> Plan:
     """Read `vabus:1 481 482@0.2 fuji:7,model=g11s M09!2`. Raises UsageError.
 
     known: the plant, whose names stand for its drives; PROTOCOL:ADDRESS is a drive of the plant that has one there.
     """
-    drive: PlannedDrive | None = None
-    drives: dict[str, PlannedDrive] = {}
+    drive: DriveConfig | None = None
+    drives: dict[str, DriveConfig] = {}
     reads: list[PlannedRead] = []
     for word in words:
         if _names_a_drive(word, known):
@@ -109,19 +81,21 @@ def parse_plan(words: list[str], *, period_s: float, known: KnownPlant | None = 
             # A drive that is named again goes on with what it had.
             drive = drives.setdefault(word, drive)
         elif drive is None:
-            raise UsageError(f"{word!r} names no drive; a plan begins with one, PROTOCOL:ADDRESS, such as vabus:1")
+            raise UsageError(f"{word!r} is not a drive; a plan begins with one: PROTOCOL:ADDRESS, such as vabus:1")
         else:
             reads.append(_read(word, drive, period_s))
     idle = [word for word, one in drives.items() if all(read.drive != one for read in reads)]
     if idle:
         raise UsageError(f"nothing is read of {idle[0]}; name its parameters after it")
     if not reads:
-        raise UsageError("nothing to read; name drives and parameters, such as vabus:1 481 482@0.2, or give --plan")
+        raise UsageError(
+            "nothing to read; name drives and parameters, such as vabus:1 481 482@0.2, or give --plan FILE"
+        )
     return Plan(reads=tuple(reads))
 
 
-def _names_a_drive(word: str, there: KnownPlant | None) -> bool:
-    if there is not None and word.partition(",")[0] in {drive.name for drive in there.plant.drives}:
+def _names_a_drive(word: str, there: Plant | None) -> bool:
+    if there is not None and word.partition(",")[0] in {drive.name for drive in there.drives}:
         return True
     protocol, colon, _ = word.partition(",")[0].partition(":")
     if colon and protocol in installed:
@@ -131,38 +105,25 @@ def _names_a_drive(word: str, there: KnownPlant | None) -> bool:
     return False
 
 
-def _drive(word: str, known: KnownPlant | None) -> PlannedDrive:
+def _drive(word: str, known: Plant | None) -> DriveConfig:
     called, *settings = word.split(",")
-    drives = known.plant.drives if known is not None else ()
-    if known is not None and any(called in (one.name, f"{one.protocol}:{one.address}") for one in drives):
-        planned = _planned(known.plant, known.plant.drive(called))
-        return replace(planned, options={**planned.options, **parse_settings(settings)})
-    name = parse_drive(word)
-    return PlannedDrive(protocol=name.protocol, address=name.address, options=name.options)
+    if known is None or not any(called in (one.name, str(one)) for one in known.drives):
+        return parse_drive(word)
+    drive = known.drive(called)
+    return known.line(drive.line).reached(drive).with_options(**parse_options(settings))
 
 
-def _planned(plant: Plant, drive: PlantDrive) -> PlannedDrive:
-    line = plant.line(drive.line)
-    return PlannedDrive(
-        protocol=drive.protocol,
-        address=drive.address,
-        options={**line.settings, **drive.options},
-        name=drive.name,
-        port=line.reached_at,
-    )
-
-
-def _read(word: str, drive: PlannedDrive, period_s: float) -> PlannedRead:
+def _read(word: str, drive: DriveConfig, period_s: float) -> PlannedRead:
     match = _PARAMETER.fullmatch(word)
     if match is None:
-        raise UsageError(f"{word!r} is no parameter; write PARAM[@SECONDS][!PRIORITY], such as 481@0.2!1")
+        raise UsageError(f"{word!r} is not a parameter; write PARAM[@SECONDS][!PRIORITY], such as 481@0.2!1")
     # A comma may be part of a parameter's address; options follow it as name=value.
     parameter, *settings = _NEXT_SETTING.split(match["what"])
     try:
         period = period_s if match["period"] is None else float(match["period"])
         priority = 0 if match["priority"] is None else int(match["priority"])
     except ValueError:
-        raise UsageError(f"{word!r} has no such period or priority; write PARAM@SECONDS!PRIORITY") from None
+        raise UsageError(f"invalid period or priority in {word!r}; write PARAM@SECONDS!PRIORITY") from None
     return PlannedRead(
-        drive=drive, parameter=parameter, period_s=period, priority=priority, options=parse_settings(settings)
+        drive=drive, parameter=parameter, period_s=period, priority=priority, options=parse_options(settings)
     )

@@ -1,4 +1,4 @@
-"""The plant commands: steering virtual drives that `drivecomm simulate` serves, from outside."""
+"""The plant commands: controlling virtual drives that `drivecomm simulate` serves, from outside."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
+from drivecomm.cli.options import Json
 from drivecomm.cli.output import emit, say
 from drivecomm.errors import UsageError
 from drivecomm.tomlfile import read_text_file
-
-plant = typer.Typer(name="plant", help="Steer virtual drives that drivecomm simulate serves.", no_args_is_help=True)
+from drivecomm.virtual import ControlClient
 
 _Control = Annotated[
     str,
@@ -23,78 +23,73 @@ _Control = Annotated[
         help="The control socket that drivecomm simulate printed: HOST:PORT or unix:PATH.",
     ),
 ]
-_Json = Annotated[bool, typer.Option("--json", help="One JSON object per line.")]
 _Drive = Annotated[str, typer.Argument(metavar="DRIVE", help="Its name in the plant.")]
 
 
-@plant.command()
 def trip(
     drive: _Drive,
     code: Annotated[int, typer.Argument(metavar="CODE", help="The drive's own fault code.")],
     control: _Control = "",
-    json: _Json = False,
+    json: Json = False,
 ) -> int:
     """Make a drive trip."""
     return _done(_order(control, "trip", drive=drive, code=code), f"{drive} has tripped with code {code}", json)
 
 
-@plant.command()
 def power(
     drive: _Drive,
     state: Annotated[str, typer.Argument(metavar="STATE", help="off, on, or factory: on with factory settings.")],
     control: _Control = "",
-    json: _Json = False,
+    json: Json = False,
 ) -> int:
-    """Take a drive's power away, or give it back."""
+    """Switch a drive's power off or on."""
     return _done(_order(control, "power", drive=drive, state=state), f"power of {drive}: {state}", json)
 
 
-@plant.command("set")
 def set_value(
     drive: _Drive,
     parameter: Annotated[str, typer.Argument(metavar="PARAMETER", help="Its address, or its name in the model.")],
     value: Annotated[str, typer.Argument(metavar="VALUE", help="The raw value: a whole number, or text.")],
     control: _Control = "",
-    json: _Json = False,
+    json: Json = False,
 ) -> int:
-    """Set what a drive holds, as if at its keypad."""
+    """Set a parameter of a drive, as if at its keypad."""
     raw = int(value) if value.removeprefix("-").isdecimal() and value.isascii() else value
     answer = _order(control, "set", drive=drive, parameter=parameter, value=raw)
     return _done(answer, f"{drive} {parameter} is {answer['value']}", json)
 
 
-@plant.command()
 def inject(
     line: Annotated[str, typer.Argument(metavar="LINE", help="Its name in the plant.")],
     data: Annotated[str, typer.Argument(metavar="BYTES", help='In hexadecimal digits: "04 41 FF".')],
     control: _Control = "",
-    json: _Json = False,
+    json: Json = False,
 ) -> int:
-    """Put bytes on a line that come from nobody."""
+    """Inject foreign bytes into a line."""
     return _done(_order(control, "inject", line=line, data=data), f"injected on {line}", json)
 
 
-@plant.command()
 def fault(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="What stands behind [[fault]] in a plant file.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A file with the keys of one [[fault]] of a plant file.")
+    ],
     control: _Control = "",
-    json: _Json = False,
+    json: Json = False,
 ) -> int:
     """Add a fault to the script of a running plant."""
     text = read_text_file(file, "a fault")
     return _done(_order(control, "fault", text=text), "added", json)
 
 
-@plant.command()
 def show(
     drive: Annotated[str, typer.Argument(metavar="[DRIVE]", help="What this drive holds; without, all drives.")] = "",
     parameter: Annotated[
         list[str] | None, typer.Argument(metavar="[PARAMETER]...", help="Parameters of the drive, by address.")
     ] = None,
     control: _Control = "",
-    json: _Json = False,
+    json: Json = False,
 ) -> int:
-    """Show how the drives are, or what parameters of one hold."""
+    """Show the states of all drives, or parameter values of one."""
     if drive:
         answer = _order(control, "show", drive=drive, parameters=parameter or [])
         lines = [f"{drive} {name} is {value}" for name, value in answer["values"].items()]
@@ -121,10 +116,7 @@ def _state_line(state: dict[str, Any]) -> str:
 
 def _order(control: str, order: str, **fields: Any) -> dict[str, Any]:
     if not control:
-        raise UsageError("no control socket named; write --control with the place that drivecomm simulate printed")
-    # Sockets and plants are loaded only where one is steered.
-    from drivecomm.virtual import ControlClient  # noqa: PLC0415
-
+        raise UsageError("no control socket; give --control with the address that drivecomm simulate printed")
     with ControlClient(control) as connection:
         return connection.order(order, **fields)
 

@@ -7,24 +7,21 @@ from typing import Annotated
 
 import typer
 
+from drivecomm.cli.options import Json
 from drivecomm.cli.output import emit, say
+from drivecomm.plant.value_log import read_rows
+from drivecomm.plant.value_plots import picture_of, save
 
 
 def plot(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="What --log wrote: .csv or .parquet.")],
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="A file written by --log: .csv or .parquet.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="The file to write: .png, .svg or .html.")],
-    drive: Annotated[list[str] | None, typer.Option("--drive", help="Only this drive; may be given again.")] = None,
-    name: Annotated[list[str] | None, typer.Option("--name", help="Only this quantity; may be given again.")] = None,
-    title: Annotated[
-        str | None, typer.Option("--title", help="What stands above it; the log's name if absent.")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
+    drive: Annotated[list[str] | None, typer.Option("--drive", help="Only this drive; repeatable.")] = None,
+    name: Annotated[list[str] | None, typer.Option("--name", help="Only this quantity; repeatable.")] = None,
+    title: Annotated[str | None, typer.Option("--title", help="Title. Default: the name of the log.")] = None,
+    json: Json = False,
 ) -> int:
-    """Plot a log: a panel for each unit, gaps where a drive did not answer, and what state the drives were in."""
-    # Files, and what draws, are for this command alone.
-    from drivecomm.plant.value_log import read_rows  # noqa: PLC0415
-    from drivecomm.plant.value_plots import picture_of, save  # noqa: PLC0415
-
+    """Plot a log: a panel for each unit, gaps where a drive did not answer, and the states of the drives."""
     picture = picture_of(read_rows(log), drives=drive or (), names=name or ())
     save(picture, title or log.name, output)
     if json:

@@ -29,19 +29,19 @@ def poll(
     plan: PlanFile = None,
     period: Period = None,
     duration: Annotated[float | None, typer.Option("--for", metavar="SECONDS", help="End after this time.")] = None,
-    cycles: Annotated[int | None, typer.Option("--cycles", help="End when all were asked so often.")] = None,
+    cycles: Annotated[int | None, typer.Option("--cycles", help="End when each was asked this many times.")] = None,
     log: Log = None,
 ) -> int:
-    """Read parameters again and again, until Ctrl-C unless told otherwise; what fails is shown and ends nothing.
+    """Read parameters periodically, until Ctrl-C unless told otherwise; a failed read is shown and the others go on.
 
     Exit code 0 when each was read at least once, otherwise that of the first one that never was; 1 when values are
     missing in the log because there was no room for them.
     """
-    chosen = given_plan(words or [], plan, line, period_s=period)
+    chosen, line = given_plan(words or [], plan, line, period_s=period)
     show = _emit if line.json else _say
     unread: dict[PollItem[Any], DriveCommError | None] = {}
-    with opened_log(log, as_json=line.json) as keep, _opened(line, chosen.ports) as buses:
-        items = chosen.items(buses)
+    with opened_log(log, as_json=line.json) as keep, _opened(line, chosen.lines) as buses:
+        items = chosen.items(lambda drive: drive.build(buses[drive.line].drive))
         unread.update(dict.fromkeys(items))
         with closing(carry_out(items, duration_s=duration, cycles=cycles)) as results:
             for result in results:
@@ -58,7 +58,7 @@ def poll(
 def _opened(line: LineOptions, ports: Sequence[str]) -> Iterator[dict[str, Bus]]:
     """Open all lines of a plan for the time of the block. Raises LinkError for the first that cannot be opened."""
     if "" in ports:
-        raise UsageError("some drives have no port: give --port, or name ports in the plan")
+        raise UsageError("some drives have no port: give --port, or write port in the [[line]] of the plant")
     if line.record is not None and len(ports) > 1:
         raise UsageError(f"--record is for one line, and this plan has several; poll {ports[0]} by itself")
     with ExitStack() as stack:

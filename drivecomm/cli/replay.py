@@ -26,6 +26,7 @@ from drivecomm.traffic.replay import (
     recorded_drives,
     recorded_exchanges,
 )
+from drivecomm.virtual import Server, parse_listen
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,17 +40,17 @@ def replay(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A capture, .jsonl or .pcapng.")],
     listen: Annotated[
         str | None,
-        typer.Option("--listen", "-l", help="Answer as then: pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT."),
+        typer.Option("--listen", "-l", help="Answer as recorded, at pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT."),
     ] = None,
-    faster: Annotated[float, typer.Option("--faster", help="How many times as fast as then.")] = 1.0,
+    faster: Annotated[float, typer.Option("--faster", help="How many times as fast as recorded.")] = 1.0,
     commands: Annotated[
-        bool, typer.Option("--commands", help="Also send what can command or write. It may start a motor.")
+        bool, typer.Option("--commands", help="Also send what can command or write. This may start a motor.")
     ] = False,
 ) -> int:
     """Replay a capture: with --listen as its drives, otherwise as its master.
 
-    The drives answer what they answered then. The master asks on --port what was asked then, leaves out what could
-    command or write, and compares. Exit code 1 when another reply came.
+    The drives answer as they did then. The master repeats the recorded requests on --port, except those that could
+    command or write, and compares the replies. Exit code 1 when one differs.
     """
     plugins = list(installed.working())
     capture = _read(file, plugins)
@@ -60,6 +61,8 @@ def replay(
         return _answer(capture, listen, as_json=line.json)
     if commands:
         line.must_be_armed()
+    else:
+        line.refuse("without --commands nothing is commanded", "arm")
     asking = ReplayMaster(
         recorded_exchanges(capture),
         plugins,
@@ -81,9 +84,6 @@ def _read(file: Path, plugins: Sequence[Protocol]) -> Capture:
 
 
 def _answer(capture: Capture, listen: str, *, as_json: bool) -> int:
-    # pyserial is loaded only where a port is served.
-    from drivecomm.virtual import Server, parse_listen  # noqa: PLC0415
-
     with until_stopped() as stop, Server(recorded_drives(capture), parse_listen(listen)) as server:
         if as_json:
             emit(listening=server.address, requests=len(recorded_exchanges(capture)))

@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drivecomm.bus import LineChoices, scan_plan
-from drivecomm.cli.address_lists import addresses_of
 from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.options import Addresses, OnlyProtocols, addresses_of
 from drivecomm.cli.output import emit, say
+from drivecomm.cli.progress import progress_bar
+from drivecomm.commissioning import forecast_scan
 from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.plant import found_text, there_already, write_new
+from drivecomm.tomlfile import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from rich.progress import Progress
 
     from drivecomm.bus import Found
     from drivecomm.commissioning import ScanForecast
@@ -27,9 +29,9 @@ _LINE = "Line"
 
 def scan(
     line: LineOptions,
-    protocol: Annotated[list[str] | None, typer.Option("--protocol", help="Only these; repeat it for more.")] = None,
-    addresses: Annotated[str | None, typer.Option("--addresses", "-a", help="Such as 1-31 or 1,5,7-9.")] = None,
-    wide: Annotated[bool, typer.Option("--wide", help="Try other line settings, too, the likely first.")] = False,
+    protocol: OnlyProtocols = None,
+    addresses: Addresses = None,
+    wide: Annotated[bool, typer.Option("--wide", help="Also try other line settings, the likely ones first.")] = False,
     baudrate: Annotated[
         str | None, typer.Option(rich_help_panel=_LINE, help="Bits per second; several to try: 9600,19200.")
     ] = None,
@@ -39,15 +41,14 @@ def scan(
     ] = None,
     stopbits: Annotated[str | None, typer.Option(rich_help_panel=_LINE, help="1, 1.5 or 2; or 1,2.")] = None,
     write: Annotated[
-        Path | None, typer.Option("--write", metavar="FILE", help="Write what is found into a plant file.")
+        Path | None, typer.Option("--write", metavar="FILE", help="Write the drives found to a plant file.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite a plant file that is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing plant file.")] = False,
 ) -> int:
-    """Find the drives on a line, with telegrams that cannot move a motor. Exit code 1 when there are none.
+    """Find the drives on a line with telegrams that cannot move a motor. Exit code 1 when there are none.
 
-    A plain scan asks each protocol's drives at the line settings that they usually have. With --wide, or with several
-    values for a setting, others are tried, too; that takes long, so it says first how long, and Ctrl-C keeps what was
-    found.
+    A plain scan asks each protocol's drives at their usual line settings. With --wide, or with several values for a
+    setting, it tries others too; that takes long, so it first says how long, and Ctrl-C keeps what was found.
     """
     given = LineChoices(
         baudrates=tuple(_number(text, "baud rate") for text in _parts(baudrate)),
@@ -64,8 +65,6 @@ def scan(
     if not scan_plan(protocol or None, wanted):
         raise UsageError(f"no drive of these protocols can have the address {addresses}; see drivecomm protocols")
     if write is not None and not force and write.exists():
-        from drivecomm.plant import there_already  # noqa: PLC0415 - loaded by those who write a plant
-
         # Said before the line is asked for minutes.
         raise UsageError(there_already(write))
     asked: dict[str, Any] = {"only": protocol or None, "addresses": wanted, **_settings(given, several=several)}
@@ -75,8 +74,6 @@ def scan(
             "and lists of settings out"
         )
     if several:
-        from drivecomm.commissioning import forecast_scan  # noqa: PLC0415 - a plain scan says nothing before
-
         _foretell(forecast_scan(**{**line.facts, **asked}), as_json=line.json)
     found: list[Found] = []
     try:
@@ -92,10 +89,8 @@ def scan(
 
 def _tell(found: list[Found], line: LineOptions, write: Path | None, *, force: bool) -> None:
     if write is not None and found:
-        from drivecomm.plant import found_text, write_new, write_over  # noqa: PLC0415 - as above
-
         text = found_text(found, port=line.named_port, echo=line.echo == "expect")
-        (write_over if force else write_new)(write, text)
+        (write_whole if force else write_new)(write, text)
     if not line.json:
         say(f"{len(found)} drive{'' if len(found) == 1 else 's'} found")
         if write is not None:
@@ -116,33 +111,13 @@ def _settings(given: LineChoices, *, several: bool) -> dict[str, Any]:
 
 
 def _carry_out(line: LineOptions, asked: dict[str, Any], keep: Callable[[Found], None]) -> None:
-    # The bar stays out of what a script reads: on a terminal both share it, otherwise the bar goes to standard error.
-    on_terminal = sys.stdout.isatty()
-    with line.bus() as bus, _progress(shown=not line.json, on_terminal=on_terminal) as progress:
-        task = progress.add_task("scanning", total=None)
-
-        def show(name: str, done: int, total: int) -> None:
-            progress.update(task, description=f"asking {name}", completed=done, total=total)
-
-        for one in bus.scan(**asked, progress=show):
+    with line.bus() as bus, progress_bar("asking", shown=not line.json) as progress:
+        for one in bus.scan(**asked, progress=progress):
             keep(one)
             if line.json:
                 _emit(one)
-            elif on_terminal:
-                progress.console.print(_line(one, wide="choices" in asked), highlight=False, markup=False)
             else:
                 say(_line(one, wide="choices" in asked))
-
-
-def _progress(*, shown: bool, on_terminal: bool) -> Progress:
-    from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = Console(stderr=not on_terminal, soft_wrap=True)
-    return Progress(
-        *columns, console=console, transient=True, redirect_stdout=False, disable=not (shown and console.is_terminal)
-    )
 
 
 def _foretell(forecast: ScanForecast, *, as_json: bool) -> None:
@@ -182,7 +157,7 @@ def _parts(text: str | None) -> list[str]:
 
 def _number(text: str, what: str) -> int:
     if not (text.isascii() and text.isdigit()):
-        raise UsageError(f"{text!r} is no {what}; write a number, or several with commas between")
+        raise UsageError(f"{text!r} is not a {what}; write a number, or several with commas between")
     return int(text)
 
 
@@ -190,4 +165,4 @@ def _stop_bits(text: str) -> float:
     try:
         return float(text) if "." in text else int(text)
     except ValueError:
-        raise UsageError(f"{text!r} is no number of stop bits; write 1, 1.5 or 2") from None
+        raise UsageError(f"{text!r} is not a number of stop bits; write 1, 1.5 or 2") from None

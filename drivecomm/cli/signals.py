@@ -1,6 +1,6 @@
-"""Ctrl-C, and SIGTERM and SIGHUP, which are treated as Ctrl-C is: by every command, from its first moment to its last.
+"""Ctrl-C, and SIGTERM and SIGHUP, which every command treats as Ctrl-C, from its first moment to its last.
 
-They raise KeyboardInterrupt; what must not be broken off is only told of them. SIGHUP stays ignored where it was at the
+They raise KeyboardInterrupt; what must not be interrupted only gets an event. SIGHUP stays ignored where it was at the
 start, as nohup wants it.
 """
 
@@ -51,19 +51,19 @@ def loaded() -> None:
     _State.loading, _State.number = False, 0
 
 
-def go_on() -> None:
+def ignore() -> None:
     """Let signals do nothing."""
     _take(_nothing)
 
 
-def leave() -> None:
+def restore() -> None:
     """Let signals end the process as they end any other."""
     _take(signal.SIG_DFL)
 
 
 @contextmanager
 def until_stopped() -> Iterator[Event]:
-    """Give an event that signals set, and do nothing else within the block: for what must not be broken off."""
+    """Yield an event that signals set; they do nothing else within the block: for what must not be interrupted."""
     stop = Event()
 
     def tell(number: int, _: object) -> None:

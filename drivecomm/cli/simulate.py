@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from drivecomm.cli.output import say
-from drivecomm.errors import UsageError
+from drivecomm.cli.options import Json
+from drivecomm.cli.output import emit, say
+from drivecomm.cli.signals import until_stopped
+from drivecomm.errors import DriveCommError, FileFormatError, UsageError
+from drivecomm.plant import Plant, PlantLine, read_plant
+from drivecomm.protocol import parse_drive
+from drivecomm.virtual import PlantServer, VirtualPlant
+
+_ANY_PORT = "127.0.0.1:0"
 
 
 def simulate(
@@ -18,37 +25,91 @@ def simulate(
     ] = None,
     drive: Annotated[
         list[str] | None,
-        typer.Option("--drive", "-d", metavar="DRIVE", help="PROTOCOL:ADDRESS[,model=...]; repeat it for more."),
+        typer.Option("--drive", "-d", metavar="DRIVE", help="PROTOCOL:ADDRESS[,model=...]; repeatable."),
     ] = None,
     listen: Annotated[str, typer.Option("--listen", "-l", help="pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT.")] = "",
-    echo: Annotated[bool, typer.Option("--echo", help="Hand back what the master sends, as some adapters do.")] = False,
-    paced: Annotated[bool, typer.Option("--paced", help="Characters take their time on the line.")] = False,
+    echo: Annotated[bool, typer.Option("--echo", help="Echo what the master sends, as some adapters do.")] = False,
+    paced: Annotated[bool, typer.Option("--paced", help="Characters take as long as on a real line.")] = False,
     speed: Annotated[
-        float, typer.Option("--speed", metavar="N", help="Motors and faults go N times as fast; the lines do not.")
+        float, typer.Option("--speed", metavar="N", help="Run motors and faults N times as fast, but not the lines.")
     ] = 1.0,
     control: Annotated[
         str,
-        typer.Option("--control", metavar="PLACE", help="HOST:PORT or unix:PATH for drivecomm plant."),
+        typer.Option("--control", metavar="PLACE", help="Control socket for drivecomm plant: HOST:PORT or unix:PATH."),
     ] = "",
-    json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
+    json: Json = False,
 ) -> int:
-    """Serve virtual drives until Ctrl-C or SIGTERM. A master connects to them as to a real line.
+    """Serve virtual drives until Ctrl-C or SIGTERM; a master connects to them as to a real line.
 
-    Either a plant file, or one line with --drive and --listen. A plant file has a control socket in any case, at a
-    free port of this machine unless --control says where.
+    Give a plant file, or one line with --drive and --listen. A plant file always has a control socket, at a free port
+    of this machine unless --control says where.
     """
-    # Plants, sockets and pyserial are loaded only where something is served.
-    from drivecomm.cli import simulation  # noqa: PLC0415
-
     if plant is None:
-        server = simulation.server_of_drives(drive or [], listen, echo=echo, paced=paced, speed=speed, control=control)
-        simulation.serve(server, ready=simulation.tell_drives_as_json if json else simulation.tell_drives)
+        server = _server_of_drives(drive or [], listen, echo=echo, paced=paced, speed=speed, control=control)
     elif drive or listen or echo or paced:
-        raise UsageError("a plant file says drives, places, echo and pacing itself; leave these options away")
+        raise UsageError("the plant file has drives, listen, echo and paced; leave these options out")
     else:
-        server = simulation.server_of_file(plant, speed=speed, control=control)
-        tell = simulation.tell_plant_as_json if json else simulation.tell_plant
-        simulation.serve(server, ready=partial(tell, path=plant))
+        server = _server_of_file(plant, speed=speed, control=control)
+    with until_stopped() as stop, server:
+        (_emit if json else _say)(server, plant)
+        server.run(stop)
     if not json:
         say("stopped")
     return 0
+
+
+def _server_of_drives(
+    drives: list[str], listen: str, *, echo: bool, paced: bool, speed: float, control: str
+) -> PlantServer:
+    """Return the server of one line with these drives. Raises UsageError."""
+    if not drives or not listen:
+        raise UsageError("nothing to simulate; name a plant file, or at least one --drive and --listen")
+    plant = Plant(
+        lines=(PlantLine(name="line", listen=listen, echo=echo, paced=paced),),
+        drives=tuple(replace(parse_drive(text), line="line") for text in drives),
+    )
+    return PlantServer(VirtualPlant(plant, speed=speed), control=control)
+
+
+def _server_of_file(path: Path, *, speed: float, control: str) -> PlantServer:
+    """Return the server of a plant file; it has a control socket in any case. Raises FileFormatError."""
+    plant = read_plant(path)
+    try:
+        return PlantServer(VirtualPlant(plant, speed=speed), control=control or _ANY_PORT)
+    except DriveCommError as error:
+        raise FileFormatError(f"{path}: {error}") from error
+
+
+def _say(server: PlantServer, path: Path | None) -> None:
+    steered = f"; control at {server.control}" if server.control else ""
+    if path is not None:
+        plant = server.plant.plant
+        size = f"{_count(len(plant.lines), 'line')}, {_count(len(plant.drives), 'drive')}"
+        say(f"{path}: {size}{steered}; stop with Ctrl-C")
+    for line, address in server.addresses.items():
+        names = ", ".join(_drives_on(server, line))
+        if path is None:
+            say(f"{names} on {address}{steered}; stop with Ctrl-C")
+        else:
+            say(f"{line} on {address}: {names or 'no drive'}")
+
+
+def _emit(server: PlantServer, path: Path | None) -> None:
+    control = {"control": server.control} if server.control else {}
+    if path is None:
+        for line, address in server.addresses.items():
+            emit(listening=address, drives=_drives_on(server, line), **control)
+        return
+    lines = [
+        {"line": line, "listening": address, "drives": _drives_on(server, line)}
+        for line, address in server.addresses.items()
+    ]
+    emit(plant=str(path), lines=lines, **control)
+
+
+def _drives_on(server: PlantServer, line: str) -> list[str]:
+    return [drive.name for drive in server.plant.plant.on_line(line)]
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" + ("" if number == 1 else "s")

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drivecomm.cli.drive_names import DriveName, known_plant
+from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, say
 from drivecomm.errors import DriveError, NotAnsweringError, ReplyError, UsageError
 from drivecomm.link import COUNTERS, REPLY_TIME_BOUNDS_MS, Statistics, total
+from drivecomm.protocol import DriveConfig
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -33,17 +34,17 @@ def stats(
         list[str] | None,
         typer.Argument(
             metavar="DRIVE",
-            help="PROTOCOL:ADDRESS or a name of the plant. If absent: those of the plant, or that a scan finds.",
+            help="PROTOCOL:ADDRESS or a name from the plant file. Default: all of the plant, or those a scan finds.",
         ),
     ] = None,
-    seconds: Annotated[float, typer.Option("--for", metavar="SECONDS", help="How long to ask.")] = 5.0,
+    seconds: Annotated[float, typer.Option("--for", metavar="SECONDS", help="How long to poll.")] = 5.0,
 ) -> int:
-    """Ask drives for a while, one after the other, with probes that cannot move a motor, and count what happens.
+    """Poll drives in turn with probes that cannot move a motor, and count replies, errors and reply times.
 
-    Drives on several lines are asked line after line. Exit code 1 when a drive never answered, or none was found.
+    Lines are polled one after the other. Exit code 1 when a drive never answered, or none was found.
     """
     if not 0 < seconds < float("inf"):
-        raise UsageError(f"{seconds:g} s is no time to ask for; give --for a number above 0")
+        raise UsageError(f"{seconds:g} s is not possible; give --for a number above 0")
     lines = _by_line(line, drives or _of_the_plant(line))
     if not lines:
         lines = [(line, {str(name): name for name in _scanned(line)})]
@@ -56,12 +57,12 @@ def stats(
 def _of_the_plant(line: LineOptions) -> list[str]:
     """Return the names of the plant's drives; none where a port is given, or there is no plant."""
     known = known_plant(line.plant, port_given=line.port is not None)
-    return [drive.name for drive in known.plant.drives] if known else []
+    return [drive.name for drive in known.drives] if known else []
 
 
-def _by_line(line: LineOptions, drives: Sequence[str]) -> list[tuple[LineOptions, dict[str, DriveName]]]:
+def _by_line(line: LineOptions, drives: Sequence[str]) -> list[tuple[LineOptions, dict[str, DriveConfig]]]:
     """Return the lines of these drives, each with its drives by what they are called."""
-    lines: list[tuple[LineOptions, dict[str, DriveName]]] = []
+    lines: list[tuple[LineOptions, dict[str, DriveConfig]]] = []
     for text in drives:
         reached, name = line.reaching(text)
         called = text.partition(",")[0]
@@ -74,12 +75,12 @@ def _by_line(line: LineOptions, drives: Sequence[str]) -> list[tuple[LineOptions
     return lines
 
 
-def _measure(line: LineOptions, names: Mapping[str, DriveName], seconds: float, *, headed: bool) -> bool:
+def _measure(line: LineOptions, names: Mapping[str, DriveConfig], seconds: float, *, headed: bool) -> bool:
     """Ask the drives of one line, and show what was counted; return whether all of them have answered."""
     if headed and not line.json:
         say(f"{line.named_port}")
     with line.bus() as bus:
-        asked = {called: bus.drive(one.protocol, one.address, **one.options) for called, one in names.items()}
+        asked = {called: one.build(bus.drive) for called, one in names.items()}
         began = bus.now()
         try:
             _ask_all(bus, list(asked.values()), began + seconds)
@@ -90,17 +91,19 @@ def _measure(line: LineOptions, names: Mapping[str, DriveName], seconds: float, 
     return all(each.counters["replies"] for each in counted.values())
 
 
-def _scanned(line: LineOptions) -> list[DriveName]:
+def _scanned(line: LineOptions) -> list[DriveConfig]:
     """Return the drives on the line; on a bus of its own, so that its questions are not counted, nor recorded."""
     sys.stderr.write("drivecomm: no drive named, so the line is scanned first\n")
     with replace(line, record=None).bus() as bus:
         found = [one for one in bus.scan() if one.sound]
     if not found:
         sys.stderr.write("drivecomm: no drive found; name one, or check the line with drivecomm doctor\n")
-    return [DriveName(protocol=one.protocol, address=one.address) for one in found]
+    return [DriveConfig(protocol=one.protocol, address=one.address) for one in found]
 
 
 def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
+    from drivecomm.bus import Job  # noqa: PLC0415 - only who asks needs it
+
     asking = [(drive.party, drive.party.probe) for drive in drives if drive.party.probe is not None]
     while bus.now() < until:
         idle = True
@@ -110,7 +113,7 @@ def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
                 return
             try:
                 # Not Drive.probe, which insists: a drive that does not answer is given up, as in any program.
-                bus.run(party, probe())
+                bus.run(Job(party, probe()))
             except (NotAnsweringError, ReplyError, DriveError):
                 idle = idle and bus.now() - began < _IDLE_S
             else:
@@ -119,7 +122,9 @@ def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
             bus.sleep_until(min(until, bus.now() + _IDLE_S))
 
 
-def _show(counted: Mapping[str, Statistics], names: Mapping[str, DriveName], seconds: float, line: LineOptions) -> None:
+def _show(
+    counted: Mapping[str, Statistics], names: Mapping[str, DriveConfig], seconds: float, line: LineOptions
+) -> None:
     everything = total(counted.values())
     if line.json:
         for name, each in counted.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 from functools import partial
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +12,7 @@ import typer
 
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.opened_drive import drive_named
+from drivecomm.cli.options import Model
 from drivecomm.cli.output import emit, plain, say, sentence
 from drivecomm.errors import DriveError, UsageError
 
@@ -20,9 +21,8 @@ if TYPE_CHECKING:
 
     from rich.text import Text
 
-    from drivecomm.cli.drive_names import DriveName
     from drivecomm.plant import DriveReport
-    from drivecomm.protocol import DriveStatus, Reading
+    from drivecomm.protocol import DriveConfig, DriveStatus, Reading
 
 _WIDTH = 80
 """Of the table, where it is not drawn on a terminal."""
@@ -34,11 +34,11 @@ def status(
     line: LineOptions,
     drive: Annotated[
         str | None,
-        typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS or a name of the plant. If absent: the whole plant."),
+        typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS or a name from the plant file. Default: all drives."),
     ] = None,
-    model: Annotated[str | None, typer.Option("--model", "-m", help="Model by name, or a .toml file.")] = None,
+    model: Model = None,
 ) -> int:
-    """Show how a drive is, or all drives of the plant; commands nothing.
+    """Show the state of a drive, or of all drives of the plant; commands nothing.
 
     Exit code 5 when a drive has a fault, 4 when one does not answer.
     """
@@ -46,7 +46,7 @@ def status(
         if model is not None:
             raise UsageError("--model is for one drive; name it, or leave --model out: the plant says which each has")
         return _of_the_plant(line)
-    with drive_named(line, drive, model) as (one, name):
+    with line.drive(drive, model) as (one, name):
         found = one.status()
         show_status(name, found, as_json=line.json)
     return DriveError.exit_code if found.fault else 0
@@ -59,18 +59,18 @@ def _of_the_plant(line: LineOptions) -> int:
             "no drive and no plant; name a drive, such as vabus:1, or a plant file with --plant, or let a scan write "
             "one: drivecomm scan --write plant.toml"
         )
-    if not known.plant.drives:
+    if not known.drives:
         raise UsageError(f"{known.file}: there is no drive in this plant; add a [[drive]]")
-    if line.record is not None and len(known.plant.lines) > 1:
+    if line.record is not None and len(known.lines) > 1:
         raise UsageError("--record is for one line, and this plant has several; name a drive, or leave it out")
-    if "port" in line.given and all(each.reached_at for each in known.plant.lines):
+    if "port" in line.given and all(each.reached_at for each in known.lines):
         line.refuse(f"{known.file} names the ports of all its lines", "port")
     # Loaded by those who have a plant only.
     from drivecomm.plant import OpenPlant, plant_status  # noqa: PLC0415
 
     opening = {key: value for key, value in line.opening.items() if key != "echo" or "echo" in line.given}
     port_of = partial(line.port_of, file=known.file)
-    with OpenPlant(known.plant, known.file, port_of=port_of, **opening) as opened:
+    with OpenPlant(known, port_of=port_of, **opening) as opened:
         reports = plant_status(opened)
     now = monotonic()
     if line.json:
@@ -176,8 +176,6 @@ def _reference(reading: Reading | None) -> str:
 
 def _explain(report: DriveReport, width: int, tell: Callable[[str, str], None]) -> None:
     """Tell below a drive's row what is wrong with it."""
-    from textwrap import wrap  # noqa: PLC0415 - only where something is wrong
-
     if report.error is not None:
         words, style = sentence(report.error), "dim"
     elif report.status is not None and report.status.fault:
@@ -187,7 +185,7 @@ def _explain(report: DriveReport, width: int, tell: Callable[[str, str], None]) 
         words, style = "a warning is active", "yellow"
     else:
         return
-    for text in wrap(words, max(20, width - 4), break_long_words=False, break_on_hyphens=False):
+    for text in textwrap.wrap(words, max(20, width - 4), break_long_words=False, break_on_hyphens=False):
         tell(f"    {text}", style)
 
 
@@ -199,10 +197,10 @@ def _summary(reports: Sequence[DriveReport]) -> str:
     return f"{count}: {', '.join(wrong) or 'no fault'}"
 
 
-def show_status(drive: DriveName, found: DriveStatus, *, as_json: bool) -> None:
+def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool) -> None:
     """Show the status of one drive on a line."""
     if as_json:
-        emit(**drive.keys, **plain(found))
+        emit(**drive.labels, **plain(found))
         return
     words = [f"{drive.name}  {found.state.value}  word 0x{found.word:04X}"]
     if found.fault_code:

@@ -8,20 +8,17 @@ from typing import Annotated
 
 import typer
 
-from drivecomm.cli.drive_names import parse_settings
+from drivecomm.cli.options import Json, ProtocolOption
 from drivecomm.cli.output import complain, emit, say
-from drivecomm.cli.telegrams import Options
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.protocol import installed, option_names
-
-AsJson = Annotated[bool, typer.Option("--json", help="One JSON object per line.")]
+from drivecomm.protocol import installed, parse_options, protocol_options
 
 
 def check(
     files: Annotated[
         list[Path] | None, typer.Argument(metavar="[FILE...]", help="Those of the installed protocols if absent.")
     ] = None,
-    json: AsJson = False,
+    json: Json = False,
 ) -> int:
     """Run every check of every vector. Exit code 1 when one fails."""
     from drivecomm.testing import load_vectors, packaged_vectors, run_checks  # noqa: PLC0415
@@ -57,7 +54,7 @@ def from_capture(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A capture, .jsonl or .pcapng.")],
     protocol: Annotated[str, typer.Option("--protocol", help="The protocol whose telegrams are wanted.")],
     output: Annotated[Path | None, typer.Option("--output", help="The vector file; printed if absent.")] = None,
-    option: Options = None,
+    option: ProtocolOption = None,
 ) -> int:
     """Turn a capture into vectors: each sound telegram of a protocol once, replies with their requests.
 
@@ -67,10 +64,8 @@ def from_capture(
     from drivecomm.traffic.replay import vectors_text  # noqa: PLC0415
 
     plugin = installed[protocol]
-    options = parse_settings(option or [])
-    if unknown := sorted(set(options) - option_names(plugin)):
-        known = ", ".join(sorted(option_names(plugin)))
-        raise UsageError(f"{protocol} has no option {unknown[0]!r}; it has {known}")
+    options = parse_options(option or [])
+    protocol_options(plugin, options)
     capture = read_capture(file)
     for remark in capture.remarks:
         sys.stderr.write(f"drivecomm: {remark}\n")

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivecomm.cli.drives import Model, Name
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.opened_drive import drive_named
+from drivecomm.cli.options import Drive, Model
 from drivecomm.cli.status import show_status
 from drivecomm.errors import UsageError, meant
 from drivecomm.protocol import DriveState
@@ -18,17 +17,17 @@ if TYPE_CHECKING:
 
 
 def wait(
-    drive: Name,
+    drive: Drive,
     state: Annotated[str, typer.Argument(help="ready, running, stopping, fault, not_ready or at_reference.")],
     line: LineOptions,
     seconds: Annotated[float, typer.Option("--seconds", help="How long at most.")] = 10.0,
     model: Model = None,
 ) -> int:
-    """Wait until a drive is in a state. Exit code 5 when it does not come there in time, or has a fault."""
+    """Wait until a drive reaches a state. Exit code 5 when it does not reach it in time, or has a fault."""
     goals: dict[str, Goal] = {"at_reference": "at_reference", **{each.value: each for each in DriveState}}
     goal = goals.get(state.lower().replace("-", "_"))
     if goal is None:
-        raise UsageError(f"{state!r} is nothing to wait for; {meant(state, goals, 'write one of')}")
-    with drive_named(line, drive, model) as (one, name):
+        raise UsageError(f"unknown state {state!r}; {meant(state, goals, 'write one of')}")
+    with line.drive(drive, model) as (one, name):
         show_status(name, one.wait_for(goal, seconds), as_json=line.json)
     return 0

@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import Roster, Search, line_overrides, look
+from drivecomm.bus import Roster, Search, probe
 from drivecomm.errors import ReplyError
 from drivecomm.link import Arrival, Configure, Link, Send
+from drivecomm.protocol import line_overrides
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -68,8 +69,8 @@ def _silence_s(member: Member, asking: Asking, guard_s: float) -> float:
     ends = []
     now = 0.0
     for _ in range(2):
-        exchange = look(asking, member.operations, member.party.facts.settings)
-        now = _unanswered(link.insist(member.party, exchange), now)
+        exchange = probe(asking, member.operations, member.party.facts.settings)
+        now = _unanswered(link.insist(member.party, exchange, now), now)
         ends.append(now)
     return ends[1] - ends[0]
 

@@ -1,6 +1,19 @@
-from .backoff import GrowingPause as GrowingPause
+from .backoff import (
+    REOPEN_FIRST_S as REOPEN_FIRST_S,
+    REOPEN_LONGEST_S as REOPEN_LONGEST_S,
+    Backoff as Backoff,
+)
 from .command_order import CommandCall as CommandCall, Commands as Commands
 from .echo import Echo as Echo, EchoFilter as EchoFilter
+from .effects import (
+    Arrival as Arrival,
+    Configure as Configure,
+    Effect as Effect,
+    Receive as Receive,
+    Send as Send,
+    Steps as Steps,
+    Wait as Wait,
+)
 from .health import (
     FIRST_PAUSE_S as FIRST_PAUSE_S,
     LONGEST_PAUSE_S as LONGEST_PAUSE_S,
@@ -9,18 +22,8 @@ from .health import (
     ProbingTime as ProbingTime,
     UsualDelays as UsualDelays,
 )
-from .link import (
-    Arrival as Arrival,
-    Configure as Configure,
-    Effect as Effect,
-    Link as Link,
-    Party as Party,
-    Receive as Receive,
-    Send as Send,
-    Steps as Steps,
-    TraceEvent as TraceEvent,
-    Wait as Wait,
-)
+from .link import Link as Link
+from .party import Party as Party, TraceEvent as TraceEvent
 from .port import Port as Port, PortProxy as PortProxy
 from .statistics import (
     COUNTERS as COUNTERS,

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+REOPEN_FIRST_S = 0.5
+REOPEN_LONGEST_S = 2.0
+"""The pauses between attempts to open a port that was lost: the first, and the longest."""
+
 
 @dataclass(slots=True)
-class GrowingPause:
+class Backoff:
     """Doubles with each failure, from the first up to the longest; a success sets it back."""
 
     first_s: float

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.link.backoff import GrowingPause
+from drivecomm.link.backoff import Backoff
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -46,7 +46,7 @@ class Health:
         """The next probe waits for the whole reply time, because something was heard after the last one."""
         self._heard = False
         self._silent_since = 0.0
-        self._pause = GrowingPause(FIRST_PAUSE_S, LONGEST_PAUSE_S)
+        self._pause = Backoff(FIRST_PAUSE_S, LONGEST_PAUSE_S)
 
     @property
     def silent_since(self) -> float:

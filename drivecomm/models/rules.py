@@ -175,11 +175,14 @@ _DOES: dict[LinkLoss, str] = {
     "coast": "it coasts",
     "trip": "it trips",
 }
-_NOTHING_KNOWN = "no page that was read says what these drives do"
+_NOTHING_KNOWN = "no watchdog is documented in our sources"
+_WITHOUT_MODEL = "no model is given, so what it does when its master falls silent is not known"
 
 
-def link_loss_of(model: Model) -> str:
+def link_loss_of(model: Model | None) -> str:
     """Return what drives of this model do when their master falls silent, and which parameters decide it."""
+    if model is None:
+        return _WITHOUT_MODEL
     watchdog = model.watchdog
     if watchdog is None:
         return model.link_loss or _NOTHING_KNOWN

@@ -11,7 +11,7 @@ from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any, get_args
 
 from drivecomm.errors import unknown_key
-from drivecomm.protocol import Access, Kind, LinkLoss, ParameterInfo, Storage, Sureness, Watchdog
+from drivecomm.protocol import Access, LinkLoss, ParameterInfo, ParameterKind, Storage, Sureness, Watchdog
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -38,7 +38,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "access": get_args(Access),
     "sure": get_args(Sureness),
     "storage": tuple(word for word in get_args(Storage) if word),
-    "kind": get_args(Kind),
+    "kind": get_args(ParameterKind),
 }
 
 

@@ -19,7 +19,7 @@ from drivecomm.errors import (
 from drivecomm.models.files import load_model
 from drivecomm.models.rules import starts_within_limits
 from drivecomm.models.schema import PARAMETER_KEYS, Mistake
-from drivecomm.protocol import LINE_FACT_NAMES, option_names, sort_out
+from drivecomm.protocol import LINE_FACT_NAMES, option_names, resolve_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -51,7 +51,7 @@ def wrong_options(options: Mapping[str, Any], plugin: Protocol) -> Iterator[Mist
 
 def _trouble(plugin: Protocol, options: Mapping[str, Any]) -> str:
     try:
-        sort_out(plugin, None, options)
+        resolve_options(plugin, None, options)
     except UsageError as error:
         return str(error)
     except Exception as error:  # noqa: BLE001 - whatever a package does with a value that it did not expect
@@ -75,7 +75,7 @@ def failed_trials(own: Sequence[tuple[int, ParameterInfo]], model: Model, plugin
     The model's options must be those of the protocol.
     """
     try:
-        options = sort_out(plugin, model, {})[1]
+        options = resolve_options(plugin, model, {})[1]
         operations = plugin.operations(plugin.addresses[0], options, model)
     except Exception as error:  # noqa: BLE001 - as above
         yield Mistake(

@@ -1,4 +1,4 @@
-from .files import bytes_of as bytes_of, plant_in as plant_in, read_fault as read_fault, read_plant as read_plant
+from .files import read_plant as read_plant
 from .line_faults import (
     TRANSMISSION_FAULTS as TRANSMISSION_FAULTS,
     UNDISTURBED as UNDISTURBED,
@@ -8,18 +8,13 @@ from .line_faults import (
     disturbed as disturbed,
 )
 from .opened import OpenPlant as OpenPlant, open_plant as open_plant
-from .plant import (
-    LARGEST_CODE as LARGEST_CODE,
-    PLATE as PLATE,
+from .plant import Plant as Plant, PlantLine as PlantLine
+from .salvage import salvaged as salvaged
+from .script import (
     Condition as Condition,
     InjectStep as InjectStep,
     Noise as Noise,
     Of as Of,
-    Plant as Plant,
-    PlantDrive as PlantDrive,
-    PlantLine as PlantLine,
-    PlantLinkLoss as PlantLinkLoss,
-    PlantRead as PlantRead,
     PowerCutStep as PowerCutStep,
     Step as Step,
     StuckStep as StuckStep,
@@ -28,7 +23,7 @@ from .plant import (
     Window as Window,
     kind_named as kind_named,
 )
-from .salvage import salvaged as salvaged
+from .script_files import bytes_of as bytes_of, read_fault as read_fault
 from .status import DriveReport as DriveReport, plant_status as plant_status
 from .writing import (
     found_text as found_text,
@@ -36,5 +31,4 @@ from .writing import (
     plant_text as plant_text,
     there_already as there_already,
     write_new as write_new,
-    write_over as write_over,
 )

@@ -22,9 +22,11 @@ title = "feed pump, hall 2"         # optional: what it is, for people
 options = { model = "agile" }       # optional: what Bus.drive takes
 armed = true                        # optional: may be written and commanded; read-only unless this is said
 poll = [{ parameters = ["output_frequency"], period_s = 0.2, priority = 1 }]
-                                    # optional: what is polled of it; each second and alike unless said
+                                    # optional: what is polled of it; each second and alike unless said; also options
+                                    # of the protocol for reading, such as options = { type = "long" }
 link_loss = { policy = "ramp", watchdog_s = 5 }
                                     # optional: hold, ramp, coast or trip when its master falls silent; after 5 s
+reply_delay_s = 0.005               # optional: how long the virtual drive takes to answer, and a forecast reckons with
 values = { "480" = 1000 }           # optional: raw values that parameters hold at the start
 motor = { rated_kw = 7.5 }          # optional: what differs from the usual motor
 
@@ -56,304 +58,113 @@ inject = { data = "04 41 FF", at_s = 3 }
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import DriveCommError, FileFormatError, UsageError, closest
-from drivecomm.plant.plant import (
-    Condition,
-    InjectStep,
-    Noise,
-    Plant,
-    PlantDrive,
-    PlantLine,
-    PlantLinkLoss,
-    PlantRead,
-    PowerCutStep,
-    Step,
-    StuckStep,
-    TelegramFault,
-    TripStep,
-    Window,
-    kind_named,
-)
-from drivecomm.protocol import LineSettings
-from drivecomm.tomlfile import parse_toml, read_toml
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.plant.plant import Plant, PlantLine
+from drivecomm.plant.script import Noise, kind_named
+from drivecomm.plant.script_files import RAW, errors_in, fault_of
+from drivecomm.protocol import DriveConfig, LineSettings, LinkLossPolicy, PollGroup, parse_drive
+from drivecomm.tomlfile import CHOICE, LIST, NUMBER, SECONDS, TABLE, TABLES, TEXT, WHOLE, read_toml
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
     from pathlib import Path
 
-_FORMAT = 1
+    from drivecomm.tomlfile import Table
 
-
-class _Kind(NamedTuple):
-    """What a key may hold: its types, and what to write."""
-
-    types: tuple[type, ...]
-    words: str
-
-
-_TEXT = _Kind((str,), "a text in quotes")
-_WHOLE = _Kind((int,), "a whole number")
-_NUMBER = _Kind((int, float), "a number")
-_SECONDS = _Kind((int, float), "seconds")
-_CHOICE = _Kind((bool,), "true or false")
-_TABLE = _Kind((dict,), "a table in braces, such as { key = value }")
-_LIST = _Kind((list,), 'a list, such as ["drop", "corrupt"]')
-_RAW = _Kind((int, str), "a whole number, or a text in quotes")
-_VALUE = _Kind((int, float, str), "a number as it is read, or its raw text in quotes")
-
-_Keys = dict[str, _Kind]
-
-_SETTINGS: _Keys = {"baudrate": _WHOLE, "bytesize": _WHOLE, "parity": _TEXT, "stopbits": _NUMBER}
-_LINE: _Keys = {
-    "name": _TEXT,
-    "listen": _TEXT,
-    "port": _TEXT,
-    "echo": _CHOICE,
-    "paced": _CHOICE,
-    **_SETTINGS,
-    "noise": _TABLE,
+_SETTINGS = {"baudrate": WHOLE, "bytesize": WHOLE, "parity": TEXT, "stopbits": NUMBER}
+_LINE = {"name": TEXT, "listen": TEXT, "port": TEXT, "echo": CHOICE, "paced": CHOICE, **_SETTINGS, "noise": TABLE}
+_NOISE = {
+    "rate": NUMBER,
+    "seed": WHOLE,
+    "kinds": LIST,
+    "requests": CHOICE,
+    "replies": CHOICE,
+    "delay_s": SECONDS,
+    "bits": WHOLE,
 }
-_NOISE: _Keys = {
-    "rate": _NUMBER,
-    "seed": _WHOLE,
-    "kinds": _LIST,
-    "requests": _CHOICE,
-    "replies": _CHOICE,
-    "delay_s": _SECONDS,
-    "bits": _WHOLE,
+_DRIVE = {
+    "name": TEXT,
+    "drive": TEXT,
+    "line": TEXT,
+    "title": TEXT,
+    "options": TABLE,
+    "armed": CHOICE,
+    "poll": LIST,
+    "link_loss": TABLE,
+    "reply_delay_s": SECONDS,
+    "values": TABLE,
+    "motor": TABLE,
 }
-_DRIVE: _Keys = {
-    "name": _TEXT,
-    "drive": _TEXT,
-    "line": _TEXT,
-    "title": _TEXT,
-    "options": _TABLE,
-    "armed": _CHOICE,
-    "poll": _LIST,
-    "link_loss": _TABLE,
-    "values": _TABLE,
-    "motor": _TABLE,
-}
-_POLL: _Keys = {"parameters": _LIST, "period_s": _SECONDS, "priority": _WHOLE}
-_LINK_LOSS: _Keys = {"policy": _TEXT, "watchdog_s": _SECONDS}
-_WINDOW: _Keys = {"from_s": _SECONDS, "until_s": _SECONDS}
-_TELEGRAMS: _Keys = {
-    "line": _TEXT,
-    "drive": _TEXT,
-    "kind": _TEXT,
-    "of": _TEXT,
-    "to": _TABLE,
-    "every": _WHOLE,
-    "rate": _NUMBER,
-    "seed": _WHOLE,
-    "delay_s": _SECONDS,
-    **_WINDOW,
-}
-_POWER: _Keys = {"off_at_s": _SECONDS, "back_at_s": _SECONDS, "factory": _CHOICE}
-_TRIP: _Keys = {"code": _WHOLE, "at_s": _SECONDS, "when": _TABLE}
-_WHEN: _Keys = {"parameter": _TEXT, "above": _NUMBER, "below": _NUMBER, "for_s": _SECONDS}
-_STUCK: _Keys = {"parameter": _TEXT, "value": _VALUE, **_WINDOW}
-_INJECT: _Keys = {"data": _TEXT, "at_s": _SECONDS}
-
-# No number of a plant is larger, and larger ones are too much for a float.
-_LARGEST = 2**63
+_POLL = {"parameters": LIST, "period_s": SECONDS, "priority": WHOLE, "options": TABLE}
+_LINK_LOSS = {"policy": TEXT, "watchdog_s": SECONDS}
 
 
 def read_plant(path: Path) -> Plant:
-    """Read a plant file. Raises FileFormatError with the file's name, the entry and what is wrong in it."""
-    return plant_in(read_toml(path, "a plant").content, path)
-
-
-def plant_in(content: Mapping[str, Any], path: Path) -> Plant:
-    """Return the plant that a file says. Raises as `read_plant` does."""
+    """Read a plant file. Raises FileFormatError with the file's name, the line, the entry and what is wrong in it."""
+    top = read_toml(path, "a plant")
+    for each in top.tables("poll"):
+        raise each.error(
+            "poll plans are plant files now; write a [[line]] with name and port, and in each [[drive]] what is polled "
+            'of it: poll = [{ parameters = ["481"], period_s = 0.2 }]'
+        )
+    if top.content.get("format") != 1 or top.content["format"] is True:
+        raise top.error("a plant begins with format = 1", "format")
+    top.take({"format": WHOLE, "line": TABLES, "drive": TABLES, "fault": TABLES})
+    lines = tuple(_line(each) for each in top.tables("line"))
+    if not lines:
+        raise top.error("a plant has one or more [[line]]")
+    only_line = lines[0].name if len(lines) == 1 else ""
+    drives = tuple(_drive(each, only_line) for each in top.tables("drive"))
+    script = tuple(fault_of(each) for each in top.tables("fault"))
     try:
-        return _plant(content)
-    except DriveCommError as error:
+        return Plant(lines=lines, drives=drives, script=script, file=str(path))
+    except UsageError as error:
         raise FileFormatError(f"{path}: {error}") from error
 
 
-def read_fault(text: str) -> Step:
-    """Read what stands behind one [[fault]]. Raises FileFormatError."""
-    content = parse_toml(text, "the text cannot be read as a fault")
-    try:
-        return _fault(content, "the fault")
-    except FileFormatError:
-        raise
-    except DriveCommError as error:
-        raise FileFormatError(f"the fault: {error}") from error
+def _line(table: Table) -> PlantLine:
+    given = table.take(_LINE, "name")
+    with errors_in(table):
+        settings = {key: given.pop(key) for key in _SETTINGS if key in given}
+        LineSettings(**settings)
+        if "noise" in given:
+            given["noise"] = _noise(table.table("noise"))
+        return PlantLine(**given, settings=settings)
 
 
-def _plant(content: Mapping[str, Any]) -> Plant:
-    if content.get("format") != _FORMAT or type(content["format"]) is not int:
-        raise FileFormatError(f"a plant begins with format = {_FORMAT}")
-    _no_others(content, ("format", "line", "drive", "fault"), "the file")
-    lines = _each(content, "line", _line)
-    if not lines:
-        raise FileFormatError("a plant has one or more [[line]]")
-    only = lines[0].name if len(lines) == 1 else ""
-    return Plant(
-        lines=tuple(lines),
-        drives=tuple(_each(content, "drive", lambda entry, where: _drive(entry, where, only))),
-        script=tuple(_each(content, "fault", _fault)),
-    )
-
-
-def _each(content: Mapping[str, Any], key: str, read: Callable[[Mapping[str, Any], str], Any]) -> list[Any]:
-    entries = content.get(key, [])
-    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise FileFormatError(f"{key} is a table of its own each time; write [[{key}]]")
-    made = []
-    for number, entry in enumerate(entries, start=1):
-        name = entry.get("name")
-        where = f"{key} {number} ({name})" if isinstance(name, str) and name else f"{key} {number}"
-        try:
-            made.append(read(entry, where))
-        except FileFormatError:
-            raise
-        except DriveCommError as error:
-            raise FileFormatError(f"{where}: {error}") from error
-    return made
-
-
-def _line(entry: Mapping[str, Any], where: str) -> PlantLine:
-    _check(entry, _LINE, ("name",), where)
-    settings = {key: entry[key] for key in _SETTINGS if key in entry}
-    LineSettings(**settings)
-    noise = entry.get("noise")
-    return PlantLine(
-        **{key: entry[key] for key in ("name", "listen", "port", "echo", "paced") if key in entry},
-        settings=settings,
-        noise=None if noise is None else _noise(noise, f"{where}, noise"),
-    )
-
-
-def _noise(entry: Mapping[str, Any], where: str) -> Noise:
-    _check(entry, _NOISE, ("rate",), where)
-    given = dict(entry)
+def _noise(table: Table) -> Noise:
+    given = table.take(_NOISE, "rate")
     if "kinds" in given:
         given["kinds"] = tuple(kind_named(str(name)) for name in given["kinds"])
     return Noise(**given)
 
 
-def _drive(entry: Mapping[str, Any], where: str, only_line: str) -> PlantDrive:
-    _check(entry, _DRIVE, ("drive",) if only_line else ("drive", "line"), where)
-    protocol, colon, address = entry["drive"].partition(":")
-    if not colon or not protocol or not address.isascii() or not address.isdigit():
-        raise FileFormatError(f"{where}: {entry['drive']!r} names no drive; write PROTOCOL:ADDRESS, such as vabus:1")
-    values, motor = entry.get("values", {}), entry.get("motor", {})
-    _check(values, dict.fromkeys(values, _RAW), (), f"{where}, values")
-    _check(motor, dict.fromkeys(motor, _NUMBER), (), f"{where}, motor")
-    link_loss = entry.get("link_loss")
-    if link_loss is not None:
-        _check(link_loss, _LINK_LOSS, ("policy",), f"{where}, link_loss")
-    return PlantDrive(
-        protocol=protocol,
-        address=int(address),
-        line=entry.get("line", only_line),
-        name=entry.get("name", ""),
-        title=entry.get("title", ""),
-        options=entry.get("options", {}),
-        armed=entry.get("armed", False),
-        poll=tuple(
-            _read(each, f"{where}, poll {number}") for number, each in enumerate(entry.get("poll", []), start=1)
-        ),
-        link_loss=None if link_loss is None else PlantLinkLoss(**link_loss),
-        values=values,
-        motor=motor,
-    )
+def _drive(table: Table, only_line: str) -> DriveConfig:
+    given = {"line": only_line, **table.take(_DRIVE, *(["drive"] if only_line else ["drive", "line"]))}
+    for key, kind in (("values", RAW), ("motor", NUMBER)):
+        table.table(key).take(dict.fromkeys(given.get(key, ()), kind))
+    with errors_in(table):
+        drive = parse_drive(given.pop("drive"))
+        if drive.options:
+            raise UsageError(f"options do not belong behind {drive}; write options = {{ key = value }}")
+        if "poll" in given:
+            given["poll"] = _poll(table)
+        if "link_loss" in given:
+            given["link_loss"] = LinkLossPolicy(**table.table("link_loss").take(_LINK_LOSS, "policy"))
+        return replace(drive, **given)
 
 
-def _read(entry: object, where: str) -> PlantRead:
-    if not isinstance(entry, dict):
-        raise FileFormatError(f'{where}: {entry!r} is no table; write {{ parameters = ["output_frequency"] }}')
-    _check(entry, _POLL, ("parameters",), where)
-    if not all(isinstance(each, str) for each in entry["parameters"]):
-        raise FileFormatError(f'{where}: parameters are texts in quotes, such as ["481", "output_current"]')
-    return PlantRead(**{**entry, "parameters": tuple(entry["parameters"])})
+def _poll(table: Table) -> tuple[PollGroup, ...]:
+    for each in table.content["poll"]:
+        if not isinstance(each, dict):
+            raise table.error(f'poll cannot hold {each!r}; write {{ parameters = ["output_frequency"] }}', "poll")
+    return tuple(_poll_group(each) for each in table.tables("poll"))
 
 
-def _fault(entry: Mapping[str, Any], where: str) -> Step:
-    ways: dict[str, Callable[[Mapping[str, Any], str], Step]] = {
-        "kind": _telegram_fault,
-        "power": _power,
-        "trip": _trip,
-        "stuck": _stuck,
-        "inject": _inject,
-    }
-    named = [way for way in ways if way in entry]
-    if len(named) != 1:
-        raise FileFormatError(f"{where}: a fault is one of {', '.join(ways)}; write one of them")
-    return ways[named[0]](entry, where)
-
-
-def _telegram_fault(entry: Mapping[str, Any], where: str) -> TelegramFault:
-    _check(entry, _TELEGRAMS, (), where)
-    given = {key: value for key, value in entry.items() if key not in _WINDOW}
-    return TelegramFault(**{**given, "kind": kind_named(entry["kind"])}, window=_window(entry))
-
-
-def _power(entry: Mapping[str, Any], where: str) -> PowerCutStep:
-    given = _inner(entry, "drive", "power", where)
-    _check(given, _POWER, ("off_at_s",), f"{where}, power")
-    return PowerCutStep(drive=entry["drive"], **given)
-
-
-def _trip(entry: Mapping[str, Any], where: str) -> TripStep:
-    given = _inner(entry, "drive", "trip", where)
-    _check(given, _TRIP, ("code",), f"{where}, trip")
-    if "when" in given:
-        _check(given["when"], _WHEN, ("parameter",), f"{where}, when")
-        given["when"] = Condition(**given["when"])
-    return TripStep(drive=entry["drive"], **given)
-
-
-def _stuck(entry: Mapping[str, Any], where: str) -> StuckStep:
-    given = _inner(entry, "drive", "stuck", where)
-    _check(given, _STUCK, ("parameter", "value"), f"{where}, stuck")
-    return StuckStep(drive=entry["drive"], parameter=given["parameter"], value=given["value"], window=_window(given))
-
-
-def _inject(entry: Mapping[str, Any], where: str) -> InjectStep:
-    given = _inner(entry, "line", "inject", where)
-    _check(given, _INJECT, ("data", "at_s"), f"{where}, inject")
-    return InjectStep(line=entry["line"], data=bytes_of(given["data"]), at_s=given["at_s"])
-
-
-def bytes_of(text: str) -> bytes:
-    """Return the bytes that a text of hexadecimal digits stands for. Raises UsageError."""
-    try:
-        return bytes.fromhex(text)
-    except ValueError:
-        raise UsageError(f'{text!r} are no bytes; write two hexadecimal digits for each, such as "04 41 FF"') from None
-
-
-def _inner(entry: Mapping[str, Any], whose: str, key: str, where: str) -> dict[str, Any]:
-    """Return the table behind the key of a fault; beside it stands only whose fault it is."""
-    _check(entry, {whose: _TEXT, key: _TABLE}, (whose,), where)
-    return dict(entry[key])
-
-
-def _window(entry: Mapping[str, Any]) -> Window:
-    return Window(**{key: float(entry[key]) for key in _WINDOW if key in entry})
-
-
-def _check(entry: Mapping[str, Any], known: _Keys, needed: tuple[str, ...], where: str) -> None:
-    _no_others(entry, tuple(known), where)
-    for key in needed:
-        if key not in entry:
-            raise FileFormatError(f"{where}: the key {key!r} is missing; write {key} = {known[key].words}")
-    for key, value in entry.items():
-        kind = known[key]
-        if not isinstance(value, kind.types) or (isinstance(value, bool) and bool not in kind.types):
-            raise FileFormatError(f"{where}: {key} cannot be {value!r}; write {kind.words}")
-        if isinstance(value, int) and abs(value) > _LARGEST:
-            raise FileFormatError(f"{where}: {key} is too large a number")
-
-
-def _no_others(entry: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
-    for key in sorted(set(entry) - set(known)):
-        near = closest(key, known)
-        hint = f"write {near}" if near else f"the keys are {', '.join(known)}"
-        raise FileFormatError(f"{where}: {key!r} is no key here; {hint}")
+def _poll_group(table: Table) -> PollGroup:
+    given: dict[str, Any] = table.take(_POLL, "parameters")
+    if not all(isinstance(each, str) for each in given["parameters"]):
+        raise table.error('parameters are texts in quotes, such as ["481", "output_current"]', "parameters")
+    return PollGroup(**{**given, "parameters": tuple(given["parameters"])})

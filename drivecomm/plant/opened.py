@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from threading import RLock
 from typing import TYPE_CHECKING, Any, Self
@@ -27,7 +28,8 @@ if TYPE_CHECKING:
 
     from drivecomm.bus import Bus, Drive
     from drivecomm.link import Port, TraceEvent
-    from drivecomm.plant.plant import Plant, PlantDrive, PlantLine
+    from drivecomm.plant.plant import Plant, PlantLine
+    from drivecomm.protocol import DriveConfig
 
 DEFAULT_FILE = Path("plant.toml")
 
@@ -35,21 +37,21 @@ DEFAULT_FILE = Path("plant.toml")
 class OpenPlant(Mapping[str, "Drive"]):
     """The drives of a plant by name; looking one up opens its line. May be used from many threads.
 
-    plant: what there is. file: what errors call it. port_of: what to open for a line instead of the port that the plant
-    names, such as a function that returns a port; None for that. opening: further keywords of `open_bus`, for all
-    lines; what is given goes before what the plant says of a line or a drive.
+    plant: what there is. file: what errors call it, where it was read unless given. port_of: what to open for a line
+    instead of the port that the plant names, such as a function that returns a port; None for that. opening: further
+    keywords of `open_bus`, for all lines; what is given goes before what the plant says of a line or a drive.
     """
 
     def __init__(
         self,
         plant: Plant,
-        file: str = str(DEFAULT_FILE),
+        file: str = "",
         *,
         port_of: Callable[[PlantLine], str | Callable[[], Port]] | None = None,
         **opening: Any,
     ) -> None:
-        self.plant = plant
-        self.file = file
+        self.file = file or plant.file or str(DEFAULT_FILE)
+        self.plant = replace(plant, file=self.file)
         self._port_of = port_of or self._said_port
         self._opening = opening
         # One for each line: a port that takes long to open does not hold up the others.
@@ -68,10 +70,7 @@ class OpenPlant(Mapping[str, "Drive"]):
 
         Raises UsageError for a name that the plant does not have, PortError when its line cannot be opened.
         """
-        try:
-            found = self.plant.drive(name)
-        except UsageError as error:
-            raise UsageError(f"{self.file}: {error}") from error
+        found = self.plant.drive(name)
         with self._guards[found.line]:
             if found.name not in self._drives:
                 self._drives[found.name] = self._made(found)
@@ -79,10 +78,7 @@ class OpenPlant(Mapping[str, "Drive"]):
 
     def bus(self, line: str) -> Bus:
         """Return the bus of a line, opened when it is asked for first. Raises as `drive` does."""
-        try:
-            found = self.plant.line(line)
-        except UsageError as error:
-            raise UsageError(f"{self.file}: {error}") from error
+        found = self.plant.line(line)
         with self._guards[line]:
             if line not in self._lines:
                 given = {key: value for key, value in self._opening.items() if value is not None}
@@ -116,7 +112,7 @@ class OpenPlant(Mapping[str, "Drive"]):
     ) -> None:
         self.close()
 
-    def _made(self, found: PlantDrive) -> Drive:
+    def _made(self, found: DriveConfig) -> Drive:
         bus = self.bus(found.line)
         facts = {key: value for key, value in self._opening.items() if key in LINE_FACT_NAMES and value is not None}
         options = {**found.options, **facts, "read_only": found.why_read_only(self.file)}
@@ -139,4 +135,4 @@ def open_plant(
     trace: called for everything that happens on its lines. opening: further keywords of `open_bus`, for all lines.
     Raises FileFormatError for a file that is no plant.
     """
-    return OpenPlant(read_plant(Path(file)), str(file), trace=trace, **opening)
+    return OpenPlant(read_plant(Path(file)), trace=trace, **opening)

@@ -7,13 +7,14 @@ matter, and an entry that cannot be read does not keep the others from being rea
 from __future__ import annotations
 
 import re
-import tomllib
 from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.plant.plant import Plant, PlantDrive, PlantLine
-from drivecomm.protocol import LineSettings
+from drivecomm.plant.plant import Plant, PlantLine
+from drivecomm.protocol import DriveConfig, LineSettings, parse_drive
+from drivecomm.tomlfile import parse_toml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -34,7 +35,7 @@ def salvaged(path: Path) -> tuple[Plant, list[str]]:
         raise FileFormatError(f"{path}: {error.strerror or error}") from error
     entries = list(_entries(text))
     lines = {line.name: line for kind, entry in entries if kind == "line" and (line := _line(entry))}
-    drives: dict[str, PlantDrive] = {}
+    drives: dict[str, DriveConfig] = {}
     lost = []
     for number, entry in enumerate((entry for kind, entry in entries if kind == "drive"), start=1):
         drive = _drive(entry, next(iter(lines)) if len(lines) == 1 else "")
@@ -45,13 +46,7 @@ def salvaged(path: Path) -> tuple[Plant, list[str]]:
             )
             continue
         if drive.name in drives:
-            drive = PlantDrive(
-                protocol=drive.protocol,
-                address=drive.address,
-                line=drive.line,
-                name=f"{drive.protocol}:{drive.address} on {drive.line}",
-                options=drive.options,
-            )
+            drive = replace(drive, name=f"{drive} on {drive.line}")
         drives[drive.name] = drive
     if not drives:
         raise FileFormatError(f"{path}: no drive of it can be read")
@@ -67,14 +62,14 @@ def _entries(text: str) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def _content(text: str) -> dict[str, Any]:
-    with suppress(ValueError, RecursionError):
-        return tomllib.loads(text)
+    with suppress(FileFormatError):
+        return parse_toml(text, "")
     entry: dict[str, Any] = {}
     for line in text.splitlines():
         if line.lstrip().startswith("["):
             break
-        with suppress(ValueError, RecursionError):
-            entry.update(tomllib.loads(line))
+        with suppress(FileFormatError):
+            entry.update(parse_toml(line, ""))
     return entry
 
 
@@ -90,16 +85,16 @@ def _line(entry: dict[str, Any]) -> PlantLine | None:
     return PlantLine(name=name, port=port, listen=listen, echo=entry.get("echo") is True, settings=settings)
 
 
-def _drive(entry: dict[str, Any], only_line: str) -> PlantDrive | None:
-    protocol, _, address = _text(entry, "drive").partition(":")
-    if not protocol or not address.isascii() or not address.isdigit():
+def _drive(entry: dict[str, Any], only_line: str) -> DriveConfig | None:
+    try:
+        drive = parse_drive(_text(entry, "drive"))
+    except UsageError:
         return None
     options = entry.get("options")
-    return PlantDrive(
-        protocol=protocol,
-        address=int(address),
+    return replace(
+        drive,
         line=_text(entry, "line") or only_line,
-        name=_text(entry, "name"),
+        name=_text(entry, "name") or drive.name,
         options=options if isinstance(options, dict) else {},
     )
 

@@ -17,8 +17,7 @@ from drivecomm.errors import DriveCommError, DriveError, LinkError, ReplyError, 
 if TYPE_CHECKING:
     from drivecomm.bus import Drive
     from drivecomm.plant.opened import OpenPlant
-    from drivecomm.plant.plant import PlantDrive
-    from drivecomm.protocol import DriveStatus, Reading
+    from drivecomm.protocol import DriveConfig, DriveStatus, Reading
 
 OUTPUT = "output_frequency"
 CURRENT = "output_current"
@@ -33,7 +32,7 @@ class DriveReport:
     knows such a quantity, or its status says it. asked_at: on the clock of `time.monotonic`, in seconds.
     """
 
-    drive: PlantDrive
+    drive: DriveConfig
     status: DriveStatus | None = None
     output_hz: Decimal | None = None
     current_a: Decimal | None = None
@@ -57,7 +56,7 @@ def plant_status(opened: OpenPlant) -> list[DriveReport]:
     reports: dict[str, DriveReport] = {}
     failures: list[BaseException] = []
 
-    def ask_line(drives: tuple[PlantDrive, ...]) -> None:
+    def ask_line(drives: tuple[DriveConfig, ...]) -> None:
         try:
             gone: LinkError | None = None
             for drive in drives:
@@ -81,7 +80,7 @@ def plant_status(opened: OpenPlant) -> list[DriveReport]:
     return [reports[drive.name] for drive in opened.plant.drives]
 
 
-def _report(opened: OpenPlant, planned: PlantDrive) -> DriveReport:
+def _report(opened: OpenPlant, planned: DriveConfig) -> DriveReport:
     try:
         drive = opened.drive(planned.name)
         status = drive.status()

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-import os
 import re
-import tempfile
+from dataclasses import replace
 from itertools import count
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import options_of
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.plant.plant import Plant, PlantDrive, PlantLine
+from drivecomm.plant.plant import Plant, PlantLine
+from drivecomm.tomlfile import toml_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
 
     from drivecomm.bus import Found
-    from drivecomm.plant.plant import PlantRead
+    from drivecomm.protocol import DriveConfig, PollGroup
 
-_ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
 _ADVICE = """\
 # Written by a scan. Give the drives names (take away the # before name, and change it), and then:
 #   drivecomm status          shows them all
@@ -28,31 +28,18 @@ _ADVICE = """\
 """
 
 
-def plant_of_found(found: Iterable[Found], *, port: str, line: str = "", echo: bool = False) -> Plant:
+def plant_of_found(found: Iterable[Found], *, port: str, echo: bool = False) -> Plant:
     """Return the plant that a scan of one line has found; settings that all drives share are the line's.
 
-    line: its name, that of the port unless given.
-
-    Who answered with damage only is left out: nothing is known of it.
+    A drive that answered with damage only is left out: nothing is known of it.
     """
-    line = line or line_name(port)
     sound = [one for one in found if one.sound]
     met = {one.settings for one in sound}
     shared = next(iter(met)) if len(met) == 1 else None
-    drives = tuple(
-        PlantDrive(
-            protocol=one.protocol,
-            address=one.address,
-            line=line,
-            options={
-                **({"model": one.model} if one.model else {}),
-                **(options_of(one.settings) if one.settings is not None and shared is None else {}),
-            },
-        )
-        for one in sound
-    )
-    settings = options_of(shared) if shared is not None else {}
-    return Plant(lines=(PlantLine(name=line, port=port, echo=echo, settings=settings),), drives=drives)
+    settings = {} if shared is None else options_of(shared)
+    line = PlantLine(name=line_name(port), port=port, echo=echo, settings=settings)
+    own = [replace(one, settings=None).drive if settings else one.drive for one in sound]
+    return Plant(lines=(line,), drives=tuple(replace(drive, line=line.name) for drive in own))
 
 
 def line_name(port: str) -> str:
@@ -100,22 +87,6 @@ def write_new(file: Path, text: str) -> None:
         raise FileFormatError(f"{file}: cannot be written: {error.strerror or error}") from error
 
 
-def write_over(file: Path, text: str) -> None:
-    """Write a file, in place of the one that is there; a cut leaves one of both whole. Raises FileFormatError."""
-    try:
-        handle, beside = tempfile.mkstemp(dir=file.parent, prefix=f"{file.name}.", text=True)
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as opened:
-                opened.write(text)
-            Path(beside).chmod(file.stat().st_mode if file.exists() else 0o644)
-            Path(beside).replace(file)
-        except BaseException:
-            Path(beside).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise FileFormatError(f"{file}: cannot be written: {error.strerror or error}") from error
-
-
 def there_already(file: Path) -> str:
     """Return the sentence for a file that must not be overwritten."""
     return f"{file} exists already; name another file, or write --force to overwrite it"
@@ -130,15 +101,15 @@ def _line(line: PlantLine) -> dict[str, Any]:
     }
 
 
-def _drive(drive: PlantDrive, *, with_line: bool) -> dict[str, Any]:
-    address = f"{drive.protocol}:{drive.address}"
+def _drive(drive: DriveConfig, *, with_line: bool) -> dict[str, Any]:
     return {
-        **({"name": drive.name} if drive.name != address else {}),
-        "drive": address,
+        **({"name": drive.name} if drive.name != str(drive) else {}),
+        "drive": str(drive),
         **({"line": drive.line} if with_line else {}),
         **({"title": drive.title} if drive.title else {}),
         **({"options": dict(drive.options)} if drive.options else {}),
         **({"armed": True} if drive.armed else {}),
+        **({} if drive.reply_delay_s is None else {"reply_delay_s": drive.reply_delay_s}),
         **({"poll": [_read(each) for each in drive.poll]} if drive.poll else {}),
         **(
             {"link_loss": {"policy": drive.link_loss.policy, "watchdog_s": drive.link_loss.watchdog_s}}
@@ -148,8 +119,9 @@ def _drive(drive: PlantDrive, *, with_line: bool) -> dict[str, Any]:
     }
 
 
-def _read(read: PlantRead) -> dict[str, Any]:
-    return {"parameters": list(read.parameters), "period_s": read.period_s, "priority": read.priority}
+def _read(read: PollGroup) -> dict[str, Any]:
+    options = {"options": dict(read.options)} if read.options else {}
+    return {"parameters": list(read.parameters), "period_s": read.period_s, "priority": read.priority, **options}
 
 
 def _entry(kind: str, content: Mapping[str, Any], remark: str = "", name_hint: str = "") -> str:
@@ -159,30 +131,5 @@ def _entry(kind: str, content: Mapping[str, Any], remark: str = "", name_hint: s
         lines.append("# " + "".join(each for each in " ".join(remark.split()) if each.isprintable()))
     if name_hint:
         lines.append(f'# name = "{name_hint}"')
-    lines += [f"{key} = {_value(value)}" for key, value in content.items()]
+    lines += [toml_line(key, value) for key, value in content.items()]
     return "\n".join(lines) + "\n"
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return f'"{"".join(_character(each) for each in value)}"'
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{_key(key)} = {_value(each)}" for key, each in value.items()) + " }"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_value(each) for each in value) + "]"
-    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
-        return f"{value:.1f}"
-    return str(value)
-
-
-def _key(key: str) -> str:
-    bare = bool(key) and key.isascii() and key.replace("_", "").replace("-", "").isalnum()
-    return key if bare else _value(key)
-
-
-def _character(each: str) -> str:
-    if each in _ESCAPES:
-        return _ESCAPES[each]
-    return each if each.isprintable() else f"\\U{ord(each):08x}"

@@ -1,11 +1,5 @@
 from .loops import poll as poll, poll_async as poll_async, poll_bus as poll_bus
-from .plan import (
-    LONGEST_DELAY_S as LONGEST_DELAY_S,
-    Plan as Plan,
-    PlannedDrive as PlannedDrive,
-    PlannedRead as PlannedRead,
-)
-from .plan_files import plan_in as plan_in, read_plan as read_plan
+from .plan import Plan as Plan, PlannedRead as PlannedRead
 from .schedule import (
     FIRST_ROUND_S as FIRST_ROUND_S,
     PRIORITY_STEP_S as PRIORITY_STEP_S,

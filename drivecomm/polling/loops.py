@@ -1,15 +1,16 @@
 """Carrying out poll plans: on one bus, on several with a thread for each, and the same over asyncio.
 
-Whose turn it is decides the schedule; the loops here only wait, ask, and hand over results.
+The schedule decides whose turn it is; the loops here only wait, read, and hand over results.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from drivecomm.errors import DriveCommError, LinkError, UsageError, shortened
-from drivecomm.polling.schedule import Schedule, checked
+from drivecomm.link import REOPEN_FIRST_S, Backoff
+from drivecomm.polling.schedule import PollItem, PollResult, Schedule, checked
 from drivecomm.protocol import is_duration
 
 if TYPE_CHECKING:
@@ -18,41 +19,33 @@ if TYPE_CHECKING:
     from queue import Queue
     from threading import Event
 
-    from drivecomm.polling.schedule import PollItem, PollResult
     from drivecomm.protocol import Reading
 
 _NAP_S = 0.1
 """The longest sleep in one piece: a plan that is given up ends within this time."""
 
-_REOPENING_S = 0.5
-"""A line that is down is not tried more often."""
-
 _WAITING_RESULTS = 1000
 """So many results wait for a slow reader, then the lines wait for it."""
 
 
-class Clock(Protocol):
-    """What both kinds of bus have: a clock for waiting, which is virtual on a virtual line, and one for people."""
+class PolledBus(Protocol):
+    """What a poll loop needs of a bus, be it a `Bus` or an `AsyncBus`."""
 
     def now(self) -> float:
         """Return the time of the bus's clock, in seconds; also while its line is down. UsageError when closed."""
         ...
 
     def wall_time(self) -> float:
-        """Return the time for people."""
+        """Return the time in seconds since 1970; on a virtual line since its start."""
         ...
 
-
-class PolledBus(Clock, Protocol):
-    """What the loop needs of a bus."""
-
-    def sleep_until(self, until: float) -> None:
+    def sleep_until(self, until: float) -> Any:
         """Wait outside the line's turn, also while it is down."""
         ...
 
 
 class PolledDrive(Protocol):
-    """What the loop needs of a drive."""
+    """What a poll loop needs of a drive, be it a `Drive` or an `AsyncDrive`."""
 
     @property
     def name(self) -> str:
@@ -68,75 +61,16 @@ class PolledDrive(Protocol):
         """Raise UsageError for a parameter that can never be read."""
         ...
 
-    def polled(self, parameter: str, **options: Any) -> Reading:
+    def polled(self, parameter: str, **options: Any) -> Any:
         """Read a parameter, letting everything else on the bus go first."""
         ...
 
 
-class AsyncPolledBus(Clock, Protocol):
-    """What the asynchronous loop needs of a bus."""
-
-    async def sleep_until(self, until: float) -> None:
-        """Wait outside the line's turn, also while it is down."""
-        ...
-
-
-class AsyncPolledDrive(Protocol):
-    """What the asynchronous loop needs of a drive."""
-
-    @property
-    def name(self) -> str:
-        """The drive as the command line names it."""
-        ...
-
-    @property
-    def bus(self) -> AsyncPolledBus:
-        """The bus that it is on."""
-        ...
-
-    def check_read(self, parameter: str, **options: Any) -> None:
-        """Raise UsageError for a parameter that can never be read."""
-        ...
-
-    async def polled(self, parameter: str, **options: Any) -> Reading:
-        """Read a parameter, letting everything else on the bus go first."""
-        ...
-
-
-class _OnABus(Protocol):
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def bus(self) -> Clock: ...
-
-    def check_read(self, parameter: str, **options: Any) -> None: ...
-
-
-D = TypeVar("D", bound=_OnABus)
-S = TypeVar("S", bound=PolledDrive)
-A = TypeVar("A", bound=AsyncPolledDrive)
-
-
-class _DeadLine:
-    """Remembers that a line is down, so that not every item tries it again."""
-
-    def __init__(self) -> None:
-        self._error: LinkError | None = None
-        self._until = -math.inf
-
-    def error(self, now: float) -> LinkError | None:
-        """Return why it is not worth trying yet."""
-        return self._error if now < self._until else None
-
-    def note(self, now: float, error: DriveCommError) -> None:
-        """Take an error; only those of the line count."""
-        if isinstance(error, LinkError):
-            self._error, self._until = error, now + _REOPENING_S
+D = TypeVar("D", bound=PolledDrive)
 
 
 def poll(
-    items: Iterable[PollItem[S]], *, duration_s: float | None = None, cycles: int | None = None
+    items: Iterable[PollItem[D]], *, duration_s: float | None = None, cycles: int | None = None
 ) -> Generator[PollResult, None, None]:
     """Yield the results of a plan in the order in which they come, from as many buses as its drives are on.
 
@@ -153,7 +87,7 @@ def poll(
 
 
 def poll_async(
-    items: Iterable[PollItem[A]], *, duration_s: float | None = None, cycles: int | None = None
+    items: Iterable[PollItem[D]], *, duration_s: float | None = None, cycles: int | None = None
 ) -> AsyncGenerator[PollResult, None]:
     """Do the same as `poll` with asynchronous drives, on one event loop."""
     lines = _by_bus(readable(checked(items, cycles=cycles)))
@@ -172,8 +106,45 @@ def readable(items: Sequence[PollItem[D]]) -> Sequence[PollItem[D]]:
         except UsageError as error:
             refused.append(f"{item.name or item.drive.name} {item.parameter} ({' '.join(str(error).split())})")
     if refused:
-        raise UsageError(f"what can never be read is not polled, take it out of the plan: {', '.join(refused)}")
+        raise UsageError(f"the plan has what can never be read, take it out: {', '.join(refused)}")
     return items
+
+
+class _Polling(Generic[D]):
+    """The poll loop of one line without its waiting and reading: what comes next, and what came of it."""
+
+    def __init__(self, items: Sequence[PollItem[D]], duration_s: float, cycles: int | None) -> None:
+        self.bus = items[0].drive.bus
+        self._start_s = self.bus.now()
+        self._duration_s = duration_s
+        self._schedule = Schedule(items, start_s=self._start_s, cycles=cycles)
+        self._backoff = Backoff(REOPEN_FIRST_S, REOPEN_FIRST_S)
+        self._down: LinkError | None = None
+
+    def next(self) -> PollItem[D] | PollResult | float | None:
+        """Return the item to read, or the time until which none is due; None when the plan is over.
+
+        While the line is down, an item is not worth trying and its result is returned instead.
+        """
+        now, due_s = self.bus.now(), self._schedule.next_due()
+        if due_s == math.inf or max(now, due_s) - self._start_s >= self._duration_s:
+            return None
+        item = self._schedule.due(now)
+        if item is None:
+            return due_s
+        if self._down is not None and now < self._backoff.over_at:
+            return self._result(item, self._down)
+        return item
+
+    def finished(self, item: PollItem[D], outcome: Reading | DriveCommError) -> PollResult:
+        """Return the result of an item that was read."""
+        if isinstance(outcome, LinkError):
+            self._down = outcome
+            self._backoff.failed(self.bus.now())
+        return self._result(item, outcome)
+
+    def _result(self, item: PollItem[D], outcome: Reading | DriveCommError) -> PollResult:
+        return self._schedule.finished(item, self.bus.now(), outcome, time_s=self.bus.wall_time())
 
 
 def _never() -> bool:
@@ -181,58 +152,44 @@ def _never() -> bool:
 
 
 def poll_bus(
-    items: Sequence[PollItem[S]], duration_s: float, cycles: int | None = None, stopped: Callable[[], bool] = _never
+    items: Sequence[PollItem[D]], duration_s: float, cycles: int | None = None, stopped: Callable[[], bool] = _never
 ) -> Generator[PollResult, None, None]:
     """Yield the results of items that are all on one bus; what can never be read is a failure each time."""
-    bus = items[0].drive.bus
-    start = bus.now()
-    schedule = Schedule(items, start_s=start, cycles=cycles)
-    line = _DeadLine()
-    while not stopped():
-        now, due_s = bus.now(), schedule.next_due()
-        if due_s == math.inf or max(now, due_s) - start >= duration_s:
-            return
-        item = schedule.due(now)
-        if item is None:
-            bus.sleep_until(min(due_s, now + _NAP_S))
-            continue
-        outcome: Reading | DriveCommError | None = line.error(now)
-        if outcome is None:
+    polling = _Polling(items, duration_s, cycles)
+    while not stopped() and (due := polling.next()) is not None:
+        if isinstance(due, PollItem):
+            outcome: Reading | DriveCommError
             try:
-                outcome = item.drive.polled(item.parameter, **item.options)
+                outcome = due.drive.polled(due.parameter, **due.options)
             except DriveCommError as error:
                 outcome = error
-                line.note(bus.now(), error)
-        yield schedule.finished(item, bus.now(), outcome, time_s=bus.wall_time())
+            yield polling.finished(due, outcome)
+        elif isinstance(due, PollResult):
+            yield due
+        else:
+            polling.bus.sleep_until(min(due, polling.bus.now() + _NAP_S))
 
 
 async def _poll_bus_async(
-    items: Sequence[PollItem[A]], duration_s: float, cycles: int | None
+    items: Sequence[PollItem[D]], duration_s: float, cycles: int | None
 ) -> AsyncGenerator[PollResult, None]:
-    bus = items[0].drive.bus
-    start = bus.now()
-    schedule = Schedule(items, start_s=start, cycles=cycles)
-    line = _DeadLine()
-    while True:
-        now, due_s = bus.now(), schedule.next_due()
-        if due_s == math.inf or max(now, due_s) - start >= duration_s:
-            return
-        item = schedule.due(now)
-        if item is None:
-            await bus.sleep_until(due_s)
-            continue
-        outcome: Reading | DriveCommError | None = line.error(now)
-        if outcome is None:
+    polling = _Polling(items, duration_s, cycles)
+    while (due := polling.next()) is not None:
+        if isinstance(due, PollItem):
+            outcome: Reading | DriveCommError
             try:
-                outcome = await item.drive.polled(item.parameter, **item.options)
+                outcome = await due.drive.polled(due.parameter, **due.options)
             except DriveCommError as error:
                 outcome = error
-                line.note(bus.now(), error)
-        yield schedule.finished(item, bus.now(), outcome, time_s=bus.wall_time())
+            yield polling.finished(due, outcome)
+        elif isinstance(due, PollResult):
+            yield due
+        else:
+            await polling.bus.sleep_until(due)
 
 
 def _poll_buses(
-    lines: Sequence[Sequence[PollItem[S]]], duration_s: float, cycles: int | None
+    lines: Sequence[Sequence[PollItem[D]]], duration_s: float, cycles: int | None
 ) -> Generator[PollResult, None, None]:
     # Plans on one line, the usual ones, need no threads.
     from queue import Empty, Queue  # noqa: PLC0415
@@ -241,7 +198,7 @@ def _poll_buses(
     results: Queue[PollResult | BaseException | None] = Queue(_WAITING_RESULTS)
     stop = Event()
 
-    def work(items: Sequence[PollItem[S]]) -> None:
+    def work(items: Sequence[PollItem[D]]) -> None:
         try:
             for result in poll_bus(items, duration_s, cycles, stop.is_set):
                 _hand_over(results, result, stop)
@@ -286,13 +243,13 @@ def _hand_over(
 
 
 async def _poll_buses_async(
-    lines: Sequence[Sequence[PollItem[A]]], duration_s: float, cycles: int | None
+    lines: Sequence[Sequence[PollItem[D]]], duration_s: float, cycles: int | None
 ) -> AsyncGenerator[PollResult, None]:
     import asyncio  # noqa: PLC0415 - for those who have an event loop already
 
     results: AsyncQueue[PollResult | BaseException | None] = asyncio.Queue(_WAITING_RESULTS)
 
-    async def work(items: Sequence[PollItem[A]]) -> None:
+    async def work(items: Sequence[PollItem[D]]) -> None:
         try:
             async for result in _poll_bus_async(items, duration_s, cycles):
                 await results.put(result)
@@ -328,5 +285,5 @@ def _seconds(duration_s: float | None) -> float:
     if duration_s is None:
         return math.inf
     if duration_s != math.inf and not (is_duration(duration_s) and duration_s > 0):
-        raise UsageError(f"a duration of {shortened(duration_s)} s polls nothing; give seconds above 0")
+        raise UsageError(f"a poll duration cannot be {shortened(duration_s)} s; give seconds above 0")
     return duration_s

@@ -2,50 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
-from drivecomm.polling.schedule import PollItem
+from drivecomm.polling.schedule import D, PollItem
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
-    from drivecomm.bus import Bus, Drive
-
-LONGEST_DELAY_S = 60.0
-"""The longest time until a reply that a plan accepts, in seconds."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlannedDrive:
-    """A drive of a plan.
-
-    protocol, address: which. options: what `Bus.drive` takes, such as model=, baudrate= and the protocol's own. name:
-    what the plan and its results call it, PROTOCOL:ADDRESS if empty. port: its line; empty for the line of those who
-    name none. reply_delay_s: from the end of a request to the begin of its reply, for a forecast; the protocol's
-    virtual drive knows one if absent.
-    """
-
-    protocol: str
-    address: int
-    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
-    name: str = ""
-    port: str = ""
-    reply_delay_s: float | None = None
-
-    def __post_init__(self) -> None:
-        if not self.name:
-            object.__setattr__(self, "name", f"{self.protocol}:{self.address}")
-        if self.reply_delay_s is not None and not 0 <= self.reply_delay_s < LONGEST_DELAY_S:
-            raise UsageError(f"a reply delay of {self.reply_delay_s} s is not between 0 and {LONGEST_DELAY_S:g}")
+    from drivecomm.protocol import DriveConfig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedRead:
     """A parameter of a plan; period_s, priority and options are those of a `PollItem`."""
 
-    drive: PlannedDrive
+    drive: DriveConfig
     parameter: str
     period_s: float = 1.0
     priority: int = 0
@@ -67,28 +40,30 @@ class Plan:
             raise UsageError(f"two drives of the plan are named {twice}; give each a name of its own")
 
     @property
-    def drives(self) -> tuple[PlannedDrive, ...]:
+    def drives(self) -> tuple[DriveConfig, ...]:
         """The drives in the order in which they come up."""
         return tuple(dict.fromkeys(read.drive for read in self.reads))
 
     @property
-    def ports(self) -> tuple[str, ...]:
-        """The lines in the order in which they come up; the one without a name is empty."""
-        return tuple(dict.fromkeys(drive.port for drive in self.drives))
+    def lines(self) -> tuple[str, ...]:
+        """The lines in the order in which they come up; that of drives which name none is empty."""
+        return tuple(dict.fromkeys(drive.line for drive in self.drives))
 
-    def on_line(self, port: str) -> Plan:
+    def on_line(self, line: str) -> Plan:
         """Return the part of the plan that is on one line."""
-        return Plan(reads=tuple(read for read in self.reads if read.drive.port == port))
+        return Plan(reads=tuple(read for read in self.reads if read.drive.line == line))
 
-    def items(self, buses: Mapping[str, Bus]) -> list[PollItem[Drive]]:
-        """Return the plan for open lines, by port. Raises UsageError for drives and options that cannot be."""
-        drives = {
-            planned: buses[planned.port].drive(planned.protocol, planned.address, **planned.options)
-            for planned in self.drives
-        }
+    def with_drives(self, change: Callable[[DriveConfig], DriveConfig]) -> Plan:
+        """Return the plan with each drive changed."""
+        changed = {drive: change(drive) for drive in self.drives}
+        return Plan(reads=tuple(replace(read, drive=changed[read.drive]) for read in self.reads))
+
+    def items(self, make: Callable[[DriveConfig], D]) -> list[PollItem[D]]:
+        """Return the plan as a poll loop takes it. make: called once for each drive, returns what is read of it."""
+        made = {drive: make(drive) for drive in self.drives}
         return [
             PollItem(
-                drive=drives[read.drive],
+                drive=made[read.drive],
                 parameter=read.parameter,
                 period_s=read.period_s,
                 priority=read.priority,

@@ -75,7 +75,7 @@ class PollItem(Generic[D]):
 
     def __post_init__(self) -> None:
         if not isinstance(self.parameter, str):
-            raise UsageError(f'{shortened(self.parameter)} names no parameter; give a text, such as "481"')
+            raise UsageError(f"invalid parameter {shortened(self.parameter)}; give an address or a name")
         stale_after_s = 0 if self.stale_after_s is None else self.stale_after_s
         for name, seconds in (("period_s", self.period_s), ("stale_after_s", stale_after_s)):
             if not is_duration(seconds):
@@ -214,7 +214,7 @@ def checked(items: Iterable[PollItem[D]], *, cycles: int | None = None) -> Seque
     if not plan:
         raise UsageError("a poll plan needs at least one item")
     if cycles is not None and not (is_whole(cycles) and cycles >= 1):
-        raise UsageError(f"{shortened(cycles)} cycles read nothing; use 1 or more")
+        raise UsageError(f"cycles cannot be {shortened(cycles)}; use 1 or more")
     seen: set[PollItem[D]] = set()
     for item in plan:
         if item in seen:

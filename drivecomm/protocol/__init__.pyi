@@ -1,15 +1,30 @@
 from .argument_types import is_duration as is_duration, is_whole as is_whole, misfit as misfit
 from .contract import (
     Capabilities as Capabilities,
+    Intent as Intent,
     Memory as Memory,
     Operations as Operations,
     Protocol as Protocol,
-    Purpose as Purpose,
     VirtualDrive as VirtualDrive,
     VirtualReply as VirtualReply,
 )
 from .decoding import decode as decode, encode as encode
-from .exchange import Ask as Ask, Exchange as Exchange, Pause as Pause, Tell as Tell
+from .drive_config import (
+    LONGEST_DELAY_S as LONGEST_DELAY_S,
+    DriveConfig as DriveConfig,
+    LinkLossPolicy as LinkLossPolicy,
+    PollGroup as PollGroup,
+    parse_drive as parse_drive,
+    parse_options as parse_options,
+)
+from .exchange import (
+    Ask as Ask,
+    Exchange as Exchange,
+    Pause as Pause,
+    Tell as Tell,
+    answered as answered,
+    with_each_command as with_each_command,
+)
 from .framing import (
     Codec as Codec,
     Damaged as Damaged,
@@ -27,17 +42,23 @@ from .line import (
 )
 from .model import (
     Access as Access,
-    Kind as Kind,
     LinkLoss as LinkLoss,
     Model as Model,
     ParameterInfo as ParameterInfo,
+    ParameterKind as ParameterKind,
     Storage as Storage,
     Sureness as Sureness,
     Watchdog as Watchdog,
 )
-from .motor import Command as Command, Motor as Motor
+from .motor import MOTOR_DATA as MOTOR_DATA, Command as Command, Motor as Motor
 from .numbers import exact as exact, scaled as scaled, unscaled as unscaled
-from .options import option_names as option_names, sort_out as sort_out
+from .options import (
+    checked_address as checked_address,
+    line_overrides as line_overrides,
+    option_names as option_names,
+    protocol_options as protocol_options,
+    resolve_options as resolve_options,
+)
 from .reading import Reading as Reading, Value as Value
 from .registry import (
     Protocols as Protocols,

@@ -13,7 +13,6 @@ from drivecomm.protocol.status import Stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-    from typing import TypeAlias
 
     from drivecomm.protocol.exchange import Exchange
     from drivecomm.protocol.framing import Codec, Damaged, Framed
@@ -25,8 +24,22 @@ if TYPE_CHECKING:
     from drivecomm.protocol.status import DriveStatus
     from drivecomm.protocol.telegram import Direction, Message
 
-Purpose: TypeAlias = Literal["read", "write", "command"]
-"""What a request is sent for."""
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Intent:
+    """What a request is for.
+
+    access: whether it reads or writes a parameter. commands: whether it commands the drive besides, as with a control
+    word that the drive obeys. One telegram may do both; what is commanded by writing a parameter is a write.
+    """
+
+    access: Literal["", "read", "write"] = ""
+    commands: bool = False
+
+    @property
+    def only_asks(self) -> bool:
+        """Whether it changes nothing, whatever state its drive is in, so that anybody may send it again."""
+        return self.access != "write" and not self.commands
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,10 +48,9 @@ class Capabilities:
 
     stops: the ways to stop. reverse: whether it can start backwards. reference_percent, reference_hz: how a reference
     can be given. stored_writes: `store=True` writes to EEPROM. volatile_writes: `store=False` keeps a write out of
-    EEPROM. broadcast: commands to all drives at once. link_loss: what the drive does when the master falls silent and
-    which parameter decides it, as a sentence; a package gives that of a drive without a model, the drive fills it in
-    from its model. verbs: which of the common verbs it has besides (jog, hold, select_setup, select_preset,
-    set_relay); the drive fills it in from `Operations.extra`.
+    EEPROM. broadcast: commands to all drives at once. The drive itself fills in the rest: verbs: which of the common
+    verbs it has besides (jog, hold, select_setup, select_preset, set_relay), from `Operations.extra`; link_loss: what
+    it does when the master falls silent and which parameter decides it, as a sentence, from its model.
     """
 
     stops: frozenset[Stop]
@@ -48,8 +60,8 @@ class Capabilities:
     stored_writes: bool
     volatile_writes: bool
     broadcast: bool
-    link_loss: str
     verbs: frozenset[str] = frozenset()
+    link_loss: str = ""
 
 
 class Memory(Interface):
@@ -206,10 +218,8 @@ class Protocol:
     blind_spots: positions in a telegram where the protocol cannot notice a single wrong bit.
     forms: the forms of all its telegrams by title, for documentation, drawings and checks.
     parameter_examples: parameter addresses that show the forms of this protocol.
-    only_asks: whether a request neither commands nor writes, whatever state its drive is in, so that anybody may send
-    it again; None where nobody has said so, and then every request counts as a command.
-    purpose: what a request is for: to read or to write a parameter, or a command without one; None where a package does
-    not tell, and what asks for it cannot be had.
+    intent: what a request is for; None where a package does not tell, and then every request counts as a command, and
+    a fault script cannot tell the replies to reads and writes apart.
     parameter_keys: keys of a model's parameters that only this protocol knows, such as `datasets`; None where a package
     does not tell, and then a misspelt key of a parameter goes unnoticed.
     element_addresses: under which addresses the values of a parameter are read one by one (data sets, array elements),
@@ -238,8 +248,7 @@ class Protocol:
     blind_spots: Callable[[bytes, Direction], frozenset[int]]
     forms: Callable[[], Mapping[str, Form[Any]]]
     parameter_examples: tuple[str, ...] = field(default=())
-    only_asks: Callable[[Message], bool] | None = None
-    purpose: Callable[[Message], Purpose] | None = None
+    intent: Callable[[Message], Intent] | None = None
     parameter_keys: frozenset[str] | None = None
     element_addresses: Callable[[ParameterInfo, Any], tuple[str, ...]] = _one_value
     factory_reading: Mapping[str, Any] = field(default_factory=dict, hash=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
-from drivecomm.protocol.options import option_names
+from drivecomm.protocol.options import protocol_options
 from drivecomm.protocol.registry import installed
 from drivecomm.protocol.telegram import Telegram
 
@@ -39,7 +39,4 @@ def _codec(protocol: str, direction: Direction, options: Mapping[str, Any]) -> C
     plugin = installed[protocol]
     if direction not in ("request", "reply"):
         raise UsageError(f"a direction is 'request' or 'reply', not {direction!r}")
-    known = option_names(plugin)
-    if unknown := sorted(set(options) - known):
-        raise UsageError(f"{protocol} has no option {unknown[0]!r}; it has {', '.join(sorted(known))}")
-    return plugin.codec(plugin.options(**options))
+    return plugin.codec(protocol_options(plugin, options))

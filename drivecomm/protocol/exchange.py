@@ -14,9 +14,11 @@ A generator cannot talk while it is being closed, so nothing is yielded in a `fi
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
+
+from drivecomm.errors import ReplyError
 
 if TYPE_CHECKING:
     from drivecomm.protocol.telegram import Message
@@ -65,3 +67,44 @@ class Pause:
 Command: TypeAlias = Ask | Tell | Pause
 Exchange: TypeAlias = Generator[Command, Any, T]
 """An operation: it yields requests and pauses, is sent the replies, and returns its result."""
+
+
+def answered(exchange: Exchange[T], answer: Callable[[Ask | Tell], Message | None]) -> T:
+    """Carry out an exchange with a function in place of the line, and return its result; pauses take no time.
+
+    answer: returns the reply to an `Ask`, and None for a `Tell`. A ReplyError that it raises is thrown into the
+    exchange; anything else that it raises ends it.
+    """
+    try:
+        command = next(exchange)
+        while True:
+            try:
+                reply = None if isinstance(command, Pause) else answer(command)
+            except ReplyError as error:
+                command = exchange.throw(error)
+            else:
+                command = exchange.send(reply)
+    except StopIteration as end:
+        result: T = end.value
+        return result
+    finally:
+        exchange.close()
+
+
+def with_each_command(exchange: Exchange[T], change: Callable[[Command], Command]) -> Exchange[T]:
+    """Carry out an exchange with what a function makes of each of its commands; what it raises ends the exchange."""
+    try:
+        command = next(exchange)
+        while True:
+            changed = change(command)
+            try:
+                reply = yield changed
+            except ReplyError as error:
+                command = exchange.throw(error)
+            else:
+                command = exchange.send(reply)
+    except StopIteration as end:
+        result: T = end.value
+        return result
+    finally:
+        exchange.close()

@@ -88,20 +88,21 @@ class Framer:
 
     def feed(self, data: bytes) -> list[Find]:
         """Take bytes from the line and return what is now certain, in order."""
-        if not self._pending and data and self._codec.measure(data, self._direction) == len(data):
-            found = self._read(data)
-            if isinstance(found, Framed):
+        measured = 0
+        if not self._pending and data:
+            measured = self._codec.measure(data, self._direction)
+            if measured == len(data) and isinstance(found := self._decoded(data), Framed):
                 # One whole telegram and nothing else, as nearly always.
                 self.missing = self._shortest
                 return [found]
         self._pending += data
-        return self._search(final=False)
+        return self._search(final=False, measured=measured)
 
     def flush(self) -> list[Find]:
         """Return what the pending bytes amount to, now that a gap says that nothing follows them."""
         return self._search(final=True)
 
-    def _search(self, *, final: bool) -> list[Find]:
+    def _search(self, *, final: bool, measured: int = 0) -> list[Find]:
         pending, finds = self._pending, list[Find]()
         measure, direction = self._codec.measure, self._direction
         start = noise_from = 0
@@ -109,19 +110,21 @@ class Framer:
         while start < len(pending):
             left = len(pending) - start
             head = pending[start : start + _HEAD]
-            while (needed := measure(head, direction)) > len(head) < left:
+            needed, measured = measured or measure(head, direction), 0
+            while needed > len(head) < left:
                 head = pending[start : start + needed]
+                needed = measure(head, direction)
             found: Find | None = None
             if needed > left:
                 if not final:
                     self.missing = needed - left
                     break
                 # Whole all the same if it only could have been the beginning of a longer one; cut off otherwise.
-                found = self._read(pending[start:])
+                found = self._decoded(pending[start:])
                 if isinstance(found, Damaged) and left == 1:
                     found = None
             elif needed:
-                found = self._read(pending[start : start + needed])
+                found = self._decoded(pending[start : start + needed])
             if found is not None:
                 if noise_from < start:
                     finds.append(Noise(pending[noise_from:start]))
@@ -137,7 +140,7 @@ class Framer:
         self._pending = pending[start:]
         return finds
 
-    def _read(self, data: bytes) -> Framed | Damaged:
+    def _decoded(self, data: bytes) -> Framed | Damaged:
         try:
             return Framed(data, self._codec.decode(data, self._direction))
         except TelegramError as error:

@@ -21,7 +21,7 @@ Sureness: TypeAlias = Literal["printed", "derived", "field", "unconfirmed"]
 Storage: TypeAlias = Literal["", "stored", "volatile"]
 """stored: kept in EEPROM when it is written so. volatile: gone without power. Empty: not known."""
 
-Kind: TypeAlias = Literal["setting", "communication", "command"]
+ParameterKind: TypeAlias = Literal["setting", "communication", "command"]
 """setting: how the drive works. communication: how it is spoken to, so that a change can cut the line. command: to
 write it is to do something (control word, bus reference, tuning, initialising), so that it belongs in no backup."""
 
@@ -41,7 +41,7 @@ class ParameterInfo:
     factor: Decimal = Decimal(1)
     access: Access = "rw"
     storage: Storage = ""
-    kind: Kind = "setting"
+    kind: ParameterKind = "setting"
     values: Mapping[int, str] = field(default_factory=dict)
     minimum: Decimal | None = None
     maximum: Decimal | None = None

@@ -6,6 +6,26 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
+MOTOR_DATA = frozenset(
+    [
+        "rated_hz",
+        "rated_v",
+        "rated_a",
+        "rated_kw",
+        "rated_rpm",
+        "maximum_hz",
+        "ramp_up_s",
+        "ramp_down_s",
+        "quick_ramp_s",
+        "coast_s",
+        "dc_brake_s",
+        "load",
+        "mains_v",
+        "ambient_c",
+    ]
+)
+"""What can be said of a motor beforehand: its name plate and what it drives, as fields of `Motor`."""
+
 
 class Command(Enum):
     """What the drive does with its motor at the moment."""

@@ -1,47 +1,72 @@
-"""Sorting out what is said of a drive: facts of its line, and options of its protocol."""
+"""What is said of a drive by its protocol, its model, its line and its caller: what counts, and what is refused."""
 
 from __future__ import annotations
 
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import UsageError, meant, shortened
+from drivecomm.errors import AddressError, UsageError, meant, shortened
 from drivecomm.protocol.argument_types import as_asked, misfit
 from drivecomm.protocol.line import LINE_FACT_NAMES
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from drivecomm.protocol.contract import Protocol
     from drivecomm.protocol.line import LineFacts
     from drivecomm.protocol.model import Model
 
 
-def sort_out(
+def resolve_options(
     plugin: Protocol, model: Model | None, given: Mapping[str, Any], *, for_all: Mapping[str, Any] | None = None
 ) -> tuple[LineFacts, Any]:
     """Return the line facts of a drive and its protocol's options.
 
     The protocol's own come first, then what its model says, then what holds for all drives of the line, then what is
-    given for this one. Raises UsageError for a name that is neither, or a value that cannot be.
+    given for this one. Raises UsageError for an unknown name or an invalid value.
     """
     own = option_names(plugin)
-    allowed = own | LINE_FACT_NAMES
-    of_model = model.options if model else {}
-    if unknown := sorted(set(given) - allowed):
-        known = meant(unknown[0], sorted(allowed), "they have")
-        raise UsageError(f"{plugin.name} drives have no option {shortened(unknown[0])}; {known}")
-    if unknown := sorted(set(of_model) - allowed):
+    of_model, of_line = model.options if model else {}, line_overrides(for_all or {})
+    _known(plugin, given, own | LINE_FACT_NAMES)
+    if unknown := sorted(set(of_model) - own - LINE_FACT_NAMES):
         raise UsageError(f"model {model.name if model else ''} sets {unknown[0]!r}, which {plugin.name} does not have")
-    said = {**of_model, **(for_all or {}), **given}
-    chosen = as_asked(plugin.options, {name: value for name, value in said.items() if name in own})
+    said = {**of_model, **of_line, **given}
+    facts = plugin.facts.override({name: value for name, value in said.items() if name in LINE_FACT_NAMES})
+    return facts, protocol_options(plugin, {name: value for name, value in said.items() if name in own})
+
+
+def protocol_options(plugin: Protocol, given: Mapping[str, Any]) -> Any:
+    """Return the protocol's own drive options. Raises UsageError for an unknown name or an invalid value."""
+    _known(plugin, given, option_names(plugin))
+    chosen = as_asked(plugin.options, given)
     if wrong := misfit(plugin.options, chosen):
         name, takes = wrong
         raise UsageError(f"{name} cannot be {shortened(chosen[name])}; it takes {takes}")
-    facts = plugin.facts.override({name: value for name, value in said.items() if name in LINE_FACT_NAMES})
-    return facts, plugin.options(**chosen)
+    return plugin.options(**chosen)
 
 
 def option_names(plugin: Protocol) -> frozenset[str]:
     """Return the names of the protocol's own drive options."""
     return frozenset(field.name for field in fields(plugin.options))
+
+
+def line_overrides(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those line facts that are given. Raises UsageError for an unknown name."""
+    if unknown := sorted(set(facts) - LINE_FACT_NAMES):
+        known = meant(unknown[0], sorted(LINE_FACT_NAMES), "use one of")
+        raise UsageError(f"unknown line setting {unknown[0]!r}; {known}")
+    return {name: value for name, value in facts.items() if value is not None}
+
+
+def checked_address(plugin: Protocol, address: object) -> int:
+    """Return an address that drives of the protocol can have. Raises AddressError."""
+    if type(address) is not int or address not in plugin.addresses:
+        allowed = f"{plugin.addresses.start} to {plugin.addresses.stop - 1}"
+        raise AddressError(f"{plugin.name} has no drive at address {shortened(address)}; addresses are {allowed}")
+    return address
+
+
+def _known(plugin: Protocol, given: Iterable[str], allowed: frozenset[str]) -> None:
+    if unknown := sorted(set(given) - allowed):
+        known = meant(unknown[0], sorted(allowed), "they have")
+        raise UsageError(f"{plugin.name} drives have no option {shortened(unknown[0])}; {known}")

@@ -7,11 +7,16 @@ from datetime import UTC, datetime
 from decimal import Decimal
 from typing import Any, Literal, TypeAlias
 
+from drivecomm.errors import UsageError
+
 Value: TypeAlias = int | Decimal | str
 """What a parameter can hold: a whole number, an exact decimal, or characters."""
 
 Quality: TypeAlias = Literal["good", "uncertain"]
 """good: a document gives type, scale and unit. uncertain: the note says what is not sure."""
+
+# What the units of models are called by pint; the others have the same name.
+_PINT_UNITS = {"%": "percent", "deg C": "degC", "1/min": "rpm", "": "dimensionless", "Nm": "N*m"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,23 +56,23 @@ class Reading:
 
         Raises UsageError where pint is not installed, or the value is a text or has a unit that no physics knows.
         """
-        from drivecomm.protocol.pint_quantities import pint_quantity  # noqa: PLC0415 - optional, and slow to load
-
-        return pint_quantity(self, registry)
+        try:
+            import pint  # noqa: PLC0415 - optional, and slow to load
+        except ImportError:
+            raise UsageError("pint is not installed; install it with: pip install drivecomm[pint]") from None
+        if isinstance(self.value, str):
+            raise UsageError(f"{self.parameter} is the text {self.value!r}; only numbers have a unit")
+        registry = registry or pint.application_registry
+        try:
+            unit = registry.Unit(_PINT_UNITS.get(self.unit, self.unit))
+        except (pint.errors.UndefinedUnitError, pint.errors.DefinitionSyntaxError) as error:
+            raise UsageError(f"{self.parameter} is in {self.unit!r}, which is no physical unit: {error}") from error
+        return registry.Quantity(self.value, unit)
 
     def at(self, time_s: float) -> Reading:
-        """Return the same reading with the time of its reply."""
-        return Reading(
-            parameter=self.parameter,
-            value=self.value,
-            raw=self.raw,
-            unit=self.unit,
-            type=self.type,
-            name=self.name,
-            text=self.text,
-            note=self.note,
-            time_s=time_s,
-        )
+        """Set the time of the reply and return this reading; only the bus does so, before anybody else has it."""
+        object.__setattr__(self, "time_s", time_s)
+        return self
 
     def __str__(self) -> str:
         shown = f"{self.value} {self.unit}".rstrip()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.bus import open_bus
 from drivecomm.errors import DriveCommError, NotSupported
-from drivecomm.protocol import Framed, sort_out
+from drivecomm.protocol import Framed, resolve_options
 from drivecomm.testing.checking import CheckFailure, shown
 from drivecomm.testing.subjects import known_model
 from drivecomm.virtual import DriveProxy, VirtualLine
@@ -115,7 +115,7 @@ def bench(
     """
     known = known_model(plugin, model or plugin.default_model) if isinstance(model, str) else model
     given = dict(options or {})
-    facts, chosen = sort_out(plugin, known, given)
+    facts, chosen = resolve_options(plugin, known, given)
     drives = []
     for address in addresses or plugin.addresses[:1]:
         drive = plugin.virtual(address, chosen, known)

@@ -19,7 +19,7 @@ from drivecomm.testing.subjects import known_model
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive, Broadcast, Bus, Drive, Verbs
+    from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive, Broadcast, Bus, Drive, Exchanges
     from drivecomm.link import Echo, Port
     from drivecomm.protocol import Exchange, Protocol
     from drivecomm.testing.exchange_vectors import Call, ExchangeVector
@@ -66,17 +66,17 @@ async def _call_awaited(plugin: Protocol, vector: ExchangeVector, line: Line) ->
             compare(call, outcome)
 
 
-def exchange_of(verbs: Verbs, call: Call) -> Exchange[Any]:
+def exchange_of(verbs: Exchanges, call: Call) -> Exchange[Any]:
     """Return the exchange behind a call, as both faces make it."""
     given = _arguments(call)
     if call.call not in VERBS:
         return verbs.call(call.call, given)
     if call.call == "read":
-        return verbs.read(given.pop("parameter"), given)
+        return verbs.to_read(given.pop("parameter"), given)
     if call.call == "write":
-        return verbs.write(given.pop("parameter"), given.pop("value"), {"store": False, **given})
+        return verbs.to_write(given.pop("parameter"), given.pop("value"), {"store": False, **given})
     if call.call == "set_reference":
-        return verbs.set_reference(given.get("percent"), given.get("hz"))
+        return verbs.to_set_reference(given.get("percent"), given.get("hz"))
     exchange: Exchange[Any] = getattr(verbs.operations, call.call)(**given)
     return exchange
 

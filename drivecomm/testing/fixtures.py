@@ -9,11 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
-from drivecomm.cli.drive_names import DriveName, parse_drive
 from drivecomm.errors import UsageError
 from drivecomm.models import load_model
 from drivecomm.plant import FaultPlan, Plant, read_plant
-from drivecomm.protocol import installed
+from drivecomm.protocol import DriveConfig, installed, parse_drive
 from drivecomm.testing.line_trace import LineTrace
 from drivecomm.testing.recording import Record, RecordingDrive
 from drivecomm.testing.sites import InProcess, Served, served
@@ -95,8 +94,7 @@ class LineMaker:
         model, options: as `drivecomm.virtual.virtual_drive` takes them. The rest is as with `line`.
         """
         named = parse_drive(name)
-        given = {**named.options, **options} if model is None else {**named.options, "model": model, **options}
-        named = DriveName(protocol=named.protocol, address=named.address, options=given)
+        named = named.with_options(**(options if model is None else {"model": model, **options}))
         return self._line([named], listen=listen, faults=faults, echo=echo, paced=paced).drives[0]
 
     def plant(self, plant: str | Path | Plant, *, listen: str | None = None) -> WatchedPlant:
@@ -131,7 +129,7 @@ class LineMaker:
         self._open.close()
 
     def _line(
-        self, names: list[DriveName], *, listen: str | None, faults: float | FaultPlan, echo: bool, paced: bool
+        self, names: list[DriveConfig], *, listen: str | None, faults: float | FaultPlan, echo: bool, paced: bool
     ) -> WatchedLine:
         recorded = {}
         watched = {}
@@ -159,7 +157,7 @@ class LineMaker:
         self._last.append(_Made(line=line, name=str(self._made), seeded=plan is not faults))
         return line
 
-    def _model(self, name: DriveName) -> Model:
+    def _model(self, name: DriveConfig) -> Model:
         """Return a drive's model; a property test makes the same drive a hundred times."""
         plugin = installed[name.protocol]
         chosen = name.options.get("model", plugin.default_model)

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from drivecomm.errors import ReplyError
-from drivecomm.protocol import Ask, Pause
+from drivecomm.protocol import Ask, answered
 from drivecomm.testing.checking import CheckFailure, shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from drivecomm.protocol import Exchange, Message
+    from drivecomm.protocol import Exchange, Message, Tell
     from drivecomm.testing.exchange_vectors import WireStep
 
 T = TypeVar("T")
@@ -142,23 +142,20 @@ class ScriptError(AssertionError):
 def play(exchange: Exchange[T], script: Iterable[Expectation]) -> T:
     """Play an exchange to its end and return its result. Pauses are skipped. Raises ScriptError when it deviates."""
     steps = iter(script)
-    try:
-        command = next(exchange)
-        while True:
-            if isinstance(command, Pause):
-                command = exchange.send(None)
-                continue
-            expected = next(steps, None)
-            if expected is None:
-                raise ScriptError(f"the script is over, and the exchange sends {command.message}")
-            request, reply = expected
-            if command.message != request:
-                raise ScriptError(f"the exchange sends {command.message}, the script says {request}")
-            if isinstance(command, Ask) and reply is None:
-                raise ScriptError(f"the exchange waits for a reply to {request}, the script has none")
-            command = exchange.throw(reply) if isinstance(reply, ReplyError) else exchange.send(reply)
-    except StopIteration as finished:
-        if (left := next(steps, None)) is not None:
-            raise ScriptError(f"the exchange is over, and the script goes on with {left[0]}") from None
-        result: T = finished.value
-        return result
+
+    def answer(command: Ask | Tell) -> Message | None:
+        request, reply = next(steps, (None, None))
+        if request is None:
+            raise ScriptError(f"the script is over, and the exchange sends {command.message}")
+        if command.message != request:
+            raise ScriptError(f"the exchange sends {command.message}, the script says {request}")
+        if isinstance(command, Ask) and reply is None:
+            raise ScriptError(f"the exchange waits for a reply to {request}, the script has none")
+        if isinstance(reply, ReplyError):
+            raise reply
+        return reply
+
+    result = answered(exchange, answer)
+    if (left := next(steps, None)) is not None:
+        raise ScriptError(f"the exchange is over, and the script goes on with {left[0]}")
+    return result

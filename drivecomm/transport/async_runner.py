@@ -39,10 +39,11 @@ def _never() -> bool:
 class Runner(Protocol):
     """Runs the steps of a link on one port."""
 
-    async def run(self, steps: Steps[T], stop_waits: Callable[[], bool] = _never) -> T:
+    async def run(self, begin: Callable[[float], Steps[T]], stop_waits: Callable[[], bool] = _never) -> T:
         """Run them to their end and return their result; cancelling closes them.
 
-        stop_waits: tells whether a stop waits for the line; waiting that gives way then ends early.
+        begin: returns the steps, given the time. stop_waits: tells whether a stop waits for the line; waiting that
+        gives way then ends early.
         """
         ...
 
@@ -74,8 +75,11 @@ class VirtualTimeRunner:
     def __init__(self, port: Port) -> None:
         self._port = port
 
-    async def run(self, steps: Steps[T], stop_waits: Callable[[], bool] = _never) -> T:  # noqa: ARG002 - it never waits
+    async def run(self, begin: Callable[[float], Steps[T]], stop_waits: Callable[[], bool] = _never) -> T:  # noqa: ARG002 - it never waits
         """Run the steps of a link to their end."""
+        # Others run before the first telegram, too, so that a stop of theirs goes before it.
+        await asyncio.sleep(0)
+        steps = begin(self._port.now())
         try:
             effect = next(steps)
             while True:
@@ -101,11 +105,11 @@ class ThreadRunner:
         self._port = port
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="drivecomm")
 
-    async def run(self, steps: Steps[T], stop_waits: Callable[[], bool] = _never) -> T:
+    async def run(self, begin: Callable[[float], Steps[T]], stop_waits: Callable[[], bool] = _never) -> T:
         """Run the steps of a link to their end."""
         stop = Event()
         running = asyncio.get_running_loop().run_in_executor(
-            self._thread, run_blocking, steps, _Interruptible(self._port, stop), stop_waits
+            self._thread, run_blocking, begin, _Interruptible(self._port, stop), stop_waits
         )
         try:
             return await asyncio.shield(running)
@@ -180,10 +184,11 @@ class ReadinessRunner:
             self._loop.add_reader(self._alarm.descriptor, self._alarmed)
         self._watch()
 
-    async def run(self, steps: Steps[T], stop_waits: Callable[[], bool] = _never) -> T:
+    async def run(self, begin: Callable[[float], Steps[T]], stop_waits: Callable[[], bool] = _never) -> T:
         """Run the steps of a link to their end."""
         if self._lost is not None:
             raise self._lost
+        steps = begin(self._port.now())
         self._steps, self._stop_waits = steps, stop_waits
         self._result = result = self._loop.create_future()
         self._go_on(None)

@@ -21,12 +21,13 @@ _LOOK_S = 0.01
 """How often a wait that gives way looks whether a stop waits for the line."""
 
 
-def run(steps: Steps[T], port: Port, stop_waits: Callable[[], bool] = lambda: False) -> T:
+def run(begin: Callable[[float], Steps[T]], port: Port, stop_waits: Callable[[], bool] = lambda: False) -> T:
     """Run a link's steps to their end on a port and return their result.
 
-    stop_waits: tells whether a stop waits for the line; waiting that gives way then ends early. An exception of the
-    port, or Ctrl-C, closes the steps and passes through.
+    begin: returns the steps, given the time. stop_waits: tells whether a stop waits for the line; waiting that gives
+    way then ends early. An exception of the port, or Ctrl-C, closes the steps and passes through.
     """
+    steps = begin(port.now())
     go_on = steps.send
     # Where time does not pass by itself, nobody can come meanwhile.
     looks = port.real_time

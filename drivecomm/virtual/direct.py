@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeVar
 
 from drivecomm.errors import NoReplyError
-from drivecomm.protocol import Ask, Framed, Pause
+from drivecomm.protocol import Ask, Framed, Tell, answered
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Codec, Exchange, Message, VirtualDrive
@@ -18,21 +18,14 @@ def carry_out(exchange: Exchange[T], drive: VirtualDrive, codec: Codec, now: flo
 
     codec: the master's, for the drive's options.
     """
-    try:
-        command = next(exchange)
-        while True:
-            if isinstance(command, Pause):
-                command = exchange.send(None)
-                continue
-            reply = answer_to(command.message, drive, codec, now)
-            if isinstance(command, Ask) and reply is None:
-                silence = NoReplyError(f"the virtual drive at address {drive.address} does not answer")
-                command = exchange.throw(silence)
-            else:
-                command = exchange.send(reply)
-    except StopIteration as end:
-        result: T = end.value
-        return result
+
+    def answer(command: Ask | Tell) -> Message | None:
+        reply = answer_to(command.message, drive, codec, now)
+        if isinstance(command, Ask) and reply is None:
+            raise NoReplyError(f"the virtual drive at address {drive.address} does not answer")
+        return reply
+
+    return answered(exchange, answer)
 
 
 def answer_to(request: Message, drive: VirtualDrive, codec: Codec, now: float) -> Message | None:

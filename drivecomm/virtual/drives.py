@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import AddressError
 from drivecomm.models import load_model
-from drivecomm.protocol import installed, sort_out
+from drivecomm.protocol import checked_address, installed, resolve_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -36,7 +35,7 @@ class DriveType:
     @property
     def factory_facts(self) -> LineFacts:
         """The line facts that its protocol and its model give it."""
-        return sort_out(self.plugin, self.model, {})[0]
+        return resolve_options(self.plugin, self.model, {})[0]
 
 
 def drive_type(
@@ -52,11 +51,9 @@ def drive_type(
     Raises UsageError for anything that cannot be.
     """
     plugin = installed[protocol]
-    if address not in plugin.addresses:
-        raise AddressError(f"{protocol} has no drive at address {address}")
     known = load_model(plugin.package, protocol, model or plugin.default_model)
-    facts, chosen = sort_out(plugin, known, options, for_all=for_all)
-    return DriveType(plugin=plugin, address=address, model=known, options=chosen, facts=facts)
+    facts, chosen = resolve_options(plugin, known, options, for_all=for_all)
+    return DriveType(plugin=plugin, address=checked_address(plugin, address), model=known, options=chosen, facts=facts)
 
 
 def virtual_drive(

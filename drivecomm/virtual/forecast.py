@@ -1,6 +1,6 @@
 """How long a poll plan takes, before anything runs: the time of each read, of a round, and whether it all fits.
 
-    plan = Plan(reads=(PlannedRead(drive=PlannedDrive(protocol="vabus", address=1), parameter="481"),))
+    plan = Plan(reads=(PlannedRead(drive=DriveConfig(protocol="vabus", address=1), parameter="481"),))
     forecast(plan).cycle_s
 
 The plan is rehearsed by virtual drives in virtual time; see `drivecomm.virtual.rehearsal` for what that is worth.
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
 from drivecomm.virtual.forecast_advice import advise
-from drivecomm.virtual.rehearsal import Conditions, prepared, rehearse_periods, rehearse_round
+from drivecomm.virtual.rehearsal import Conditions, Shares, prepared, rehearse_periods, rehearse_round
 
 if TYPE_CHECKING:
     from drivecomm.polling import Plan
@@ -92,8 +92,8 @@ def forecast(
     drives, as `open_bus` takes them. Raises UsageError for drives that cannot be, and for plans with several lines:
     ask for each, `plan.on_line(port)`.
     """
-    if len(plan.ports) > 1:
-        raise UsageError(f"the plan has {len(plan.ports)} lines; forecast each of them, plan.on_line(port)")
+    if len(plan.lines) > 1:
+        raise UsageError(f"the plan has {len(plan.lines)} lines; forecast each of them, plan.on_line(port)")
     conditions = Conditions(facts=facts, guard_s=guard_s, reply_delay_s=reply_delay_s, room=room)
     plan = prepared(plan)
     round_ = rehearse_round(plan, conditions)
@@ -109,7 +109,7 @@ def forecast(
     utilisation = min(need, 1.0) if fits else need
     room_to_spare = fits and utilisation <= conditions.most
     return Forecast(
-        port=plan.ports[0],
+        port=plan.lines[0],
         items=items,
         drives=drives,
         cycle_s=sum(item.seconds for item in items),
@@ -126,15 +126,11 @@ def _items(plan: Plan, round_: Round, course: Course) -> tuple[ItemForecast, ...
             drive=read.drive.name,
             parameter=read.parameter,
             period_s=read.period_s,
-            seconds=shares.seconds,
-            wire_s=shares.wire_s,
-            delay_s=shares.delay_s,
-            pause_s=shares.pause_s,
-            rest_s=shares.rest_s,
             every_s=pace.every_s,
             late_s=pace.late_s,
             missed=pace.missed,
             cause=cause,
+            **shares.by_name,
         )
         for read, shares, cause, pace in zip(plan.reads, round_.shares, round_.causes, course.paces, strict=True)
     )
@@ -149,12 +145,8 @@ def _drives(plan: Plan, round_: Round) -> tuple[DriveForecast, ...]:
                 drive=drive.name,
                 settings=str(round_.settings[drive]),
                 reads=len(own),
-                seconds=sum(shares.seconds for _, shares in own),
-                wire_s=sum(shares.wire_s for _, shares in own),
-                delay_s=sum(shares.delay_s for _, shares in own),
-                pause_s=sum(shares.pause_s for _, shares in own),
-                rest_s=sum(shares.rest_s for _, shares in own),
                 utilisation=sum(shares.seconds / read.period_s for read, shares in own if read.period_s),
+                **sum((shares for _, shares in own), Shares()).by_name,
             )
         )
     return tuple(found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,8 @@ from drivecomm.virtual.rehearsal import rehearse_round
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from drivecomm.polling import Plan, PlannedDrive
+    from drivecomm.polling import Plan
+    from drivecomm.protocol import DriveConfig
     from drivecomm.virtual.rehearsal import Conditions, Course, Round
 
 _BAUD_RATES = (9600, 19200, 38400, 57600, 115200)
@@ -58,7 +59,7 @@ def _faster_line(plan: Plan, conditions: Conditions, round_: Round) -> str:
         slower = [drive for drive in plan.drives if round_.settings[drive].baudrate < baudrate]
         if not slower:
             continue
-        faster = _with_baudrate(plan, slower, baudrate)
+        faster = plan.with_drives(partial(_at_least, baudrate, slower))
         need = _need(faster, rehearse_round(faster, conditions))
         if need <= conditions.most:
             return (
@@ -70,9 +71,8 @@ def _faster_line(plan: Plan, conditions: Conditions, round_: Round) -> str:
     return f"no baud rate is enough: at {_BAUD_RATES[-1]} baud the plan still needs {need:.0%} of the line's time"
 
 
-def _with_baudrate(plan: Plan, drives: list[PlannedDrive], baudrate: int) -> Plan:
-    faster = {drive: replace(drive, options={**drive.options, "baudrate": baudrate}) for drive in drives}
-    return replace(plan, reads=tuple(replace(read, drive=faster.get(read.drive, read.drive)) for read in plan.reads))
+def _at_least(baudrate: int, slower: list[DriveConfig], drive: DriveConfig) -> DriveConfig:
+    return drive.with_options(baudrate=baudrate) if drive in slower else drive
 
 
 def _own_line(plan: Plan, round_: Round, most: float) -> Iterator[str]:
@@ -88,11 +88,8 @@ def _own_line(plan: Plan, round_: Round, most: float) -> Iterator[str]:
         moved.append(drive)
     taken = sum(needs[drive] for drive in moved)
     if moved and len(moved) < len(needs) and taken <= most:
-        yield (
-            f"a line of their own for {_names(moved)} would fit: they need {taken:.0%} of one, the others {left:.0%}"
-            if len(moved) > 1
-            else f"a line of its own for {_names(moved)} would fit: it needs {taken:.0%} of one, the others {left:.0%}"
-        )
+        own, need = ("its own", "it needs") if len(moved) == 1 else ("their own", "they need")
+        yield f"a line of {own} for {_names(moved)} would fit: {need} {taken:.0%} of one, the others {left:.0%}"
 
 
 def _late_reads(plan: Plan, round_: Round, course: Course) -> Iterator[str]:
@@ -130,26 +127,23 @@ def _fewer_changes(plan: Plan, conditions: Conditions, round_: Round) -> Iterato
 def _what_dominates(plan: Plan, round_: Round) -> Iterator[str]:
     """Name pauses and reply delays where they take much of a round; a faster line does not help against them."""
     cycle_s = sum(shares.seconds for shares in round_.shares)
-    pauses = dict.fromkeys(plan.drives, 0.0)
-    delays = dict.fromkeys(plan.drives, 0.0)
-    for read, shares in zip(plan.reads, round_.shares, strict=True):
-        pauses[read.drive] += shares.pause_s
-        delays[read.drive] += shares.delay_s
-    if (total := sum(pauses.values())) > _MUCH * cycle_s:
-        most = max(pauses, key=pauses.__getitem__)
-        yield (
-            f"pauses take {total / cycle_s:.0%} of a round, most of them for {most.name} ({_ms(pauses[most])}); see "
-            "whether its turnaround_s may be shorter"
-        )
-    if (total := sum(delays.values())) > _MUCH * cycle_s:
-        most = max(delays, key=delays.__getitem__)
-        yield (
-            f"the drives' reply delays take {total / cycle_s:.0%} of a round, most of them {most.name} "
-            f"({_ms(delays[most])}); see whether a parameter of the drive makes it answer sooner"
-        )
+    for share, what, remedy in (
+        ("pause_s", "pauses take {} of a round, most of them for {}", "see whether its turnaround_s may be shorter"),
+        (
+            "delay_s",
+            "the drives' reply delays take {} of a round, most of them {}",
+            "see whether a parameter of the drive makes it answer sooner",
+        ),
+    ):
+        of_drives = dict.fromkeys(plan.drives, 0.0)
+        for read, shares in zip(plan.reads, round_.shares, strict=True):
+            of_drives[read.drive] += getattr(shares, share)
+        if (total := sum(of_drives.values())) > _MUCH * cycle_s:
+            most = max(of_drives, key=of_drives.__getitem__)
+            yield f"{what.format(f'{total / cycle_s:.0%}', most.name)} ({_ms(of_drives[most])}); {remedy}"
 
 
-def _names(drives: list[PlannedDrive]) -> str:
+def _names(drives: list[DriveConfig]) -> str:
     return ", ".join(drive.name for drive in drives)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, DriveError, NoReplyError, ValueRefusedError
@@ -16,8 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from typing import Any
 
-    from drivecomm.plant import PlantDrive
-    from drivecomm.protocol import Damaged, Message, Model, Purpose, Reading, VirtualDrive, VirtualReply
+    from drivecomm.protocol import Damaged, DriveConfig, Message, Model, Reading, VirtualDrive, VirtualReply
 
 
 class PlantedDrive(DriveProxy):
@@ -30,12 +30,12 @@ class PlantedDrive(DriveProxy):
 
     def __init__(
         self,
-        planned: PlantDrive,
+        planned: DriveConfig,
         model: Model,
         *,
         for_all: Mapping[str, Any],
-        speed: float,
-        around: Callable[[str, VirtualDrive], VirtualDrive],
+        speed: float = 1.0,
+        around: Callable[[str, VirtualDrive], VirtualDrive] = lambda _, drive: drive,
     ) -> None:
         options = {name: value for name, value in planned.options.items() if name != "model"}
         self.planned = planned
@@ -77,6 +77,8 @@ class PlantedDrive(DriveProxy):
         reply = super().hear(find, now)
         if reply is None:
             return None
+        if self.planned.reply_delay_s is not None:
+            reply = replace(reply, delay_s=self.planned.reply_delay_s)
         self.asked = find.message if isinstance(find, Framed) else None
         for stuck in self._stuck:
             reply = stuck.instead_of(reply)
@@ -91,10 +93,10 @@ class PlantedDrive(DriveProxy):
     # What a plant needs beyond that
 
     @property
-    def purpose(self) -> Purpose | None:
-        """What the last request that it answered was for; None where its protocol does not tell."""
-        tell = self.type.plugin.purpose
-        return None if tell is None or self.asked is None else tell(self.asked)
+    def purpose(self) -> str:
+        """What the last request that it answered was for: read, write or command; empty where nobody tells."""
+        tell = self.type.plugin.intent
+        return "" if tell is None or self.asked is None else tell(self.asked).access or "command"
 
     def read(self, parameter: str, now: float) -> Reading:
         """Return what a master would read now, if nothing is stuck. Raises UsageError, DriveError or ReplyError."""

@@ -7,27 +7,30 @@ does on a real line. Where a drive answers earlier or later than its virtual dou
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import asdict, dataclass, replace
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import open_bus
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.models import load_model
-from drivecomm.polling import FIRST_ROUND_S, LONGEST_DELAY_S, poll_bus
-from drivecomm.protocol import ParameterInfo, installed
-from drivecomm.virtual.drive_proxy import DriveProxy
+from drivecomm.polling import FIRST_ROUND_S, poll_bus
+from drivecomm.protocol import LONGEST_DELAY_S, ParameterInfo, installed
 from drivecomm.virtual.drives import virtual_drive
 from drivecomm.virtual.line import VirtualLine
+from drivecomm.virtual.planted_drive import PlantedDrive
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from drivecomm.bus import Bus, Drive
     from drivecomm.link import TraceEvent
-    from drivecomm.polling import Plan, PlannedDrive, PlannedRead, PollItem, PollResult
-    from drivecomm.protocol import Damaged, Framed, LineFacts, LineSettings, Model, VirtualDrive, VirtualReply
+    from drivecomm.polling import Plan, PlannedRead, PollItem, PollResult
+    from drivecomm.protocol import (
+        DriveConfig,
+        LineSettings,
+        Model,
+    )
 
 _ROUNDS = 3
 """Rounds until the line goes round as it will for ever: the first one begins on an idle line."""
@@ -54,9 +57,7 @@ class Conditions:
 
     def __post_init__(self) -> None:
         if not 0 <= self.room < 1:
-            raise UsageError(
-                f"a room of {self.room:.0%} is no share of the line's time; give one from 0% to below 100%"
-            )
+            raise UsageError(f"invalid room of {self.room:.0%}; give a share of the line's time from 0% to below 100%")
         for name, seconds in (("guard time", self.guard_s), ("reply delay", self.reply_delay_s)):
             if seconds is not None and not 0 <= seconds < LONGEST_DELAY_S:
                 raise UsageError(f"a {name} of {seconds} s is not between 0 and {LONGEST_DELAY_S:g}")
@@ -76,15 +77,23 @@ class Shares:
     and inside it. rest_s: everything else, such as waiting for an answer that does not come.
     """
 
-    wire_s: float
-    delay_s: float
-    pause_s: float
-    rest_s: float
+    wire_s: float = 0.0
+    delay_s: float = 0.0
+    pause_s: float = 0.0
+    rest_s: float = 0.0
 
     @property
     def seconds(self) -> float:
         """All of it."""
         return self.wire_s + self.delay_s + self.pause_s + self.rest_s
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """All of it and its parts, as a forecast names them."""
+        return {"seconds": self.seconds, **asdict(self)}
+
+    def __add__(self, other: Shares) -> Shares:
+        return Shares(**{name: share + getattr(other, name) for name, share in asdict(self).items()})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,7 +105,7 @@ class Round:
 
     shares: Sequence[Shares]
     causes: Sequence[str]
-    settings: Mapping[PlannedDrive, LineSettings]
+    settings: Mapping[DriveConfig, LineSettings]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,10 +131,9 @@ class Course:
 def rehearse_round(plan: Plan, conditions: Conditions) -> Round:
     """Carry out the reads of a plan one after the other and measure a round, once the line has found its stride."""
     ledger = _Ledger()
-    facts = line_facts(plan, conditions)
-    settings = {drive: facts[drive].settings for drive in facts}
     with _line(plan, conditions, ledger.note) as bus:
-        items = plan.items(dict.fromkeys(plan.ports, bus))
+        items = plan.items(lambda drive: drive.build(bus.drive))
+        settings = {read.drive: item.drive.facts.settings for item, read in zip(items, plan.reads, strict=True)}
         for _ in range(_ROUNDS):
             shares, causes = [], []
             for item, read in zip(items, plan.reads, strict=True):
@@ -177,62 +185,41 @@ def _busy(reads: Sequence[tuple[float, float]]) -> float:
 
 def prepared(plan: Plan) -> Plan:
     """Return a plan with its models loaded, so that each file is read once. Raises UsageError for one that is none."""
-    loaded = {drive: _with_model(drive) for drive in plan.drives}
-    return replace(plan, reads=tuple(replace(read, drive=loaded[read.drive]) for read in plan.reads))
 
+    def loaded(drive: DriveConfig) -> DriveConfig:
+        model = drive.options.get("model")
+        if model is None:
+            return drive
+        return drive.with_options(model=load_model(installed[drive.protocol].package, drive.protocol, model))
 
-def _with_model(drive: PlannedDrive) -> PlannedDrive:
-    model = drive.options.get("model")
-    if model is None:
-        return drive
-    known = load_model(installed[drive.protocol].package, drive.protocol, model)
-    return replace(drive, options={**drive.options, "model": known})
-
-
-def line_facts(plan: Plan, conditions: Conditions) -> dict[PlannedDrive, LineFacts]:
-    """Return what holds on the line for each drive of a plan. Raises UsageError for drives that cannot be."""
-    with open_bus(VirtualLine().port, **conditions.facts) as bus:
-        return {drive: bus.drive(drive.protocol, drive.address, **drive.options).facts for drive in plan.drives}
+    return plan.with_drives(loaded)
 
 
 def _carried_out(plan: Plan, conditions: Conditions, duration_s: float) -> Iterator[tuple[int, PollResult]]:
     """Yield results, each with the place of its read in the plan."""
     with _line(plan, conditions, None) as bus:
-        items = plan.items(dict.fromkeys(plan.ports, bus))
+        items = plan.items(lambda drive: drive.build(bus.drive))
         places = {item: place for place, item in enumerate(items)}
         for result in poll_bus(items, duration_s):
             yield places[result.item], result
 
 
 def _line(plan: Plan, conditions: Conditions, trace: Callable[[TraceEvent], None] | None) -> Bus:
-    line = VirtualLine(_doubles(plan, conditions))
+    line = VirtualLine([_double(plan, drive, conditions) for drive in plan.drives])
     return open_bus(line.port, guard_s=conditions.guard_s, trace=trace, **conditions.facts)
 
 
-def _doubles(plan: Plan, conditions: Conditions) -> list[_Double]:
-    """Return a virtual drive for each drive of a plan, which holds all that the plan reads of it."""
-    facts = line_facts(plan, conditions)
-    made = []
-    for drive in plan.drives:
-        delay_s = conditions.reply_delay_s if drive.reply_delay_s is None else drive.reply_delay_s
-        reads = [read for read in plan.reads if read.drive == drive]
-        made.append(_Double(_virtual(drive, facts[drive], _model(drive, reads)), delay_s))
-    return made
+def _double(plan: Plan, drive: DriveConfig, conditions: Conditions) -> PlantedDrive:
+    """Return a virtual drive that holds all that the plan reads of it, and nothing else that a plant says."""
+    model = _model(drive, [read for read in plan.reads if read.drive == drive])
+    delay_s = conditions.reply_delay_s if drive.reply_delay_s is None else drive.reply_delay_s
+    return PlantedDrive(replace(drive, reply_delay_s=delay_s, values={}), model, for_all=conditions.facts)
 
 
-def _virtual(drive: PlannedDrive, facts: LineFacts, model: Model) -> VirtualDrive:
-    settings = facts.settings
-    options = {name: value for name, value in drive.options.items() if name != "model"}
-    options |= {"baudrate": settings.baudrate, "bytesize": settings.bytesize}
-    options |= {"parity": settings.parity, "stopbits": settings.stopbits, "gap_s": facts.gap_s}
-    return virtual_drive(drive.protocol, drive.address, model=model, **options)
-
-
-def _model(drive: PlannedDrive, reads: Sequence[PlannedRead]) -> Model:
+def _model(drive: DriveConfig, reads: Sequence[PlannedRead]) -> Model:
     """Return the drive's model, with the parameters that it lacks: without them a drive would refuse, not answer."""
     plugin = installed[drive.protocol]
-    model = drive.options.get("model") or _default_model(drive.protocol)
-    model = load_model(plugin.package, drive.protocol, model)
+    model = load_model(plugin.package, drive.protocol, drive.options.get("model") or plugin.default_model)
     readable = [info for info in model.parameters.values() if "r" in info.access]
     added: dict[str, ParameterInfo] = {}
     for read in reads:
@@ -250,7 +237,7 @@ def _extended(model: Model, added: Mapping[str, ParameterInfo]) -> Model:
     return replace(model, parameters={**model.parameters, **added})
 
 
-def _can_hold(drive: PlannedDrive, model: Model, parameter: ParameterInfo) -> bool:
+def _can_hold(drive: DriveConfig, model: Model, parameter: ParameterInfo) -> bool:
     """Tell whether a virtual drive can have this parameter; addresses that are none are left to the read."""
     try:
         virtual_drive(drive.protocol, drive.address, model=_extended(model, {parameter.address: parameter}))
@@ -259,31 +246,12 @@ def _can_hold(drive: PlannedDrive, model: Model, parameter: ParameterInfo) -> bo
     return True
 
 
-@lru_cache
-def _default_model(protocol: str) -> Model:
-    plugin = installed[protocol]
-    return load_model(plugin.package, protocol, plugin.default_model)
-
-
 def _type(readable: Sequence[ParameterInfo], read: PlannedRead) -> str:
     """Return the type that a parameter is given which the model does not know: the one asked for, or the commonest."""
     given = read.options.get("type")
     if isinstance(given, str) and given:
         return given
     return Counter(info.type for info in readable).most_common(1)[0][0]
-
-
-class _Double(DriveProxy):
-    """A virtual drive that answers after a time of our choice."""
-
-    def __init__(self, drive: VirtualDrive, delay_s: float | None) -> None:
-        super().__init__(drive)
-        self._delay_s = delay_s
-
-    def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Let the drive answer, after that time."""
-        reply = super().hear(find, now)
-        return reply if reply is None or self._delay_s is None else replace(reply, delay_s=self._delay_s)
 
 
 class _Ledger:

@@ -11,7 +11,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.protocol import Ask, VirtualReply
+from drivecomm.protocol import Ask, Tell, VirtualReply, answered
 from drivecomm.virtual.direct import answer_to
 
 if TYPE_CHECKING:
@@ -115,17 +115,17 @@ class StuckAnswer:
 
     def _read_from(self, reply: Message) -> Reading:
         """Return what a master reads from this reply."""
-        exchange = self._operations.read(self.parameter)
-        next(exchange)
-        try:
-            following = exchange.send(reply)
-            while not isinstance(following, Ask):
+        replies = [reply]
+
+        def answer(command: Ask | Tell) -> Message | None:
+            if isinstance(command, Tell):
                 # Such as the telegram that ends a conversation.
-                following = exchange.send(None)
-        except StopIteration as end:
-            reading: Reading = end.value
-            return reading
-        raise UsageError(f"parameter {self.parameter} cannot be stuck: its value takes more than one reply")
+                return None
+            if not replies:
+                raise UsageError(f"parameter {self.parameter} cannot be stuck: its value takes more than one reply")
+            return replies.pop()
+
+        return answered(self._operations.read(self.parameter), answer)
 
 
 def _names(message: Message) -> list[str]:

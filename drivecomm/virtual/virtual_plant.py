@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.models import load_model
-from drivecomm.plant import LARGEST_CODE, UNDISTURBED, InjectStep, PowerCutStep, StuckStep, TelegramFault, TripStep
+from drivecomm.plant import UNDISTURBED, InjectStep, PowerCutStep, StuckStep, TelegramFault, TripStep
 from drivecomm.protocol import Model, installed
 from drivecomm.virtual.line import VirtualLine
 from drivecomm.virtual.plant_faults import ConditionWatch, TelegramDisturbance
@@ -24,8 +24,8 @@ from drivecomm.virtual.planted_drive import PlantedDrive
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.plant import Plant, PlantDrive, PlantLine, Step
-    from drivecomm.protocol import VirtualDrive
+    from drivecomm.plant import Plant, PlantLine, Step
+    from drivecomm.protocol import DriveConfig, VirtualDrive
 
 LARGEST_SPEED = 1000.0
 
@@ -73,15 +73,11 @@ class VirtualPlant:
 
     def line(self, name: str) -> VirtualLine:
         """Return a line by its name; its `port` opens the master's end. Raises UsageError."""
-        if name not in self.lines:
-            raise UsageError(f"there is no line {name!r} in this plant; it has {', '.join(self.lines)}")
-        return self.lines[name]
+        return self.lines[self.plant.line(name).name]
 
     def drive(self, name: str) -> PlantedDrive:
         """Return a drive by its name. Raises UsageError."""
-        if name not in self.drives:
-            raise UsageError(f"there is no drive {name!r} in this plant; it has {', '.join(self.drives) or 'none'}")
-        return self.drives[name]
+        return self.drives[self.plant.drive(name).name]
 
     def line_of(self, drive: str) -> VirtualLine:
         """Return the line that a drive is on. Raises UsageError."""
@@ -91,11 +87,8 @@ class VirtualPlant:
 
     def trip(self, drive: str, code: int) -> None:
         """Make a drive trip with this fault code. Raises UsageError."""
-        if not 1 <= code <= LARGEST_CODE:
-            raise UsageError(
-                f"a trip with fault code {str(code)[:12]} cannot be; write a number from 1 to {LARGEST_CODE}"
-            )
-        self.drive(drive).trip(code, self.line_of(drive).time)
+        now = self.line_of(drive).time
+        self.drive(drive).trip(TripStep(drive=drive, code=code, at_s=now).code, now)
 
     def power_off(self, drive: str) -> None:
         """Take a drive's power away; does nothing when it has none. Raises UsageError."""
@@ -125,7 +118,7 @@ class VirtualPlant:
         return self.drive(drive).peek(parameter, self.line_of(drive).time)
 
     def inject(self, line: str, data: bytes) -> None:
-        """Put bytes on a line that come from nobody. Raises UsageError."""
+        """Inject foreign bytes into a line. Raises UsageError."""
         if not data:
             raise UsageError("no bytes to inject")
         self.line(line).inject(data)
@@ -198,7 +191,7 @@ class VirtualPlant:
         line = self.line_of(fault.drive) if fault.drive else self.line(fault.line)
         if fault.of is not None and fault.of.startswith("reply to"):
             for drive in [self.drive(fault.drive)] if fault.drive else self.drives.values():
-                if self.line_of(drive.name) is line and drive.type.plugin.purpose is None:
+                if self.line_of(drive.name) is line and drive.type.plugin.intent is None:
                     raise UsageError(
                         f"the package of {drive.planned.protocol} does not tell reading from writing; "
                         'write of = "reply", and to = { } with the fields of the request'
@@ -214,7 +207,7 @@ class VirtualPlant:
             ConditionWatch(self.line_of(step.drive), self.drive(step.drive), step.when, step.code, speed=self.speed)
 
 
-def _model_of(planned: PlantDrive, known: dict[tuple[str, str], Model]) -> Model:
+def _model_of(planned: DriveConfig, known: dict[tuple[str, str], Model]) -> Model:
     """Return a drive's model; hundreds of drives share what was read once."""
     plugin = installed[planned.protocol]
     name = planned.options.get("model", plugin.default_model)

@@ -1,9 +1,10 @@
-"""Which reply belongs to which request (specification, section 6.2), and which requests only ask."""
+"""Which reply belongs to which request (specification, section 6.2), and what a request is for."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
+from drivecomm.protocol import Intent
 from drivecomm_danfoss_fc.messages import (
     REPLIES,
     REQUESTS,
@@ -34,20 +35,26 @@ _LISTED_RESPONSES = frozenset([0, 1, 2, 3, 7, 15])
 _LOW_BYTE_OF_IND = frozenset([1, 2, 3, 13, 14])
 """Commands that use IND as an array index; its high byte then says nothing (specification, section 18)."""
 
-_READING = frozenset([0, 1, 4])
-"""Commands that change nothing: none, read a value, read an element of the description."""
-_TEXT = 15
+_NO_ACCESS, _TEXT = 0, 15
+_ACCESS: dict[int, Literal["read", "write"]] = {1: "read", 4: "read", **dict.fromkeys([2, 3, 13, 14], "write")}
+"""What the commands for numbers do: read a value or an element of the description, write to RAM or to EEPROM."""
 _READING_TEXT = frozenset([0x00, 0x04])
 """High bytes of IND with which a text is read and not written (specification, section 8)."""
 
 
-def only_asks(request: Message) -> bool:
-    """Whether a request neither commands nor writes: the drive ignores its control word, and AK reads at most."""
-    if not isinstance(request, ProcessRequest | ParameterRequest) or has(request.control_word, VALID_BIT):
-        return False
-    if isinstance(request, ProcessRequest) or request.ak in _READING:
-        return True
-    return request.ak == _TEXT and request.ind >> 8 in _READING_TEXT
+def intent(request: Message) -> Intent:
+    """Tell by AK what a request reads or writes, and by bit 10 of its control word whether it commands, too."""
+    if not isinstance(request, REQUESTS):
+        return Intent(commands=True)
+    commands = has(request.control_word, VALID_BIT)
+    if isinstance(request, ProcessRequest):
+        return Intent(commands=commands)
+    if request.ak == _TEXT:
+        reads = isinstance(request, ParameterRequest) and request.ind >> 8 in _READING_TEXT
+        return Intent(access="read" if reads else "write", commands=commands)
+    if request.ak not in _ACCESS:
+        return Intent(commands=commands or request.ak != _NO_ACCESS)
+    return Intent(access=_ACCESS[request.ak], commands=commands)
 
 
 def mismatch(request: Message, reply: Message) -> str:

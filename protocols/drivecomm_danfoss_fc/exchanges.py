@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import NotSupported, RefusedError, UnexpectedReplyError, UsageError, ValueRefusedError
+from drivecomm.errors import NotSupported, RefusedError, UnexpectedReplyError, ValueRefusedError
 from drivecomm.protocol import Capabilities, DriveState, DriveStatus, Stop, exact
 from drivecomm_danfoss_fc import access, describing, words
 from drivecomm_danfoss_fc.conversation import Conversation
@@ -72,15 +72,11 @@ class DanfossFcOperations:
         self._limits = span("output", options.output_minimum_hz, options.output_maximum_hz)
         self.extra: Mapping[str, Callable[..., Exchange[Any]]] = {
             "jog": self.jog,
-            "hold": self.freeze,
-            "select_setup": self.set_up,
-            "select_preset": self.preset,
+            "hold": self.hold,
+            "select_setup": self.select_setup,
+            "select_preset": self.select_preset,
             "set_relay": self.set_relay,
-            "preset": self.preset,
-            "set_up": self.set_up,
-            "relays": self.relays,
             "ramp": self.ramp,
-            "freeze": self.freeze,
             "catch_up": self.catch_up,
             "slow_down": self.slow_down,
             "control_word": self.control_word,
@@ -104,10 +100,6 @@ class DanfossFcOperations:
             stored_writes=True,
             volatile_writes=True,
             broadcast=True,
-            link_loss=(
-                "what 8-04 (514, VLT 6000: 556) says (0 it goes on, 2 it stops down its ramp, 5 it trips), after the "
-                "time in 8-03 (513) without a valid control word"
-            ),
         )
 
     def read(
@@ -240,51 +232,42 @@ class DanfossFcOperations:
         self._must_be_one_drive("jog")
         return self._motion.jog(one_of(number, range(1, 3 if self._talk.profidrive else 2), "jog"))
 
-    def preset(self, number: int) -> Exchange[None]:
+    def select_preset(self, number: int) -> Exchange[None]:
         """Select preset reference 1 to 4, that is 3-10 [0] to [3] (215 to 218; VLT 6000: 211 to 214).
 
         A running drive gets it at once, any other with the next start. Whether it adds to the bus reference is a
         setting of the drive.
         """
         fc_profile_only(self._talk, "preset references")
-        return self._switch("preset", PRESET_MASK, one_of(number, range(1, 5), "preset") - 1)
+        return self._switch("select_preset", PRESET_MASK, one_of(number, range(1, 5), "preset") - 1)
 
-    def set_up(self, number: int) -> Exchange[None]:
+    def select_setup(self, number: int) -> Exchange[None]:
         """Select set-up 1 to 4; multi set-up must be chosen in 0-10 (004).
 
         Small drives are said to have no bit 14 and so no set-ups 3 and 4; the bit is set for those two only.
         """
         bits = one_of(number, range(1, 5), "set-up") - 1 << words.SET_UP_BIT
-        return self._switch("set_up", SET_UP_MASK, bits, at_once=True)
+        return self._switch("select_setup", SET_UP_MASK, bits, at_once=True)
 
-    def relays(self, *, relay_1: bool | None = None, relay_2: bool | None = None) -> Exchange[None]:
-        """Switch the relays; None leaves one as it is. 5-40 must tie them to the control word ([36], [37]).
+    def set_relay(self, number: int, on: bool) -> Exchange[None]:
+        """Switch relay 1 or 2; 5-40 must tie it to the control word ([36], [37]).
 
         VLT 5000 manuals call relay 2 relay 04. The relays drop at the control word timeout (VLT 6000 manual p. 163).
         """
         fc_profile_only(self._talk, "relays")
-        if relay_1 is None and relay_2 is None:
-            raise UsageError("relays takes relay_1= or relay_2=, each True or False")
-        mask = bits = 0
-        for bit, on in ((words.RELAY_1_BIT, relay_1), (words.RELAY_2_BIT, relay_2)):
-            mask |= 0 if on is None else 1 << bit
-            bits |= 1 << bit if on else 0
-        return self._switch("relays", mask, bits, at_once=True)
-
-    def set_relay(self, number: int, on: bool) -> Exchange[None]:
-        """Switch relay 1 or 2, as `relays` does."""
-        which = one_of(number, range(1, 3), "relay")
-        return self.relays(relay_1=on if which == 1 else None, relay_2=on if which == 2 else None)
+        relay = one_of(number, range(1, 3), "relay")
+        mask = 1 << (words.RELAY_1_BIT if relay == 1 else words.RELAY_2_BIT)
+        return self._switch("set_relay", mask, mask if on else 0, at_once=True)
 
     def ramp(self, number: int) -> Exchange[None]:
         """Use ramp 1 or ramp 2; no function on VLT 6000."""
         fc_profile_only(self._talk, "ramp 2")
         return self._switch("ramp", RAMP_MASK, one_of(number, range(1, 3), "ramp") - 1 << words.RAMP_2_BIT)
 
-    def freeze(self) -> Exchange[None]:
+    def hold(self) -> Exchange[None]:
         """Hold the output frequency of a running motor until the next start or stop."""
-        self._must_be_one_drive("freeze")
-        return self._motion.freeze()
+        self._must_be_one_drive("hold")
+        return self._motion.hold()
 
     def catch_up(self) -> Exchange[None]:
         """Raise the reference of a running motor by one step (PROFIdrive bit 12); never repeated."""

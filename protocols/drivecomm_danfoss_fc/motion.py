@@ -203,9 +203,9 @@ class Motion:
                 memory.word = word
         memory.functions = memory.functions & ~mask | bits
 
-    def freeze(self) -> Exchange[None]:
+    def hold(self) -> Exchange[None]:
         """Hold the output frequency as it is, until the next start or stop."""
-        word = (yield from self._running_word("freeze")) & ~(1 << words.HOLD_BIT)
+        word = (yield from self._running_word("hold")) & ~(1 << words.HOLD_BIT)
         yield from self._talk.amend(word)
         self._memory.word = word
 

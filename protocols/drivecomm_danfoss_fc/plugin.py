@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_danfoss_fc.conversation import BROADCAST
-from drivecomm_danfoss_fc.correlation import mismatch, only_asks
+from drivecomm_danfoss_fc.correlation import intent, mismatch
 from drivecomm_danfoss_fc.description import DEFAULT
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
 from drivecomm_danfoss_fc.memory import DanfossFcMemory
 from drivecomm_danfoss_fc.options import DanfossFcOptions
 from drivecomm_danfoss_fc.parameters import element_addresses
-from drivecomm_danfoss_fc.purposes import purpose
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, blind_spots, message_from, titled_forms
 from drivecomm_danfoss_fc.virtual import VirtualDanfossFcDrive
 
@@ -63,9 +62,8 @@ protocol = Protocol(
     virtual=_virtual,
     blind_spots=blind_spots,
     forms=titled_forms,
-    purpose=purpose,
     parameter_examples=("16-14", "3-10[3]", "1614", "520", "615[1]"),
-    only_asks=only_asks,
+    intent=intent,
     parameter_keys=frozenset(
         {
             "characters",

@@ -78,7 +78,7 @@ class Store:
         """Forget what was written to RAM only."""
         self._ram = dict(self._eeprom)
 
-    def read(self, number: int, index: int) -> tuple[int, int]:
+    def fetch(self, number: int, index: int) -> tuple[int, int]:
         """Return width in bits and unsigned value. Raises Refusal."""
         info = self._info(number)
         value = self._value(number, self._place(number, info, index))

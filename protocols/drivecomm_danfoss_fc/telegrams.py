@@ -72,7 +72,7 @@ _NEVER_SENT = range(5, 13)
 def _adr(*, broadcast_allowed: bool) -> Leaf:
     """ADR, read as format, broadcast and address (seed 001, seed 004 section 7.4.4)."""
 
-    def read(found: bytes) -> tuple[str, bool, int | None]:
+    def parse(found: bytes) -> tuple[str, bool, int | None]:
         if found[0] & 0x80:
             layout, broadcast, address = FORMAT_126, found[0] == 0x80, found[0] & 0x7F
         else:
@@ -96,7 +96,7 @@ def _adr(*, broadcast_allowed: bool) -> Leaf:
         number = address or 0
         return bytes([0x80 | number if layout == FORMAT_126 else number | (0x20 if broadcast else 0)])
 
-    return Leaf(1, read, write, meaning="ADR: 80H + 1..126, or 1..31; 80H, 20H for all")
+    return Leaf(1, parse, write, meaning="ADR: 80H + 1..126, or 1..31; 80H, 20H for all")
 
 
 def _addresses(layout: str) -> range:
@@ -107,7 +107,7 @@ def _pke(pnu_bits: int) -> Leaf:
     """PKE, read as AK, toggle bit (None with twelve bits of PNU) and PNU."""
     mask = 2**pnu_bits - 1
 
-    def read(found: bytes) -> tuple[int, bool | None, int]:
+    def parse(found: bytes) -> tuple[int, bool | None, int]:
         word = int.from_bytes(found, "big")
         return word >> 12, bool(word >> 11 & 1) if pnu_bits == 11 else None, word & mask
 
@@ -115,17 +115,17 @@ def _pke(pnu_bits: int) -> Leaf:
         ak, spm, pnu = pke
         return (ak << 12 | bool(spm) << 11 | pnu).to_bytes(2, "big")
 
-    return Leaf(2, read, write, meaning=f"PKE: AK in bits 12..15, PNU in bits 0..{pnu_bits - 1}")
+    return Leaf(2, parse, write, meaning=f"PKE: AK in bits 12..15, PNU in bits 0..{pnu_bits - 1}")
 
 
 def _lge_of_text() -> Leaf:
-    def read(found: bytes) -> int:
+    def parse(found: bytes) -> int:
         if found[0] < _EMPTY_TEXT_LGE:
             raise ValueError(f"LGE {found[0]} is too short for a text block")
         return found[0] - _EMPTY_TEXT_LGE
 
     return Leaf(
-        1, read, lambda count: bytes([_EMPTY_TEXT_LGE + count]), category="length", meaning="LGE: 10 + characters"
+        1, parse, lambda count: bytes([_EMPTY_TEXT_LGE + count]), category="length", meaning="LGE: 10 + characters"
     )
 
 

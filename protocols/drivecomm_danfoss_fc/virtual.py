@@ -163,7 +163,7 @@ class VirtualDanfossFcDrive:
         if message.ak == 0:
             return 0, 0
         if message.ak == access.READ:
-            return _number(store.read(number, low))
+            return _number(store.fetch(number, low))
         if message.ak in (access.WRITE_WORD, access.WRITE_DOUBLE, access.STORE_WORD, access.STORE_DOUBLE):
             bits = 32 if message.ak in (access.WRITE_DOUBLE, access.STORE_DOUBLE) else 16
             stored = message.ak in (access.STORE_WORD, access.STORE_DOUBLE)

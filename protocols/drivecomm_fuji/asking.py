@@ -41,7 +41,7 @@ class Asking:
         self._profile = options.generation
         self._read_ask = lru_cache(_KEPT)(self._new_read_ask)
 
-    def read(self, function: str) -> Exchange[Any]:
+    def ask_for(self, function: str) -> Exchange[Any]:
         """Ask for a value; the reply is a Standard, or a Poll where short frames are used. Raises RefusedError."""
         return self._ask(self._read_ask(function), function)
 

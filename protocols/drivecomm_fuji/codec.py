@@ -22,7 +22,7 @@ from drivecomm_fuji.telegrams import (
     RESET_REFUSED_ZEROS,
     SHORTEST,
     SOH,
-    Kind,
+    FrameKind,
     Poll,
     Select,
     Standard,
@@ -158,7 +158,7 @@ class FujiCodec:
             raise TelegramError("field", f"{function} cannot be written to all stations at once", field="function")
 
 
-def _kind(control: bytes, direction: Direction) -> Kind:
+def _kind(control: bytes, direction: Direction) -> FrameKind:
     """Return the kind to read; a wrong control character is found after the sum, by the form."""
     if direction == "request":
         return "request"

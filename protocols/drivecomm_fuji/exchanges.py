@@ -14,7 +14,7 @@ from drivecomm.protocol import Ask, Capabilities, DriveState, DriveStatus, Excha
 from drivecomm_fuji import words
 from drivecomm_fuji.asking import Asking, read_request
 from drivecomm_fuji.memory import FujiMemory
-from drivecomm_fuji.parameters import command_word, reading, target, word_for
+from drivecomm_fuji.parameters import command_word, reading_of, target, word_for
 from drivecomm_fuji.references import References, share
 from drivecomm_fuji.running import Running, runs
 from drivecomm_fuji.telegrams import BROADCAST, Poll
@@ -68,7 +68,6 @@ class FujiOperations:
             stored_writes=True,
             volatile_writes=True,
             broadcast=True,
-            link_loss=self._profile.link_loss,
         )
 
     @property
@@ -84,7 +83,7 @@ class FujiOperations:
         """Read a function. format: its data format in the manual's numbering, such as "[5]", instead of the model's."""
         wanted = self._known(parameter) if format is None else target(parameter, self._model, self._options, format)
         self._must_be_one_drive("read")
-        return self._read(wanted)
+        return self._read_target(wanted)
 
     def write(
         self,
@@ -225,17 +224,17 @@ class FujiOperations:
 
     # Conversations
 
-    def _read(self, wanted: Target) -> Exchange[Reading]:
-        reply = yield from self._asking.read(wanted.function)
+    def _read_target(self, wanted: Target) -> Exchange[Reading]:
+        reply = yield from self._asking.ask_for(wanted.function)
         data: int = reply.data
         if not isinstance(reply, Poll):
-            return reading(wanted, data, self._options, self._model, negative=reply.negative)
+            return reading_of(wanted, data, self._options, self._model, negative=reply.negative)
         if reply.command != "j":
-            return reading(wanted, data, self._options, self._model)
+            return reading_of(wanted, data, self._options, self._model)
         note = "from the optional frame j, which has no room for a sign"
         negative = self._options.signed_j and data >= 0x8000
         data = 0x10000 - data if negative else data
-        return reading(wanted, data, self._options, self._model, negative=negative, note=note)
+        return reading_of(wanted, data, self._options, self._model, negative=negative, note=note)
 
     def _write(self, wanted: Target, data: int) -> Exchange[Reading | None]:
         function = wanted.function
@@ -247,7 +246,7 @@ class FujiOperations:
             self._memory.s01_beats = data != 0
         if function == FREQUENCY and data and self._memory.s01_beats and self._profile.s05_is_frequency:
             note = "S01 is not zero and beats S05, so S05 has no effect"
-            return reading(wanted, data, self._options, self._model, note=note)
+            return reading_of(wanted, data, self._options, self._model, note=note)
         return None
 
     def _status(self) -> Exchange[DriveStatus]:
@@ -275,7 +274,7 @@ class FujiOperations:
         found = {}
         for name, function in _NAME_PLATE.items():
             try:
-                reply = yield from self._asking.read(function)
+                reply = yield from self._asking.ask_for(function)
             except RefusedError:
                 continue
             text = word_text("[17]", reply.data, self._profile, {}) if name == "type code" else ""

@@ -60,7 +60,7 @@ def format_of(function: str, name: str | int, options: FujiOptions) -> Format:
     return chosen
 
 
-def reading(
+def reading_of(
     wanted: Target, data: int, options: FujiOptions, model: Model | None, *, negative: bool = False, note: str = ""
 ) -> Reading:
     """Return the reading that a reply's data give. Raises UnexpectedReplyError when they are no value of the format.

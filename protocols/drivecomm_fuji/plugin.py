@@ -10,8 +10,7 @@ from drivecomm_fuji.exchanges import FujiOperations
 from drivecomm_fuji.memory import FujiMemory
 from drivecomm_fuji.options import FujiOptions
 from drivecomm_fuji.profiles import PROFILES
-from drivecomm_fuji.purposes import purpose
-from drivecomm_fuji.telegrams import BROADCAST, STATIONS, blind_spots, message_from, mismatch, only_asks, titled_forms
+from drivecomm_fuji.telegrams import BROADCAST, STATIONS, blind_spots, intent, message_from, mismatch, titled_forms
 from drivecomm_fuji.timing import GAP_S, QUICK_TIMEOUT_S
 from drivecomm_fuji.virtual import VirtualFujiDrive
 
@@ -62,9 +61,8 @@ protocol = Protocol(
     virtual=_virtual,
     blind_spots=blind_spots,
     forms=titled_forms,
-    purpose=purpose,
     parameter_examples=("S05", "M09", "F03", "o05"),
-    only_asks=only_asks,
+    intent=intent,
     parameter_keys=frozenset(),
     plain_writing={"format": "[1]"},
 )

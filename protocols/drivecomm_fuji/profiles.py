@@ -34,7 +34,7 @@ class Profile:
     e11s_formats: data formats are numbered as on FVR-E11S. processing_s: what the inverter needs for a short answer, on
     top of its response interval. checks_route: code 76 when H30 does not give the right. echoes_writes, nak_filler:
     what a virtual inverter puts into the data field of a write ACK, and before the error code. baud_rates: that can be
-    set. link_loss: what happens when the host falls silent.
+    set.
     """
 
     name: ProfileName
@@ -56,7 +56,6 @@ class Profile:
     echoes_writes: bool = False
     nak_filler: bytes = b"  "
     baud_rates: tuple[int, ...]
-    link_loss: str
 
     @property
     def command_mask(self) -> int:
@@ -111,7 +110,6 @@ PROFILES: Mapping[str, Profile] = {
         echoes_writes=True,  # seed, E 9-19; E 9-18 says "0000"
         nak_filler=b"00",  # not specified
         baud_rates=(1200, 2400, 4800, 9600, 19200),  # E 9-13
-        link_loss="no page that was read says what these drives do",
     ),
     "g11s": Profile(
         name="g11s",
@@ -128,10 +126,6 @@ PROFILES: Mapping[str, Profile] = {
         broadcast_functions=frozenset(f"S{number:02d}" for number in range(1, 7)),  # GT 2-47
         processing_s=0.010,
         baud_rates=(2400, 4800, 9600, 19200),  # GU 9-8
-        link_loss=(  # GT 2-57
-            "it trips (Er8) after eight transmission errors in a row or a loss of communication, once the link "
-            "commands; which functions set that stands on no page that was read"
-        ),
     ),
     "vg": Profile(
         name="vg",
@@ -149,10 +143,6 @@ PROFILES: Mapping[str, Profile] = {
         broadcast_functions=None,  # V 5-19
         processing_s=0.030,  # V 5-11
         baud_rates=(2400, 4800, 9600, 19200, 38400),  # V 5-2
-        link_loss=(  # V 5-11
-            "what H32 says (0 it trips, 1 it runs on for H33 and trips then, 2 it trips if the silence lasts longer, "
-            "3 it goes on), after the time in H38, never with 0"
-        ),
     ),
     "frenic": Profile(
         name="frenic",
@@ -171,10 +161,6 @@ PROFILES: Mapping[str, Profile] = {
         ),
         processing_s=0.010,  # MM 5-274, A 3-13
         baud_rates=(2400, 4800, 9600, 19200, 38400, 57600, 76800, 115200),  # MI 5-2, MM 9-2, C 9-2, MG 9-2
-        link_loss=(  # as on FRENIC-VG
-            "what y02 (second port: y12) says (0 it trips, 1 it runs on for y03 and trips then, 2 it trips if the "
-            "silence lasts longer, 3 it goes on), after the time in y08 (y18), never with 0"
-        ),
     ),
 }
 

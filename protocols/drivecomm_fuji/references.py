@@ -51,7 +51,7 @@ class References:
             return
         remedy = "if it shows no reference in standstill, use the option reference_read_back=False"
         try:
-            reply = yield from self._asking.read(function)
+            reply = yield from self._asking.ask_for(function)
         except RefusedError as error:
             raise StateError(f"the inverter took the reference and does not show it: {error}; {remedy}") from None
         shown = 0x10000 - reply.data if reply.data >= 0x8000 and function == words.FINAL_PU else reply.data

@@ -32,7 +32,7 @@ class Running:
 
     def status_word(self) -> Exchange[int]:
         """Read M14; a motor that does not run has no run command that could be sent again."""
-        reply = yield from self._asking.read(words.STATUS)
+        reply = yield from self._asking.ask_for(words.STATUS)
         word: int = reply.data
         if not runs(word):
             # Whatever stopped it, nothing that is written from now on may start it again.
@@ -42,7 +42,7 @@ class Running:
     def alarm_code(self) -> Exchange[int | None]:
         """Read the latest alarm; None when the inverter does not tell."""
         try:
-            reply = yield from self._asking.read(words.ALARM)
+            reply = yield from self._asking.ask_for(words.ALARM)
         except RefusedError:
             return None
         code: int = reply.data
@@ -81,7 +81,7 @@ class Running:
         status = yield from self.status_word()
         if not runs(status):
             return
-        reply = yield from self._asking.read(COMMAND)
+        reply = yield from self._asking.ask_for(COMMAND)
         if reply.data & RUN != self._memory.word & RUN:
             self._memory.forget()
             raise StateError(

@@ -48,7 +48,7 @@ class Store:
             if not types or function[0] in types:
                 self._put(function, self._start(info))
 
-    def read(self, function: str) -> int:
+    def fetch(self, function: str) -> int:
         """Return a word as it is read, negative where a sign character stands before it. Raises Refusal."""
         if function not in self._infos or "r" not in self._infos[function].access:
             raise Refusal(FUNCTION_ERROR)

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import TelegramError
+from drivecomm.protocol import Intent
 from drivecomm.protocol.schema import (
     Check,
     Form,
@@ -52,7 +53,7 @@ STATIONS = range(1, 32)
 BROADCAST = 99
 _ANYBODY = frozenset([*STATIONS, BROADCAST])
 
-Kind: TypeAlias = Literal["request", "ack", "nak"]
+FrameKind: TypeAlias = Literal["request", "ack", "nak"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +64,7 @@ class Standard:
     """
 
     frame: Literal["standard"] = "standard"
-    kind: Kind
+    kind: FrameKind
     address: int
     command: str
     function: str | None = None
@@ -77,7 +78,7 @@ class Select:
     """A short frame that writes: 12 bytes there, 8 bytes back without data."""
 
     frame: Literal["select"] = "select"
-    kind: Kind
+    kind: FrameKind
     address: int
     command: str
     data: int | None = None
@@ -88,7 +89,7 @@ class Poll:
     """A short frame that reads: 8 bytes there, 12 bytes back."""
 
     frame: Literal["poll"] = "poll"
-    kind: Kind
+    kind: FrameKind
     address: int
     command: str
     data: int | None = None
@@ -120,7 +121,7 @@ def is_function(text: str) -> bool:
 def _function(*, strict: bool = True) -> Any:
     """A function; where it is not strict, anything else reads as None, and None is written as spaces."""
 
-    def read(found: bytes) -> str | None:
+    def parse(found: bytes) -> str | None:
         text = found.decode("latin-1")
         if is_function(text):
             return text
@@ -136,14 +137,14 @@ def _function(*, strict: bool = True) -> Any:
         return text.encode("ascii")
 
     meaning = "function type, tens and units digit of its number"
-    return "function" / Leaf(3, read, write, meaning=meaning, values=_FUNCTIONS if strict else None)
+    return "function" / Leaf(3, parse, write, meaning=meaning, values=_FUNCTIONS if strict else None)
 
 
 def _number_or_none(digits: int, meaning: str) -> Leaf:
     """Hexadecimal digits; anything else reads as None, and None is written as spaces."""
     number = hex_number(digits)
 
-    def read(found: bytes) -> int | None:
+    def parse(found: bytes) -> int | None:
         try:
             return hex_value(found)
         except ValueError:
@@ -152,16 +153,16 @@ def _number_or_none(digits: int, meaning: str) -> Leaf:
     def write(value: int | None) -> bytes:
         return b" " * digits if value is None else bytes(number._write(value))  # noqa: SLF001 - same vocabulary
 
-    return Leaf(digits, read, write, meaning=meaning)
+    return Leaf(digits, parse, write, meaning=meaning)
 
 
 def _any_command() -> Any:
     """Byte 4 of a NAK that refuses a command which does not exist."""
 
-    def read(found: bytes) -> str:
+    def parse(found: bytes) -> str:
         return found.decode("latin-1")
 
-    return "command" / Leaf(1, read, _never_written, meaning="the refused command")
+    return "command" / Leaf(1, parse, _never_written, meaning="the refused command")
 
 
 def _never_written(text: object) -> bytes:
@@ -294,9 +295,16 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
 _MESSAGES = (Standard, Select, Poll)
 
 
-def only_asks(request: Message) -> bool:
-    """Whether a request neither commands nor writes: R of the standard frame, and the polling frames."""
-    return isinstance(request, Poll) or (isinstance(request, Standard) and request.command == "R")
+_ALARM_RESET = {Standard: "E", Select: "m"}
+
+
+def intent(request: Message) -> Intent:
+    """Tell by frame and command what a request is for; the alarm reset is the only command without a function."""
+    if isinstance(request, Poll) or (isinstance(request, Standard) and request.command == "R"):
+        return Intent(access="read")
+    if isinstance(request, Standard | Select) and request.command != _ALARM_RESET[type(request)]:
+        return Intent(access="write")
+    return Intent(commands=True)
 
 
 def mismatch(request: Message, reply: Message) -> str:

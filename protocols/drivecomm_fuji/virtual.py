@@ -149,7 +149,7 @@ class VirtualFujiDrive:
         if command not in self._profile.commands | set(self._profile.select) | set(self._profile.poll):
             raise Refusal(COMMAND_ERROR)
         if isinstance(message, Poll):
-            word = self.store.read(self._profile.poll[command])
+            word = self.store.fetch(self._profile.poll[command])
             data = word % 0x10000 if self._options.signed_j else abs(word)
             return Poll(kind="ack", address=address, command=command, data=data), 0.0
         if isinstance(message, Select):
@@ -162,7 +162,7 @@ class VirtualFujiDrive:
         if self._profile.refusal_of(function, number_check=True):
             raise Refusal(FUNCTION_ERROR)
         if command == "R":
-            word = self.store.read(function)
+            word = self.store.fetch(function)
             return Standard(
                 kind="ack", address=address, command="R", function=function, data=abs(word), negative=word < 0
             ), 0.0

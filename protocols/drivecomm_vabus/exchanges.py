@@ -11,7 +11,7 @@ from drivecomm_vabus import states
 from drivecomm_vabus.conversation import Conversation
 from drivecomm_vabus.memory import VabusMemory
 from drivecomm_vabus.motion import STOP_WORDS, Motion
-from drivecomm_vabus.parameters import Target, characters_for, reading, target
+from drivecomm_vabus.parameters import Target, characters_for, reading_of, target
 from drivecomm_vabus.references import References
 from drivecomm_vabus.states import state_of
 from drivecomm_vabus.telegrams import BROADCAST
@@ -55,7 +55,6 @@ class VabusOperations:
             stored_writes=True,
             volatile_writes=self._options.ram_datasets,
             broadcast=True,
-            link_loss="it trips (F2010) after the watchdog time in 413, presumably never with 0",
         )
 
     @property
@@ -71,7 +70,7 @@ class VabusOperations:
                 f"data set {wanted.dataset} can only be written, it is the RAM side of {wanted.dataset - 5}"
             )
         self._must_be_one_drive("read")
-        return self._read(wanted)
+        return self._read_target(wanted)
 
     def write(
         self,
@@ -156,9 +155,9 @@ class VabusOperations:
 
     # Conversations
 
-    def _read(self, wanted: Target) -> Exchange[Reading]:
+    def _read_target(self, wanted: Target) -> Exchange[Reading]:
         reply = yield from self._talk.enquire(wanted.number, wanted.dataset or 0, wanted.address)
-        return reading(wanted, reply.data, lower_case_hex=self._options.lower_case_hex)
+        return reading_of(wanted, reply.data, lower_case_hex=self._options.lower_case_hex)
 
     def _identify(self) -> Exchange[Mapping[str, str]]:
         try:

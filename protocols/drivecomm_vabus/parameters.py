@@ -68,7 +68,7 @@ def element_addresses(info: ParameterInfo, _options: VabusOptions) -> tuple[str,
     return tuple(f"{info.address}[{dataset}]" for dataset in range(1, 5))
 
 
-def reading(wanted: Target, data: str, *, lower_case_hex: bool) -> Reading:
+def reading_of(wanted: Target, data: str, *, lower_case_hex: bool) -> Reading:
     """Return the reading that a value's data characters give.
 
     Without a type the characters are all that is certain: 0x000003E8 in eight characters may be a long or a text.

@@ -9,15 +9,14 @@ from drivecomm_vabus.exchanges import VabusOperations
 from drivecomm_vabus.memory import VabusMemory
 from drivecomm_vabus.options import VabusOptions
 from drivecomm_vabus.parameters import element_addresses
-from drivecomm_vabus.purposes import purpose
 from drivecomm_vabus.telegrams import (
     BROADCAST,
     NODES,
     VabusCodec,
     blind_spots,
+    intent,
     message_from,
     mismatch,
-    only_asks,
     titled_forms,
 )
 from drivecomm_vabus.virtual import VirtualVabusDrive
@@ -68,9 +67,8 @@ protocol = Protocol(
     virtual=_virtual,
     blind_spots=blind_spots,
     forms=titled_forms,
-    purpose=purpose,
     parameter_examples=("481", "520[2]", "C00"),
-    only_asks=only_asks,
+    intent=intent,
     parameter_keys=frozenset({"datasets"}),
     element_addresses=element_addresses,
 )

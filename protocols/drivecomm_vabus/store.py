@@ -62,7 +62,7 @@ class Store:
             raise Refusal(UNKNOWN_PARAMETER)
         return self._infos[number]
 
-    def read(self, number: int, dataset: int) -> str:
+    def fetch(self, number: int, dataset: int) -> str:
         """Return a value as an enquiry gets it. Raises Refusal."""
         info = self.info(number)
         if "r" not in info.access:

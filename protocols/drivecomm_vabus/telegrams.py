@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 from construct import this
 
 from drivecomm.errors import TelegramError, UsageError
+from drivecomm.protocol import Intent
 from drivecomm.protocol.schema import (
     Check,
     Form,
@@ -121,7 +122,7 @@ _WITH_DATA = (Select, Value)
 def _sys() -> Leaf:
     """`0` for the drive itself, 40H plus the node for nodes 1 to 63 (Agile VABus manual p. 26, 30)."""
 
-    def read(found: bytes) -> int:
+    def parse(found: bytes) -> int:
         if found == b"0":
             return 0
         if found[0] < 0x41 or found[0] > 0x7F:
@@ -133,13 +134,13 @@ def _sys() -> Leaf:
             raise ValueError(f"system-bus node {node!r} is not 0 to 63")
         return bytes([0x40 + node]) if node else b"0"
 
-    return Leaf(1, read, write, meaning="system-bus node: `0`, or 40H + 1..63", values=range(64))
+    return Leaf(1, parse, write, meaning="system-bus node: `0`, or 40H + 1..63", values=range(64))
 
 
 def _number() -> Leaf:
     """Three characters; from 1000 on the hundreds are a letter, 1200 is C00 (Agile VABus manual p. 30)."""
 
-    def read(found: bytes) -> int:
+    def parse(found: bytes) -> int:
         hundreds = "0123456789ABCDEF".find(chr(found[0]))
         if hundreds < 0 or not found[1:].isdigit():
             raise ValueError(f"{found!r} is no parameter number")
@@ -150,7 +151,7 @@ def _number() -> Leaf:
             raise ValueError(f"parameter {number!r} is not 0 to 1599")
         return b"%X%02d" % (number // 100, number % 100)
 
-    return Leaf(3, read, write, meaning="parameter 0..999, A00..F99 for 1000..1599", values=PARAMETERS)
+    return Leaf(3, parse, write, meaning="parameter 0..999, A00..F99 for 1000..1599", values=PARAMETERS)
 
 
 def _node(allowed: Any) -> Any:
@@ -279,7 +280,7 @@ def _exactly(form: Form[Any], data: bytes) -> Message:
     What is wrong is looked for once: on a line it costs ten times what a sound telegram does.
     """
     try:
-        sound: Message = form.read(data)
+        sound: Message = form.parse_compiled(data)
     except Exception:  # noqa: BLE001 - whatever it was, it is found again below and named
         needed = _needed(form, data)
     else:
@@ -375,9 +376,11 @@ def _block_length(head: bytes, start: int) -> int:
 _ANSWERED, _ANSWERS = (Enquiry, Select), (Value, Ack, Nak)
 
 
-def only_asks(request: Message) -> bool:
-    """Whether a request neither commands nor writes: in VABus only a select does."""
-    return isinstance(request, Enquiry | Eot)
+def intent(request: Message) -> Intent:
+    """Tell what a request is for; control word and reference are parameters, too, and EOT only ends an exchange."""
+    if isinstance(request, Enquiry):
+        return Intent(access="read")
+    return Intent(access="write") if isinstance(request, Select) else Intent(commands=not isinstance(request, Eot))
 
 
 def mismatch(request: Message, reply: Message) -> str:

@@ -147,8 +147,8 @@ class VirtualVabusDrive:
         if number == ERROR_REGISTER:
             return data_of(self.error_register, "uint")
         if number == _BLOCK_READ:
-            return "".join(self.store.read(listed, place) for listed, place in self._block())
-        return self.store.read(number, dataset)
+            return "".join(self.store.fetch(listed, place) for listed, place in self._block())
+        return self.store.fetch(number, dataset)
 
     def _take(self, select: Select, now: float) -> None:
         if select.parameter == _BLOCK_WRITE:
@@ -161,7 +161,7 @@ class VirtualVabusDrive:
 
     def _block(self) -> list[tuple[int, int]]:
         """Return number and data set of each entry of the block list: five characters `S d nnn` each."""
-        text = self.store.read(_BLOCK_LIST, 0).strip()
+        text = self.store.fetch(_BLOCK_LIST, 0).strip()
         entries = [text[start : start + 5] for start in range(0, len(text), 5)]
         if any(len(entry) != 5 or not entry[1].isdigit() for entry in entries):
             raise Refusal(SYNTAX_ERROR)

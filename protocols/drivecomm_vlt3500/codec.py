@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
+from drivecomm.protocol import Intent
 from drivecomm.protocol.schema import Written, message_of
 from drivecomm_vlt3500 import telegrams, words
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
@@ -113,12 +114,15 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     return message
 
 
-def only_asks(request: Message) -> bool:
-    """Whether a request neither commands nor writes: it is no update, and bit 10 of its control word is given as 0."""
-    if not isinstance(request, Read | ReadIndex | Control):
-        return False
+def intent(request: Message) -> Intent:
+    """Tell what a request is for: U writes, R and I read, and all command unless bit 10 of their word is given as 0."""
+    if not isinstance(request, Update | Read | ReadIndex | Control):
+        return Intent(commands=True)
     given = request.control_mask is None or bool(request.control_mask & words.VALID)
-    return given and not request.control_word & words.VALID
+    commands = not given or bool(request.control_word & words.VALID)
+    if isinstance(request, Control):
+        return Intent(commands=commands)
+    return Intent(access="write" if isinstance(request, Update) else "read", commands=commands)
 
 
 def mismatch(request: Message, reply: Message) -> str:

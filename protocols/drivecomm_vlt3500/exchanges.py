@@ -15,7 +15,7 @@ from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.causes import cause_text
 from drivecomm_vlt3500.commands import Commander, VltMemory
 from drivecomm_vlt3500.messages import Read, ReadIndex, Reply, Update
-from drivecomm_vlt3500.parameters import Target, data_for, reading, target
+from drivecomm_vlt3500.parameters import Target, data_for, reading_of, target
 from drivecomm_vlt3500.telegrams import BROADCAST
 
 if TYPE_CHECKING:
@@ -61,9 +61,6 @@ class VltOperations:
             stored_writes=False,
             volatile_writes=False,
             broadcast=True,
-            link_loss=(
-                "no page that was read says what these drives do; presumably they go on obeying the last control word"
-            ),
         )
 
     @property
@@ -74,8 +71,7 @@ class VltOperations:
             "slow_down": self.slow_down,
             "catch_up": self.catch_up,
             "hold": self.hold,
-            "select_setup": self.set_up,
-            "set_up": self.set_up,
+            "select_setup": self.select_setup,
             "control_word": self.control_word,
         }
 
@@ -83,7 +79,7 @@ class VltOperations:
         """Read a parameter (R), or one element of an indexed one (I): `502[17]`, `602[13,5]`, or index=(13, 5)."""
         wanted = self._known(parameter) if index is None else target(parameter, self._model, index)
         self._must_be_one_drive("read")
-        return self._read(wanted)
+        return self._read_target(wanted)
 
     def write(
         self,
@@ -207,11 +203,11 @@ class VltOperations:
         self._must_be_one_drive("hold")
         return self._commander.amend(lambda word: word & ~words.RAMP_ENABLED, "hold")
 
-    def set_up(self, *, number: int) -> Exchange[None]:
+    def select_setup(self, *, number: int) -> Exchange[None]:
         """Select set-up 1 to 4 (bits 13 and 14) in this and every further control word of this object."""
         if number not in range(1, self._options.setups + 1):
             raise UsageError(f"set-up {number!r} does not exist; this drive has 1 to {self._options.setups}")
-        self._must_be_one_drive("set_up")
+        self._must_be_one_drive("select_setup")
         return self._commander.select(words.setup_bits(number))
 
     def control_word(self, *, word: int, mask: int | None = None) -> Exchange[DriveStatus]:
@@ -232,9 +228,9 @@ class VltOperations:
 
     # Conversations
 
-    def _read(self, wanted: Target) -> Exchange[Reading]:
+    def _read_target(self, wanted: Target) -> Exchange[Reading]:
         reply = yield from self._commander.ask_idle(self._request(wanted.number, wanted.index))
-        return reading(wanted, _value(wanted, reply))
+        return reading_of(wanted, _value(wanted, reply))
 
     def _new_request(self, number: int, index: tuple[int, ...] | None) -> Read | ReadIndex:
         if index is None:
@@ -260,7 +256,9 @@ class VltOperations:
             return None
         reply = yield from self._commander.ask_idle(request, attempts=attempts, acts=True)
         reported = _value(wanted, reply)
-        return reading(wanted, reported, "" if reported == sent else f"the drive reports {reported} instead of {sent}")
+        return reading_of(
+            wanted, reported, "" if reported == sent else f"the drive reports {reported} instead of {sent}"
+        )
 
     def _set_reference(self, wanted: Target, sent: Decimal, places: int) -> Exchange[None]:
         taken = yield from self._write(wanted, sent, places, 1)
@@ -278,7 +276,7 @@ class VltOperations:
     def _fault_code(self) -> Exchange[int | None]:
         wanted = target(self._options.fault_parameter, self._model)
         try:
-            found = yield from self._read(wanted)
+            found = yield from self._read_target(wanted)
         except RefusedError:
             return None
         return found.value if isinstance(found.value, int) else None
@@ -293,7 +291,7 @@ class VltOperations:
         status = yield from self._commander.status_word()
         known = {"state": ", ".join(words.flags_of(status))}
         try:
-            version = yield from self._read(target(SOFTWARE_VERSION, None))
+            version = yield from self._read_target(target(SOFTWARE_VERSION, None))
         except RefusedError:
             return known
         return {**known, "software": str(version.raw)}

@@ -111,7 +111,7 @@ def _pair(x: str | None, y: str | None) -> tuple[int, ...] | None:
     return (int(x), int(y))
 
 
-def reading(wanted: Target, value: Decimal, note: str = "") -> Reading:
+def reading_of(wanted: Target, value: Decimal, note: str = "") -> Reading:
     """Return the reading that a reply's value gives: the number is certain, its unit only with a model."""
     info = wanted.info
     notes = [note] if note else []

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
-from drivecomm_vlt3500.codec import VltCodec, blind_spots, message_from, mismatch, only_asks, titled_forms
+from drivecomm_vlt3500.codec import VltCodec, blind_spots, intent, message_from, mismatch, titled_forms
 from drivecomm_vlt3500.commands import VltMemory
 from drivecomm_vlt3500.exchanges import VltOperations
 from drivecomm_vlt3500.options import VltOptions
 from drivecomm_vlt3500.parameters import element_addresses
-from drivecomm_vlt3500.purposes import purpose
 from drivecomm_vlt3500.telegrams import ADDRESSES, BROADCAST
 from drivecomm_vlt3500.virtual import VirtualVltDrive
 
@@ -60,9 +59,8 @@ protocol = Protocol(
     virtual=_virtual,
     blind_spots=blind_spots,
     forms=titled_forms,
-    purpose=purpose,
     parameter_examples=("516", "502[17]", "602[13,5]"),
-    only_asks=only_asks,
+    intent=intent,
     parameter_keys=frozenset({"decimals", "indexed", "limits", "note"}),
     element_addresses=element_addresses,
 )

@@ -73,7 +73,7 @@ class Store:
             every = product(*map(range, sizes)) if len(sizes) > 1 else ()
             self._elements[number] = dict.fromkeys(every, Decimal(0))
 
-    def read(self, number: int) -> Decimal:
+    def fetch(self, number: int) -> Decimal:
         """Return a value as R gets it. Raises Refusal."""
         if number in self._elements:
             raise Refusal(NO_SUCH_INDEX)

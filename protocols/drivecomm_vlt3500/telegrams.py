@@ -82,7 +82,7 @@ def _letters(word: int) -> bytes:
 def _control_word() -> Leaf:
     """Four characters, low four bits each; `P` leaves a group as it is, and may stand in any byte but 7."""
 
-    def read(found: bytes) -> tuple[int, int | None]:
+    def parse(found: bytes) -> tuple[int, int | None]:
         _seven_bits(found)
         if HOLD not in found:
             return _word(found), None
@@ -109,11 +109,11 @@ def _control_word() -> Leaf:
             raise ValueError(f"control word {word:04X}H has bits that mask {mask:04X}H holds")
         return bytes(0x40 | word >> 4 * place & 0xF if group else HOLD for place, group in enumerate(groups))
 
-    return Leaf(4, read, write, meaning="control word, bits 0-3 first, `@` = 0 to `O` = 15, `P` = leave as it is")
+    return Leaf(4, parse, write, meaning="control word, bits 0-3 first, `@` = 0 to `O` = 15, `P` = leave as it is")
 
 
 def _status_word(*, lenient: bool) -> Leaf:
-    def read(found: bytes) -> int:
+    def parse(found: bytes) -> int:
         _seven_bits(found)
         if not lenient and found.translate(None, _LETTERS):
             raise ValueError(f"{found!r} holds a character outside `@` to `O`")
@@ -124,7 +124,7 @@ def _status_word(*, lenient: bool) -> Leaf:
             raise ValueError(f"{word!r} is no word of 16 bits")
         return _letters(word)
 
-    return Leaf(4, read, write, meaning="status word, bits 0-3 first, `@` = 0 to `O` = 15")
+    return Leaf(4, parse, write, meaning="status word, bits 0-3 first, `@` = 0 to `O` = 15")
 
 
 def _frame(kinds: Mapping[bytes, str], word: Any, *rest: Any, addresses: range = ADDRESSES) -> tuple[Any, ...]:

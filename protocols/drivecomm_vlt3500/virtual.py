@@ -73,7 +73,7 @@ class VirtualVltDrive:
         wanted = target(parameter, self._model)
         try:
             if wanted.index is None:
-                return str(self.store.read(wanted.number))
+                return str(self.store.fetch(wanted.number))
             return str(self.store.read_index(wanted.number, wanted.index))
         except Refusal as refusal:
             raise _unknown(parameter) from refusal
@@ -126,7 +126,7 @@ class VirtualVltDrive:
 
     def _value(self, message: Update | Read | ReadIndex) -> Decimal:
         if isinstance(message, Read):
-            return self.store.read(message.parameter)
+            return self.store.fetch(message.parameter)
         if isinstance(message, ReadIndex):
             return self.store.read_index(message.parameter, message.index)
         return self.store.write(message.parameter, Decimal(message.value), running=self.motor.running)

@@ -13,13 +13,12 @@ import traceback
 from pathlib import Path
 
 # All that commands load by themselves.
-import drivecomm.cli.app
-import drivecomm.cli.starting
-import drivecomm.cli.stop_at_once
-import drivecomm.cli.stop_only
-import drivecomm.cli.stopping
+import drivecomm.cli.stop.everything
+import drivecomm.cli.stop.one_drive
+import drivecomm.cli.stop.quick_arguments
 import drivecomm.plant.files  # noqa: F401
-from drivecomm.cli.run import run
+from drivecomm.cli.app import app
+from drivecomm.cli.entry import run
 from drivecomm.protocol import installed
 from drivecomm_command import main
 
@@ -31,6 +30,9 @@ _AS_INSTALLED = "import sys; from drivecomm_command import main; sys.exit(main()
 def load():
     """Load what commands load, so that what is forked from here need not."""
     list(installed.working())
+    for each in app.commands.values():
+        for command in getattr(each, "commands", {"": each}).values():
+            assert command.loaded
     with contextlib.redirect_stdout(io.StringIO()):
         run(["encode", "vabus", "kind=enquiry", "address=1", "parameter=481", "--json"])
         run(["models", "list"])

@@ -11,7 +11,7 @@ import pytest
 from benches import ADDRESS, PROTOCOLS, READABLE, WRITABLE, Mortal, Recorder, model_of, set_reference
 
 import drivecomm
-from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive, Broadcast, Bus, Drive, open_bus, open_bus_async
+from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive, Broadcast, Bus, Drive, Job, open_bus, open_bus_async
 from drivecomm.errors import DeadlineError, LinkDownError, NoReplyError, NotAnsweringError, PortError, UsageError
 from drivecomm.protocol import Pause
 from drivecomm.transport import ThreadRunner, VirtualTimeRunner, runner_for
@@ -47,7 +47,9 @@ EACH_TWIN = pytest.mark.parametrize(("blocking", "awaited"), TWINS, ids=lambda k
 
 
 def public(kind):
-    return {name: value for name, value in vars(kind).items() if not name.startswith("_")}
+    """Return what a face offers by name, in the order of its declaration, be it its own or shared."""
+    found = {name: value for base in reversed(kind.__mro__) for name, value in vars(base).items() if base is not object}
+    return {name: value for name, value in found.items() if not name.startswith("_")}
 
 
 # Both faces are equal
@@ -63,7 +65,7 @@ def test_both_have_the_same_names(blocking, awaited):
 @EACH_TWIN
 def test_both_take_the_same_arguments(blocking, awaited):
     for name in ["__init__", *public(blocking)]:
-        mine, other = vars(blocking)[name], vars(awaited)[name]
+        mine, other = (inspect.getattr_static(kind, name) for kind in (blocking, awaited))
         assert isinstance(mine, property) == isinstance(other, property), name
         if isinstance(mine, property):
             continue
@@ -369,7 +371,7 @@ def test_cancelled_while_a_lost_port_is_being_opened_again():
                 await reading
             slow.go_on.set()
             assert (await waiting).raw == "000009C4"
-            assert not bus._turns._taken
+            assert not bus._lock._taken
 
     asyncio.run(main())
 
@@ -558,7 +560,7 @@ def test_a_thread_that_lets_time_pass_is_stopped_when_its_task_is_cancelled():
         async with open_bus_async(lambda: Blocking(line)) as bus:
             drive, there = bus.drive("vabus", ADDRESS), asyncio.Event()
             line.call_at(0.01, partial(asyncio.get_running_loop().call_soon_threadsafe, there.set))
-            waiting = asyncio.create_task(bus.run(drive.party, pausing()))
+            waiting = asyncio.create_task(bus.run(Job(drive.party, pausing())))
             await asyncio.wait_for(there.wait(), 10)
             waiting.cancel()
             with pytest.raises(asyncio.CancelledError):

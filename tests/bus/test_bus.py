@@ -8,6 +8,7 @@ import pytest
 from benches import Port
 
 import drivecomm
+from drivecomm.bus import Job
 from drivecomm.errors import (
     AddressError,
     DriveCommError,
@@ -336,7 +337,7 @@ def test_an_exchange_that_is_interrupted_is_closed_at_once(line):
     with drivecomm.open_bus(lambda: Port(line.port(), wait=interrupt)) as bus:
         # Whoever catches it holds the traceback, and with it all that was under way.
         with pytest.raises(KeyboardInterrupt) as caught:
-            bus.run(bus.drive("vabus", 1).party, exchange())
+            bus.run(Job(bus.drive("vabus", 1).party, exchange()))
         assert closed == [True]
         assert caught.value.__traceback__ is not None
 

@@ -228,7 +228,7 @@ def test_ctrl_c_at_every_call_of_the_port(protocol, verb, after):
             else:
                 over = True
             port.left = None
-            assert not bus._turns._is_taken()
+            assert not bus._lock._is_taken()
             read = [drive.read(parameter).raw for parameter in READABLE[protocol]]
             assert read == site.expected(), f"interrupted at call {call}"
             assert bus.counters[drive.name]["timeouts"] == 0
@@ -283,7 +283,7 @@ class Clock:
 
     def walk(self, exchange, stop=lambda _: False):
         """Carry out the steps; returns the result, or closes them at the first effect to stop at and returns None."""
-        steps = self.link.run(PARTY, exchange)
+        steps = self.link.run(PARTY, exchange, self.time)
         effect = next(steps)
         try:
             while not stop(effect):

@@ -79,11 +79,11 @@ def test_waiting_leaves_the_line_to_others(drive, virtual):
 
 def test_waiting_ends_in_time_and_at_a_fault(drive, virtual):
     began = drive.bus.now()
-    with pytest.raises(StateError, match=r"did not come to 'running' within 1 s; it is (not_)?ready"):
+    with pytest.raises(StateError, match=r"did not reach 'running' within 1 s; it is (not_)?ready"):
         drive.wait_for(DriveState.RUNNING, timeout_s=1)
     assert drive.bus.now() - began < 1.5
     virtual.trip(4, drive.bus.now())
-    with pytest.raises(StateError, match=r"has a fault( 4.*)? and will not come to 'running'; reset it first"):
+    with pytest.raises(StateError, match=r"has a fault( 4.*)? and will not reach 'running'; reset it first"):
         drive.wait_for(DriveState.RUNNING, timeout_s=100)
     assert drive.wait_for(DriveState.FAULT).fault
 
@@ -260,9 +260,11 @@ def test_a_reference_in_revolutions(tmp_path):
         drive.write("372", 1460)
         drive.set_reference(rpm=1200)
         assert virtual.peek("480", 0) == f"{4000:08X}"
-        with pytest.raises(NotSupported, match="without motor_rated_frequency in its model"):
+        with pytest.raises(
+            NotSupported, match="no motor_rated_frequency in its model, so rpm cannot be converted; use hz"
+        ):
             bus.drive("vabus", 1).set_reference(rpm=1200)
-        with pytest.raises(UsageError, match="one of them"):
+        with pytest.raises(UsageError, match="give the reference as one of percent, hz and rpm"):
             drive.set_reference(rpm=1200, hz=40)
         drive.write("372", 0)
         with pytest.raises(UsageError, match="no name plate"):

@@ -8,7 +8,7 @@ import pytest
 from benches import ADDRESS, PROTOCOLS, Mortal, Port, Recorder
 
 import drivecomm
-from drivecomm.bus import Rank
+from drivecomm.bus import Job, Rank
 from drivecomm.errors import DeadlineError, NoReplyError, ReplyError
 from drivecomm.protocol import Ask, Pause
 from drivecomm.virtual import VirtualLine
@@ -96,7 +96,7 @@ def test_in_a_pause_of_an_exchange(line, bus):
             raise
 
     with pytest.raises(DeadlineError, match="the call's time"):
-        bus.run(drive.party, exchange())
+        bus.run(Job(drive.party, exchange()))
     ((when, error),) = reached
     assert when == line.time == pytest.approx(2.0, abs=0.001)
     assert isinstance(error, TimeoutError)
@@ -114,7 +114,7 @@ def test_an_exchange_that_goes_on_after_its_deadline_sends_nothing(line, bus, re
         return (yield Ask(message=ENQUIRY))
 
     with pytest.raises(DeadlineError):
-        bus.run(drive.party, stubborn())
+        bus.run(Job(drive.party, stubborn()))
     assert line.time == pytest.approx(2.0, abs=0.001)
     assert sent_at(recorder) == []
 
@@ -127,7 +127,7 @@ def test_an_exchange_of_many_telegrams_has_one_deadline(line, bus, recorder):
             yield Ask(message=ENQUIRY)
 
     with pytest.raises((DeadlineError, NoReplyError)):
-        bus.run(drive.party, many())
+        bus.run(Job(drive.party, many()))
     # The reply that was cut off is let to its end: the drive's gap.
     assert line.time <= 0.1 + drive.facts.gap_s + 0.003
     assert 3 <= len(sent_at(recorder)) <= 5
@@ -213,7 +213,7 @@ def test_while_waiting_for_the_turn(line):
         assert not thread.is_alive()
         # Who gave up waiting is not called any more.
         assert drive.read("481").raw == "000003E8"
-        assert not bus._turns._is_taken()
+        assert not bus._lock._is_taken()
 
 
 def test_time_spent_waiting_for_the_turn_counts(line, recorder):
@@ -222,17 +222,17 @@ def test_time_spent_waiting_for_the_turn_counts(line, recorder):
         drive = bus.drive("vabus", ADDRESS, deadline_s=1.0)
         drive.read("481")
         before = len(sent_at(recorder))
-        take = bus._turns.take
+        take = bus._lock.take
 
         def slow_take(rank: Rank, seconds: float) -> bool:
             line.advance(1.5)
             return take(rank, seconds)
 
-        bus._turns.take = slow_take
+        bus._lock.take = slow_take
         for _ in range(5):
             with pytest.raises(DeadlineError, match="the call's time"):
                 drive.read("481")
-        bus._turns.take = take
+        bus._lock.take = take
         assert len(sent_at(recorder)) == before
         assert not bus.health[drive.name].given_up
         assert bus.health[drive.name].failed_calls == 0

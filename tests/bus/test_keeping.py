@@ -8,7 +8,7 @@ from contextlib import ExitStack, contextmanager
 import pytest
 
 import drivecomm
-from drivecomm.bus import keep, keep_async, read_watchdog, set_watchdog
+from drivecomm.bus import carry_out, carry_out_async, keep, keep_async, read_watchdog, set_watchdog
 from drivecomm.errors import NoReplyError, NotSupported, RefusedError, ReplyError, StateError, UsageError
 from drivecomm.protocol import DriveState, Stop
 from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
@@ -174,11 +174,11 @@ def test_hold_without_a_known_watchdog_looks_at_nothing(protocol, model):
 @pytest.mark.parametrize(
     ("drive", "options", "error", "sentence"),
     [
-        (("vabus", "agile"), {"policy": "jump"}, UsageError, "'jump' is no policy; write one of hold, ramp"),
+        (("vabus", "agile"), {"policy": "jump"}, UsageError, "unknown policy 'jump'; use hold, ramp, coast or trip"),
         (("vabus", "agile"), {"policy": "ramp"}, NotSupported, "cannot ramp; it can hold or trip"),
         (("vabus", None), {"policy": "trip"}, UsageError, "has no model"),
         (("fuji", "frenic"), {"policy": "trip", "on_leaving": "coast"}, NotSupported, "it can by ramp"),
-        (("fuji", "frenic"), {"policy": "trip", "on_leaving": "fall"}, UsageError, "'fall' is no policy"),
+        (("fuji", "frenic"), {"policy": "trip", "on_leaving": "fall"}, UsageError, "unknown policy 'fall'"),
         (("vabus", "agile"), {"policy": "trip", "watchdog_s": 0.5}, UsageError, "steps of 1 s"),
         (("vabus", "agile"), {"policy": "trip", "watchdog_s": "x"}, UsageError, "no number"),
     ],
@@ -200,8 +200,8 @@ def test_a_failed_refresh_is_raised_at_the_end_and_the_motor_is_stopped_all_the_
         with keep(bench.drive, "ramp", watchdog_s=60) as kept:
             bench.drive.start()
             with bench.line_cut():
-                kept._pass(20.5)
-            kept._pass(1)
+                carry_out(bench.drive, kept._passing(20.5))
+            carry_out(bench.drive, kept._passing(1))
 
     with pytest.raises(NoReplyError, match=r"1 of 1 refreshes of danfoss-fc:2 failed .* may have acted; the first"):
         program()
@@ -235,7 +235,7 @@ def test_what_a_callback_raises_is_not_swallowed():
     def program():
         with keep(bench.drive, "ramp", watchdog_s=3, on_status=fall) as kept:
             bench.drive.start()
-            kept._pass(10)
+            carry_out(bench.drive, kept._passing(10))
             assert bench.after(0)[0], "the drive is spoken to all the same"
 
     with pytest.raises(ZeroDivisionError):
@@ -276,7 +276,7 @@ def test_an_error_of_the_block_goes_before_one_of_a_refresh():
     def program():
         with keep(bench.drive, "ramp", watchdog_s=60) as kept:
             with bench.line_cut():
-                kept._pass(20.5)
+                carry_out(bench.drive, kept._passing(20.5))
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
@@ -573,7 +573,7 @@ def test_awaited_on_a_virtual_line():
             await kept.sleep(60)
             assert bench.after(0)[:2] == (True, 25)
             with bench.line_cut():
-                await kept._pass(1)
+                await carry_out_async(drive, kept._passing(1))
 
     async def wrong(drive):
         async with keep_async(drive, "hold", on_leaving="ramp") as kept:

@@ -224,8 +224,8 @@ class TestNothingIsBroughtBack:
         bench = Bench(read_only="only looked at")
         for verb, arguments in (
             ("control_word", {"word": 0x0474}),
-            ("relays", {"relay_1": True}),
-            ("preset", {"number": 2}),
+            ("set_relay", {"number": 1, "on": True}),
+            ("select_preset", {"number": 2}),
             ("ramp", {"number": 2}),
         ):
             with pytest.raises(UsageError):
@@ -234,7 +234,11 @@ class TestNothingIsBroughtBack:
             bench.drive.read("16-13")
         assert bench.words() == []
         bench.drive.stop()
-        for verb, arguments in (("relays", {"relay_1": True}), ("set_up", {"number": 2}), ("preset", {"number": 2})):
+        for verb, arguments in (
+            ("set_relay", {"number": 1, "on": True}),
+            ("select_setup", {"number": 2}),
+            ("select_preset", {"number": 2}),
+        ):
             with pytest.raises(UsageError):
                 bench.drive.call(verb, **arguments)
         bench.drive.status()
@@ -274,7 +278,7 @@ class TestLateReplies:
             with pytest.raises(ZeroDivisionError):
                 pump.write("481", 12)
             events = []
-            bus._roster.link._trace = events.append
+            bus._roster.link._line.trace = events.append
             pump.write("480", 3)
             received = [event for event in events if event.what == "received" and event.message.kind == "ack"]
             noise = [event for event in events if event.what == "noise"]

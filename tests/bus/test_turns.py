@@ -15,7 +15,7 @@ from benches import PROTOCOLS, READABLE, Mortal, Port, Recorder
 
 import drivecomm
 import drivecomm.protocol
-from drivecomm.bus import AsyncTurns, Queue, Rank, Turn, Turns
+from drivecomm.bus import AsyncPriorityLock, PriorityLock, Rank, Turn
 from drivecomm.errors import DriveCommError, OvertakenError, UsageError
 from drivecomm.virtual import VirtualLine
 from drivecomm_vabus.options import VabusOptions
@@ -135,35 +135,9 @@ class Crowd:
             assert not thread.is_alive()
 
 
-class TestQueue:
-    def test_the_order_is_by_rank_and_then_by_coming(self):
-        queue = Queue()
-        for place, rank in enumerate([3, 2, 2, 0, 1, 3, 0, 1]):
-            queue.join(Rank(rank), f"{rank}{place}")
-        assert len(queue) == 8
-        assert [queue.next() for _ in range(8)] == ["03", "06", "14", "17", "21", "22", "30", "35"]
-
-    def test_leaving_keeps_the_order_of_the_others(self):
-        for gone in range(9):
-            queue = Queue()
-            names = [[str(place)] for place in range(9)]
-            for name in names:
-                queue.join(Rank.READ, name)
-            assert queue.leave(names[gone])
-            assert not queue.leave(names[gone])
-            assert [queue.next()[0] for _ in range(8)] == [str(place) for place in range(9) if place != gone]
-
-    def test_those_who_are_equal_are_not_the_same(self):
-        queue = Queue()
-        first, second = [], []
-        queue.join(Rank.READ, first)
-        assert not queue.leave(second)
-        assert queue.next() is first
-
-
 class TestThreads:
     def test_a_free_line_is_taken_at_once(self):
-        turns = Turns()
+        turns = PriorityLock()
         turn = take(turns, Rank.POLL)
         assert turn
         assert not take(turns, Rank.STOP)
@@ -171,7 +145,7 @@ class TestThreads:
         assert take(turns, Rank.POLL)
 
     def test_ranks_overtake_and_equals_do_not(self):
-        crowd = Crowd(Turns())
+        crowd = Crowd(PriorityLock())
         turn = take(crowd.turns, Rank.READ)
         for number, rank in enumerate([Rank.POLL, Rank.READ, Rank.COMMAND, Rank.READ, Rank.STOP, Rank.POLL, Rank.STOP]):
             crowd.join(f"{rank.name} {number}", rank)
@@ -181,7 +155,7 @@ class TestThreads:
 
     def test_nobody_slips_in_between(self):
         """Whoever comes when a turn is over, and the next has not been called yet, waits behind those who wait."""
-        crowd = Crowd(Turns())
+        crowd = Crowd(PriorityLock())
         turn = take(crowd.turns, Rank.READ)
         crowd.join("waiting", Rank.READ)
         with crowd.turns._guard:
@@ -194,7 +168,7 @@ class TestThreads:
         assert isinstance(crowd.called[1], Turn)
 
     def test_who_has_waited_long_enough_leaves(self):
-        crowd = Crowd(Turns())
+        crowd = Crowd(PriorityLock())
         turn = take(crowd.turns, Rank.READ)
         crowd.join("hasty", Rank.STOP, seconds=0.03)
         crowd.join("patient", Rank.POLL)
@@ -206,7 +180,7 @@ class TestThreads:
         assert take(crowd.turns, Rank.POLL)
 
     def test_many_who_give_up_in_the_moment_in_which_they_are_called(self):
-        turns, inside, most, served = Turns(), [], [], Counter()
+        turns, inside, most, served = PriorityLock(), [], [], Counter()
 
         def work(name):
             for number in range(150):
@@ -235,7 +209,7 @@ class TestThreads:
 
     def test_whoever_is_interrupted_in_the_middle_of_a_turn_is_not_waited_for(self):
         """However a turn ends, it is over, and the others see it though nobody calls them."""
-        crowd = Crowd(Turns())
+        crowd = Crowd(PriorityLock())
         turn = take(crowd.turns, Rank.READ)
         crowd.join("next", Rank.READ)
         turn.held.release()
@@ -243,7 +217,7 @@ class TestThreads:
         assert crowd.called == ["next"]
 
     def test_whoever_is_interrupted_while_waiting_is_not_called(self):
-        crowd = Crowd(Turns())
+        crowd = Crowd(PriorityLock())
         turn, gone = take(crowd.turns, Rank.READ), Turn(Rank.STOP)
         gone.called = Interrupted()
         with pytest.raises(KeyboardInterrupt), gone.held:
@@ -397,11 +371,11 @@ class TestBus:
                     call()
                     done.append(name)
 
-                waiting = len(bus._turns._waiting)
+                waiting = len(bus._lock._waiting)
                 threads.append(threading.Thread(target=work))
                 threads[-1].start()
-                wait_for(lambda waiting=waiting: len(bus._turns._waiting) > waiting)
-            queue = sorted(bus._turns._waiting, key=lambda turn: (turn.rank, turn.order))
+                wait_for(lambda waiting=waiting: len(bus._lock._waiting) > waiting)
+            queue = sorted(bus._lock._waiting, key=lambda turn: (turn.rank, turn.order))
             leave.set()
             for thread in threads:
                 thread.join(10)
@@ -426,10 +400,10 @@ class TestBus:
             threads[0].start()
             assert entered.wait(10)
             for call in (lambda: drive.read("481"), bus.broadcast("vabus").stop):
-                waiting = len(bus._turns._waiting)
+                waiting = len(bus._lock._waiting)
                 threads.append(threading.Thread(target=call))
                 threads[-1].start()
-                wait_for(lambda waiting=waiting: len(bus._turns._waiting) > waiting)
+                wait_for(lambda waiting=waiting: len(bus._lock._waiting) > waiting)
             leave.set()
             for thread in threads:
                 thread.join(10)
@@ -466,7 +440,7 @@ class TestBus:
         recorder = Recorder()
         with drivecomm.open_bus(line.port, trace=recorder) as bus:
             first, second = (bus.drive("danfoss-fc", address) for address in (1, 2))
-            hand_on, others = bus._turns.hand_on, [True]
+            hand_on, others = bus._lock.hand_on, [True]
 
             def hand_on_and_be_slow():
                 hand_on()
@@ -476,7 +450,7 @@ class TestBus:
                     thread.start()
                     thread.join(10)
 
-            bus._turns.hand_on = hand_on_and_be_slow
+            bus._lock.hand_on = hand_on_and_be_slow
             reading = first.read("3-10[3]")
         own, other = recorder.of("received")
         assert (own.drive, other.drive) == (first.name, second.name)
@@ -580,12 +554,69 @@ class TestBus:
             assert drive.read("482", type="long").raw == "000009C4"
 
 
+async def queued(turns, ranks, called):
+    """Let tasks wait for a line that is taken; each notes its number when it is called, and hands the line on."""
+    assert await turns.take(Rank.READ, 1.0)
+
+    async def wait(number, rank):
+        assert await turns.take(Rank(rank), 10.0)
+        called.append(number)
+        turns.give_back()
+
+    tasks = [asyncio.create_task(wait(number, rank)) for number, rank in enumerate(ranks)]
+    await asyncio.sleep(0)
+    return tasks
+
+
 class TestTasks:
     """The same turns for tasks."""
 
+    def test_the_order_is_by_rank_and_then_by_coming(self):
+        async def main():
+            turns, called, ranks = AsyncPriorityLock(), [], [3, 2, 2, 0, 1, 3, 0, 1]
+            tasks = await queued(turns, ranks, called)
+            assert len(turns._waiting) == 8
+            turns.give_back()
+            await asyncio.gather(*tasks)
+            assert [f"{ranks[number]}{number}" for number in called] == [
+                "03", "06", "14", "17", "21", "22", "30", "35",
+            ]  # fmt: skip
+
+        asyncio.run(main())
+
+    def test_leaving_keeps_the_order_of_the_others(self):
+        async def main(gone):
+            turns, called = AsyncPriorityLock(), []
+            tasks = await queued(turns, [Rank.READ] * 9, called)
+            place = turns._waiting[gone]
+            assert turns._left(place)
+            assert not turns._left(place)
+            turns.give_back()
+            await asyncio.gather(*tasks[:gone], *tasks[gone + 1 :])
+            assert called == [number for number in range(9) if number != gone]
+            tasks[gone].cancel()
+
+        for gone in range(9):
+            asyncio.run(main(gone))
+
+    def test_those_who_are_equal_are_not_the_same(self):
+        async def main():
+            turns, called = AsyncPriorityLock(), []
+            tasks = await queued(turns, [Rank.READ] * 2, called)
+            first, second = turns._waiting
+            assert first < second
+            assert turns._left(second)
+            assert turns._waiting == [first]
+            turns.give_back()
+            await tasks[0]
+            assert called == [0]
+            tasks[1].cancel()
+
+        asyncio.run(main())
+
     def test_the_line_is_not_lost_when_it_is_handed_on_in_the_moment_in_which_the_time_is_over(self):
         async def main():
-            turns = AsyncTurns()
+            turns = AsyncPriorityLock()
             assert await turns.take(Rank.READ, 1.0)
             waiting = asyncio.create_task(turns.take(Rank.READ, 0.01))
             await asyncio.sleep(0)
@@ -600,7 +631,7 @@ class TestTasks:
 
     def test_ranks_overtake_and_equals_do_not(self):
         async def main():
-            turns, called = AsyncTurns(), []
+            turns, called = AsyncPriorityLock(), []
             assert await turns.take(Rank.READ, 1.0)
 
             async def wait(name, rank):
@@ -621,10 +652,10 @@ class TestTasks:
     @pytest.mark.parametrize("seconds", [0.0, 0.01])
     def test_who_has_waited_long_enough_leaves(self, seconds):
         async def main():
-            turns = AsyncTurns()
+            turns = AsyncPriorityLock()
             assert await turns.take(Rank.READ, seconds)
             assert not await turns.take(Rank.STOP, seconds)
-            assert len(turns._queue) == 0
+            assert len(turns._waiting) == 0
             turns.give_back()
             assert await turns.take(Rank.POLL, seconds)
 
@@ -636,7 +667,7 @@ class TestTasks:
         """Also in the moment of being called, and twice."""
 
         async def main():
-            turns = AsyncTurns()
+            turns = AsyncPriorityLock()
             assert await turns.take(Rank.READ, 1.0)
             waiting = asyncio.create_task(turns.take(Rank.READ, 10.0))
             behind = asyncio.create_task(turns.take(Rank.POLL, 10.0))
@@ -659,7 +690,7 @@ class TestTasks:
 
     def test_cancelled_before_the_line_is_handed_on_in_the_same_breath(self):
         async def main():
-            turns = AsyncTurns()
+            turns = AsyncPriorityLock()
             assert await turns.take(Rank.READ, 1.0)
             waiting = asyncio.create_task(turns.take(Rank.READ, 10.0))
             behind = asyncio.create_task(turns.take(Rank.READ, 10.0))

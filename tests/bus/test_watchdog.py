@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import drivecomm
-from drivecomm.bus import keep, policies, read_watchdog, set_watchdog
-from drivecomm.bus.watchdog import read_watchdog_async, set_watchdog_async
+from drivecomm.bus import keep, policies, read_watchdog, read_watchdog_async, set_watchdog, set_watchdog_async
 from drivecomm.errors import NotSupported, StateError, UnexpectedReplyError, UsageError, ValueRefusedError
 from drivecomm.models import load_model, read_model
 from drivecomm.protocol import installed
@@ -47,8 +46,8 @@ class Bench:
 
     @property
     def writes(self):
-        tell = installed[self.drive.party.protocol].purpose
-        return [message for message in self.sent if tell(message) == "write"]
+        intent = installed[self.drive.party.protocol].intent
+        return [message for message in self.sent if intent(message).access == "write"]
 
 
 @pytest.mark.parametrize(("protocol", "model", "policy", "time_s", "held"), KNOWN, ids=str)
@@ -169,7 +168,7 @@ def test_a_parameter_that_reads_no_number(tmp_path):
 def test_a_model_whose_watchdog_is_none_of_its_parameters(tmp_path):
     model = own_model(tmp_path, '[watchdog]\ntime = "999"\noff = 0\nactions = { trip = 0 }\n')
     bench = Bench("vabus", model)
-    with pytest.raises(UsageError, match="'999', which is none of its parameters"):
+    with pytest.raises(UsageError, match="'999', not one of its parameters"):
         read_watchdog(bench.drive)
 
 

@@ -60,7 +60,7 @@ def test_four_makers_at_odd_settings_are_found_and_nothing_moves():
     assert not any(drive.motor.running or drive.motor.output_hz for drive in line.drives)
     assert len(sent.events) > 1000
     for event in sent.events:
-        assert installed[event.drive.partition(":")[0]].only_asks(event.message), event
+        assert installed[event.drive.partition(":")[0]].intent(event.message).only_asks, event
 
 
 def test_what_was_found_can_be_spoken_to():
@@ -68,7 +68,7 @@ def test_what_was_found_can_be_spoken_to():
     with drivecomm.open_bus(line.port) as bus:
         wanted = LineChoices(baudrates=(38400,), parities=("N",))
         (found,) = bus.scan(["danfoss-fc"], choices=wanted)
-        drive = bus.drive(found.protocol, found.address, **found.options)
+        drive = found.drive.build(bus.drive)
         assert not drive.status().running
         assert drive.facts.settings == ODD["danfoss-fc"][1]
 
@@ -217,7 +217,7 @@ class TestIdentification:
         with drivecomm.open_bus(line.port) as bus:
             (found,) = bus.scan(["danfoss-fc"], [3])
         assert found.model == model
-        assert found.options["model"] == model
+        assert found.drive.options["model"] == model
 
     def test_a_model_of_the_users_own(self, tmp_path, monkeypatch):
         # A name plate that no packaged model knows.

@@ -16,12 +16,12 @@ import tempfile
 import time
 
 # All that commands load by themselves.
-import drivecomm.cli.starting
-import drivecomm.cli.stop_at_once
-import drivecomm.cli.stop_only
-import drivecomm.cli.stopping
+import drivecomm.cli.stop.everything
+import drivecomm.cli.stop.one_drive
+import drivecomm.cli.stop.quick_arguments
 import drivecomm.plant.files  # noqa: F401
-from drivecomm.cli.run import run
+from drivecomm.cli.app import app
+from drivecomm.cli.entry import run
 from drivecomm.protocol import installed
 from drivecomm_command import main
 
@@ -64,6 +64,9 @@ def _serve():
     # A fork begins as any process does, with the usual end by Ctrl-C.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     list(installed.working())
+    for each in app.commands.values():
+        for command in getattr(each, "commands", {"": each}).values():
+            assert command.loaded
     jobs, answers = os.fdopen(os.dup(0), "r"), os.fdopen(os.dup(1), "w")
     with contextlib.redirect_stdout(io.StringIO()):
         run(["encode", "vabus", "kind=enquiry", "address=1", "parameter=481", "--json"])

@@ -8,11 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
-import typer.main
 from forked_commands import Commands
 
-from drivecomm.cli.app import app
-from drivecomm.cli.run import READING
+from drivecomm.cli.app import READING, app
 
 LONG = os.environ.get("DRIVECOMM_LONG") == "1"
 
@@ -66,7 +64,7 @@ CALLS = {
     "reset": "Lüfter",
     "reference": "Lüfter 10Hz",
     "wait": "Lüfter ready",
-    "call": "fan relays relay_1=true",
+    "call": "fan set_relay number=1 on=true",
     "backup": "Lüfter set.toml --model small.toml",
     "compare": "factory.toml factory.toml",
     "restore": "Lüfter factory.toml --model small.toml",
@@ -132,10 +130,10 @@ def run(place):
 
 
 def names(command=None, before=""):
-    group = typer.main.get_command(app) if command is None else command
-    for name, each in group.commands.items():
-        if hasattr(each, "commands"):
-            yield from names(each, f"{before}{name} ")
+    for name, each in (app if command is None else command).commands.items():
+        loaded = getattr(each, "loaded", each)
+        if hasattr(loaded, "commands"):
+            yield from names(loaded, f"{before}{name} ")
         else:
             yield f"{before}{name}"
 

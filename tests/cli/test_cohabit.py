@@ -61,10 +61,10 @@ def test_objects_for_programs(run):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["-d", "vabus:1"], "one drive has nobody"),
+        (["-d", "vabus:1"], "a single drive cannot be mistaken"),
         (["-d", "vabus:1", "-d", "vabus:77"], "no drive at address 77"),
         (["-d", "vabus:1", "-d", "nobody:1"], "no installed protocol"),
-        (["-d", "vabus:1", "-d", "vabus"], "names no drive"),
+        (["-d", "vabus:1", "-d", "vabus"], "is not a drive"),
         (["-d", "vabus:1", "-d", "vabus:2,colour=red"], "no option 'colour'"),
     ],
 )

@@ -8,6 +8,7 @@ import pytest
 
 import drivecomm
 from drivecomm.cli import main
+from drivecomm.cli.app import app
 from drivecomm.cli.demo import sites
 from drivecomm.protocol import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -239,3 +240,10 @@ class TestCommandLine:
         monkeypatch.setattr(VirtualLine, "receive", broken)
         with pytest.raises(ZeroDivisionError):
             main(["status", "vabus:1", "--port", "line"])
+
+
+def test_every_command_is_found_where_the_application_says():
+    for name, command in app.commands.items():
+        for each in getattr(command, "commands", {name: command}).values():
+            assert each.help.endswith(".")
+            assert each.loaded.callback is not None

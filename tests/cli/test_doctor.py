@@ -41,7 +41,7 @@ def test_the_port_may_be_an_option_or_the_environment(shell, monkeypatch):
     monkeypatch.setenv("DRIVECOMM_PORT", "line")
     assert shell("doctor", "--protocol", "vabus", "--quick", port=None) == 0
     assert shell("doctor", "line", "--protocol", "vabus", "--quick", port="elsewhere") == 2
-    assert "line is the port, so that --port has no effect" in shell.err
+    assert "line is the port, so --port has no effect" in shell.err
     monkeypatch.setenv("DRIVECOMM_PORT", "elsewhere")
     assert shell("doctor", "line", "--protocol", "vabus", "--quick", port=None) == 0, "the argument counts"
 

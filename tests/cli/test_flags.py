@@ -3,11 +3,15 @@
 from dataclasses import fields
 
 import pytest
+import typer
 
 import drivecomm.bus.bus
-from drivecomm.cli.help_text import flowing
+import drivecomm.cli.replay
+from drivecomm.cli.app import app
+from drivecomm.cli.lazy_commands import flowing
 from drivecomm.cli.line_options import WITHOUT_EFFECT, LineOptions
 from drivecomm.plant import read_plant
+from drivecomm.traffic.replay import Asking
 from drivecomm.virtual import VirtualPlant
 
 PLANT = """
@@ -53,9 +57,19 @@ COMMANDS = [
     ("poll", "fan", "3-41", "--cycles", "1"),
     ("poll", "--cycles", "1"),
     ("poll", "--plan", "plant.toml", "--cycles", "1"),
+    ("forecast", "fan", "3-41"),
+    ("forecast", "--plan", "plant.toml"),
+    ("scan", "--protocol", "danfoss-fc", "--addresses", "3"),
+    ("doctor", "--protocol", "danfoss-fc", "--addresses", "3"),
+    ("models", "grow", "fan", "--write", "grown.toml"),
+    ("replay", "capture.jsonl"),
+    ("stop", "--all"),
+    ("restore", "fan", "kept.toml", "--dry-run"),
     ("backup", "fan", "fan.toml"),
     ("compare", "fan", "factory"),
 ]
+# What is printed by these says what counted: virtual lines say the same each time.
+TELL_IT = ("doctor", "forecast")
 
 
 @pytest.fixture
@@ -65,7 +79,9 @@ def heard(shell, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("plant.toml", "other.toml"):
         (tmp_path / name).write_text(
-            PLANT if name == "plant.toml" else PLANT.replace('"fan"', '"mill"').replace("fc:3", "fc:4")
+            PLANT
+            if name == "plant.toml"
+            else PLANT.replace('"fan"', '"mill"').replace("fc:3", "fc:4").replace("HALL", "OTHER")
         )
     seen = []
     opened, drive = drivecomm.bus.bus.open_bus, drivecomm.bus.bus.Bus.drive
@@ -80,6 +96,23 @@ def heard(shell, tmp_path, monkeypatch):
         seen.append((found.facts, options.get("read_only", ""), place))
         return found
 
+    scan, opener = drivecomm.bus.bus.Bus.scan, drivecomm.bus.bus.port_opener
+
+    def scanned(bus, *which, **how):
+        seen.append((which, sorted((key, str(value)) for key, value in how.items() if not callable(value))))
+        return scan(bus, *which, **how)
+
+    def port_opener(port, **how):
+        seen.append((str(port), sorted((key, str(value)) for key, value in how.items())))
+        return opener(port, **how)
+
+    def asking(found, plugins, **how):
+        seen.append(sorted((key, str(value)) for key, value in how.items()))
+        return Asking(found, plugins, **how)
+
+    monkeypatch.setattr(drivecomm.cli.replay, "Asking", asking)
+    monkeypatch.setattr(drivecomm.bus.bus.Bus, "scan", scanned)
+    monkeypatch.setattr(drivecomm.bus.bus, "port_opener", port_opener)
     monkeypatch.setattr(drivecomm.bus.bus, "open_bus", open_bus)
     monkeypatch.setattr(drivecomm.bus.bus.Bus, "drive", made)
 
@@ -87,14 +120,39 @@ def heard(shell, tmp_path, monkeypatch):
         seen.clear()
         line = VirtualPlant(read_plant(tmp_path / "plant.toml")).line("hall")
         shell.lines.update({"HALL": line, "OTHER": line})
+        if "capture.jsonl" in call and not (tmp_path / "capture.jsonl").exists():
+            shell("read", "fan", "3-41", "--record", "capture.jsonl", port=None)
+        if "kept.toml" in call and not (tmp_path / "kept.toml").exists():
+            shell("backup", "fan", "kept.toml", port=None)
+        seen.clear()
         code = shell(*call, port=None)
-        return code, list(seen)
+        return code, [*seen, shell.out, shell.err] if call[0] in TELL_IT else list(seen)
 
     return run
 
 
 def test_all_flags_are_tried():
     assert {field.name for field in fields(LineOptions)} - {"json", "given"} == set(VALUES)
+
+
+def test_all_commands_with_line_options_are_tried():
+    root = typer.main.get_command(app)
+    with_line = {
+        " ".join(words)
+        for words, command in commands_of(root)
+        if {"rs485", "attempts"} <= {option.name for option in command.params}
+    }
+    tried = {" ".join(call[: 2 if call[0] == "models" else 1]) for call in COMMANDS}
+    # The demo plays for minutes and the watch needs a terminal; tests of their own try their flags.
+    assert with_line - {"demo", "watch"} == tried
+
+
+def commands_of(group, *words):
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands_of(command, *words, name)
+        else:
+            yield (*words, name), command
 
 
 @pytest.mark.parametrize("flag", VALUES)
@@ -155,10 +213,11 @@ def test_two_words_for_one_thing(heard, shell):
         (("poll", "--plan", "plant.toml", "--plant", "other.toml"), "--plant has no effect"),
         (("demo", "--baudrate", "9600"), "--baudrate has no effect"),
         (("demo", "--allow-motion"), "--allow-motion has no effect"),
-        (("forecast", "--trace"), "forecast opens no port, so that --trace has no effect"),
-        (("read", "fan", "3-41", "--arm"), "read commands nothing, so that --arm has no effect"),
+        (("replay", "capture.jsonl", "--arm"), "without --commands nothing is commanded, so --arm has no effect"),
+        (("forecast", "--trace"), "forecast opens no port, so --trace has no effect"),
+        (("read", "fan", "3-41", "--arm"), "read commands nothing, so --arm has no effect"),
         (("write", "danfoss-fc:9", "3-41", "5", "--port", "OTHER", "--arm"), "--arm has no effect"),
-        (("compare", "plant.toml", "other.toml", "--port", "OTHER"), "no drive is asked, so that --port has no effect"),
+        (("compare", "plant.toml", "other.toml", "--port", "OTHER"), "no drive is asked, so --port has no effect"),
         (("demo", "--port", "HALL", "--allow-motion"), "fan is read-only in plant.toml"),
     ],
 )

@@ -23,7 +23,7 @@ posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and sign
         (["vabus:1", "-m", "agile"], "write --link-loss trip (the drive's own watchdog, fed from here), or"),
         (["danfoss-fc:3", "-m", "fc300"], "write --link-loss ramp or --link-loss trip"),
         (["vlt3500:5", "-m", "vlt3500"], "--link-loss hold (it goes on); its model knows no watchdog"),
-        (["vabus:1", "--link-loss", "jump"], "'jump' is nothing that a motor does"),
+        (["vabus:1", "--link-loss", "jump"], "'jump' is not a policy"),
         (["vabus:1", "--link-loss", "trip"], "has no model"),
         (["vabus:1", "-m", "agile", "--link-loss", "ramp"], "cannot ramp; it can hold or trip"),
         (["vabus:1", "-m", "agile", "--link-loss", "trip", "--watchdog", "2.5"], "steps of 1 s"),
@@ -181,7 +181,7 @@ KILLED = {
 
 PROGRAM = """
 import sys, threading, drivecomm
-from drivecomm.bus.bus import keep
+from drivecomm.bus import keep
 for words in sys.argv[1:]:
     port, name, model, policy, seconds = words.split(",")
     protocol, _, address = name.partition(":")

@@ -187,7 +187,7 @@ def test_checking_says_everything(models, tmp_path):
     assert (code, err) == (2, "")
     first, second, third = out.splitlines()
     assert first == f"{good}: in order"
-    assert second.startswith(f"{bad}, line 7: colour: no model has the key 'colour'; its keys are ")
+    assert second.startswith(f"{bad}, line 7: colour: unknown key 'colour'; the keys are ")
     assert third == f"{bad}, line 9: profil: fuji drives have no such option; did you mean 'profile'?"
 
 

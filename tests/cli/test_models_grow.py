@@ -2,9 +2,6 @@
 
 import pytest
 
-from drivecomm.cli.app import app
-from drivecomm.cli.line_options import LineCommand, on_a_line
-from drivecomm.cli.models_grow import grow
 from drivecomm.models import read_model
 from drivecomm.virtual import virtual_drive
 
@@ -15,12 +12,10 @@ def line(shell):
 
 
 @pytest.fixture
-def grown(shell, line, monkeypatch):
-    """Run the command by itself, whatever group it belongs to, on a line with two drives."""
+def grown(shell, line):
+    """Run the command on a line with two drives."""
     assert line.time == 0
-    monkeypatch.setattr(app, "registered_commands", list(app.registered_commands))
-    app.command("grow-by-itself", cls=LineCommand)(on_a_line(grow))
-    return lambda *arguments: shell("grow-by-itself", *arguments)
+    return lambda *arguments: shell("models", "grow", *arguments)
 
 
 def test_a_range_and_a_name(grown, line, shell, tmp_path):
@@ -68,7 +63,7 @@ def test_a_protocol_that_cannot(grown, shell, tmp_path):
 
 def test_files_that_cannot_be_written_are_refused_before_anything_is_sent(grown, line, shell, tmp_path):
     (tmp_path / "there.toml").write_text("mine", encoding="utf-8")
-    bad = {"there.toml": "is there already", "model.txt": "ends in .toml", "no/where.toml": "there is no folder"}
+    bad = {"there.toml": "already exists", "model.txt": "ends in .toml", "no/where.toml": "there is no folder"}
     for file, words in bad.items():
         assert grown("danfoss-fc:3", "16-14", "--write", str(tmp_path / file)) == 2
         assert words in shell.err

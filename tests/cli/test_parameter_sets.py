@@ -238,7 +238,7 @@ class TestRestore:
             ),
             ({MAXIMUM: MAXIMUM.replace("50.00", "50.001")}, "not rounded"),
             ({MAXIMUM: MAXIMUM.replace("50.00", '"fast"')}, "no number"),
-            ({MAXIMUM: f"{MAXIMUM}, colour = 1"}, "no parameter has the key 'colour'"),
+            ({MAXIMUM: f"{MAXIMUM}, colour = 1"}, "unknown key 'colour'"),
         ],
     )
     def test_what_is_refused_before_anything_is_written(self, shell, saved, change, sentence):

@@ -160,7 +160,7 @@ def test_nonsense_is_refused_in_a_sentence(run):
 def test_without_a_plant(run, monkeypatch):
     monkeypatch.delenv("DRIVECOMM_CONTROL", raising=False)
     assert run("plant", "show") == 2
-    assert "write --control" in run.err
+    assert "no control socket; give --control" in run.err
     assert run("plant", "show", "--control", "nowhere") == 2
     assert run("plant", "show", "--control", "127.0.0.1:1") == 3
     assert "start one with drivecomm simulate" in run.err
@@ -187,10 +187,10 @@ def test_control_of_drives_that_are_named_as_options(simulated, run):
     ("arguments", "sentence"),
     [
         ([], "name a plant file"),
-        (["-d", "vabus:1"], "a place to --listen at"),
+        (["-d", "vabus:1"], "at least one --drive and --listen"),
         (["none.toml"], "none.toml: there is no such file"),
-        (["PLANT", "-d", "vabus:1"], "leave these options away"),
-        (["PLANT", "--echo"], "leave these options away"),
+        (["PLANT", "-d", "vabus:1"], "leave these options out"),
+        (["PLANT", "--echo"], "leave these options out"),
         (["PLANT", "--speed", "0"], "a speed of 0 cannot be"),
         (["PLANT", "--control", "here"], "HOST:PORT or unix:PATH"),
         (["-d", "vabus:1", "-d", "vabus:1", "-l", "tcp::0"], "two drives are named 'vabus:1'"),

@@ -50,15 +50,15 @@ def test_a_drive_that_is_named_again_goes_on():
     ("text", "message"),
     [
         ("", "nothing to read; name drives and parameters"),
-        ("481", "'481' names no drive; a plan begins with one"),
+        ("481", "'481' is not a drive; a plan begins with one"),
         ("vabus:1", "nothing is read of vabus:1"),
         ("vabus:1 481 vabus:2", "nothing is read of vabus:2"),
-        ("vabus:1 481@fast", "'481@fast' has no such period or priority"),
-        ("vabus:1 481@", "'481@' has no such period or priority"),
-        ("vabus:1 481!1.5", "'481!1.5' has no such period or priority"),
-        ("vabus:1 @2", "'@2' is no parameter"),
-        ("vabus:x 481", "'x' in 'vabus:x' is no address"),
-        ("vabus:1,colour 481", "'colour' is no option"),
+        ("vabus:1 481@fast", "invalid period or priority in '481@fast'"),
+        ("vabus:1 481@", "invalid period or priority in '481@'"),
+        ("vabus:1 481!1.5", "invalid period or priority in '481!1.5'"),
+        ("vabus:1 @2", "'@2' is not a parameter"),
+        ("vabus:x 481", "invalid address 'x' in 'vabus:x'"),
+        ("vabus:1,colour 481", "'colour' is not an option"),
         ("vabus:1 481 vabus:1,baudrate=9600 480", "two drives of the plan are named vabus:1"),
     ],
 )
@@ -130,22 +130,23 @@ def test_options_of_the_line_reach_the_drives(shell):
 
 PLAN = """
 format = 1
+[[line]]
+name = "hall"
+port = "east"
+[[line]]
+name = "yard"
 [[drive]]
 name = "pump"
 drive = "vabus:1"
-port = "east"
+line = "hall"
 options = { model = "agile" }
+poll = [{ parameters = ["480", "481"], period_s = 0.5 }]
 [[drive]]
 name = "fan"
 drive = "vabus:1"
+line = "yard"
 options = { model = "agile" }
-[[poll]]
-drive = "pump"
-parameters = ["480", "481"]
-period_s = 0.5
-[[poll]]
-drive = "fan"
-parameters = ["481"]
+poll = [{ parameters = ["481"] }]
 """
 
 
@@ -167,9 +168,9 @@ def test_a_plan_file_with_two_lines(shell, plan_file):
 def test_calls_that_cannot_be(shell, plan_file):
     shell.line(name="east")
     assert shell("poll", "--plan", plan_file, port=None) == 2
-    assert "some drives have no port: give --port, or name ports in the plan" in shell.err
+    assert "some drives have no port: give --port, or write port in the [[line]] of the plant" in shell.err
     assert shell("poll", "vabus:1", "481", "--plan", plan_file, port="east") == 2
-    assert "a plan file or drives and parameters, not both" in shell.err
+    assert "give --plan or drives and parameters, not both" in shell.err
     assert shell("poll", "--plan", plan_file, port="west") == 3
     assert shell.err == "drivecomm: port west does not exist; plug the adapter in\n"
     assert shell("poll", "vabus:1", "481", "--cycles", "0", port="east") == 2
@@ -272,7 +273,8 @@ def test_a_plan_that_leaves_no_room_fits_without_room_to_spare(shell):
     assert (shell.objects[0]["fits"], shell.objects[0]["room_to_spare"]) == (True, False)
     for wrong in ("much", "100%", "-1%", "nan"):
         assert shell(*words, "--room", wrong, port=None) == 2
-        assert "no share of the line's time" in shell.err
+        refusal = "invalid --room 'much'; give a percentage of" if wrong == "much" else "; give a share of"
+        assert f"{refusal} the line's time" in shell.err
 
 
 def test_a_forecast_of_several_lines(shell, plan_file):

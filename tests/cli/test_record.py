@@ -49,10 +49,10 @@ def test_one_file_is_for_one_line(shell, tmp_path):
     plan = tmp_path / "plan.toml"
     plan.write_text(
         "format = 1\n"
-        '[[drive]]\nname = "a"\ndrive = "vabus:1"\nport = "one"\n'
-        '[[drive]]\nname = "b"\ndrive = "vabus:2"\nport = "two"\n'
-        '[[poll]]\ndrive = "a"\nparameters = ["481"]\n'
-        '[[poll]]\ndrive = "b"\nparameters = ["481"]\n'
+        '[[line]]\nname = "hall"\nport = "one"\n'
+        '[[line]]\nname = "yard"\nport = "two"\n'
+        '[[drive]]\nname = "a"\ndrive = "vabus:1"\nline = "hall"\npoll = [{ parameters = ["481"] }]\n'
+        '[[drive]]\nname = "b"\ndrive = "vabus:2"\nline = "yard"\npoll = [{ parameters = ["481"] }]\n'
     )
     poll = ["poll", "--plan", str(plan), "--cycles", "1"]
     assert shell(*poll, port=None) == 0

@@ -67,7 +67,7 @@ class Played:
 @pytest.fixture
 def at_port(monkeypatch):
     def play(port):
-        monkeypatch.setattr(command, "opened", lambda *_: port)
+        monkeypatch.setattr(command, "listening_port", lambda *_: port)
         return port
 
     return play
@@ -211,7 +211,7 @@ def test_a_line_on_which_nobody_talks_is_said_to_be_silent(run, at_port, seconds
     at_port(Played([] if not seconds else [(100.0, b"too late")]))
     code, output = run("/dev/ttyUSB9", *seconds)
     assert code == 1
-    assert "/dev/ttyUSB9: nothing was heard; check that somebody talks" in output.err
+    assert "/dev/ttyUSB9: nothing was heard; check that there is traffic on this line" in output.err
     at_port(Played([]))
     code, output = run("/dev/ttyUSB9", "--json")
     assert (code, objects(output)[-1]["exit_code"]) == (1, 1)
@@ -251,7 +251,7 @@ def test_a_line_that_is_not_understood_is_an_error(run, at_port):
     at_port(Played([(1000.0, b"never")]))
     code, output = run("/dev/ttyUSB9", "--detect")
     assert code == 3
-    assert output.err.startswith("drivecomm: /dev/ttyUSB9: with no usual line settings")
+    assert output.err.startswith("drivecomm: /dev/ttyUSB9: nothing could be decoded with the usual line settings")
 
 
 def test_where_settings_are_not_carried_there_is_nothing_to_detect(run):

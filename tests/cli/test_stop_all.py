@@ -13,9 +13,10 @@ from hypothesis import given, settings, strategies as st
 from running_plant import motors
 
 from drivecomm.bus import Bus
-from drivecomm.cli import drives, entry, run, stopping
-from drivecomm.cli.stop_at_once import given_in_haste
-from drivecomm.cli.stopping import Everything
+from drivecomm.cli import entry
+from drivecomm.cli.stop import everything
+from drivecomm.cli.stop.everything import Everything
+from drivecomm.cli.stop.quick_arguments import quick_arguments
 from drivecomm.errors import NotSupported, UsageError
 from drivecomm.protocol import Framed, Stop
 from drivecomm.virtual import virtual_drive
@@ -173,8 +174,8 @@ def test_without_a_plant_everybody_is_told_and_nobody_confirms(shell):
     ("arguments", "code", "sentence"),
     [
         (["--all", "vabus:1"], 2, "leave vabus:1 out"),
-        ([], 2, "no drive named"),
-        (["--all", "--how", "gently"], 2, "no way to stop"),
+        ([], 2, "no drive given"),
+        (["--all", "--how", "gently"], 2, "unknown kind of stop 'gently'"),
         (["--all", "--plant", "nowhere.toml"], 2, "nowhere.toml: there is no such file"),
         (["--all", "--sideways"], 2, "No such option"),
     ],
@@ -207,8 +208,8 @@ def test_ctrl_c(shell, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("drivecomm.cli.stopping.stop_all", interrupted)
-    assert shell("stop", "--all") == run.INTERRUPTED
+    monkeypatch.setattr("drivecomm.cli.stop.everything.stop_all", interrupted)
+    assert shell("stop", "--all") == 130
     assert "interrupted" in shell.err
 
 
@@ -230,7 +231,7 @@ def test_after_a_signal_there_is_no_second_round(shell, plant, monkeypatch):
     hall.power_off(hall.drives[0])
     signalled = Event()
     signalled.set()
-    monkeypatch.setattr(stopping, "until_stopped", lambda: nullcontext(signalled))
+    monkeypatch.setattr(everything, "until_stopped", lambda: nullcontext(signalled))
     assert shell("stop", "--all", "--plant", str(path), port=None) == 5
     assert shell.out.count("confirmed") == 3
     to_pump = [data for name, source, data in heard if (name, source, data[:2]) == ("hall", "master", b"\x04A")]
@@ -242,14 +243,14 @@ def test_after_a_signal_there_is_no_second_round(shell, plant, monkeypatch):
 def test_a_mistake_of_ours_in_a_thread_is_not_swallowed(shell, plant, monkeypatch, capsys):
     path, lines, _ = plant
 
-    each = stopping._each
+    each = everything._each
 
     def fall(bus, line, *others):
         if line.name == "hall":
             raise ZeroDivisionError
         each(bus, line, *others)
 
-    monkeypatch.setattr(stopping, "_each", fall)
+    monkeypatch.setattr(everything, "_each", fall)
     with pytest.raises(ZeroDivisionError):
         shell("stop", "--all", "--plant", str(path), port=None)
     # Nor does it keep the other lines from being stopped.
@@ -267,15 +268,17 @@ WORDS = st.sampled_from([*LONG, *SHORT, "quick", "ramp", "dc-brake", "line", "va
 @settings(max_examples=60, deadline=None)
 @given(words=st.lists(WORDS, max_size=6))
 def test_what_is_understood_in_haste_is_understood_the_same_way_otherwise(words):
-    understood = given_in_haste(words)
+    understood = quick_arguments(words)
     if understood is None:
         return
     came = []
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("DRIVECOMM_PORT", raising=False)
-        patch.setattr("drivecomm.cli.stopping.stop_all", lambda what, as_json: came.append((plain(what), as_json)) or 0)
+        patch.setattr(
+            "drivecomm.cli.stop.everything.stop_all", lambda what, as_json: came.append((plain(what), as_json)) or 0
+        )
         assert entry.main(["stop", *words]) == 0
-        assert run.run(["stop", *words]) == 0
+        assert entry.run(["stop", *words]) == 0
     assert came[0] == came[1]
     assert came[0][0][2] is Stop(understood.get("how", "ramp"))
 
@@ -317,8 +320,9 @@ def test_nothing_that_is_not_needed_is_loaded_before_the_motors_are_stopped(tmp_
 def test_the_other_stop_loads_no_other_command():
     program = (
         "import sys; from drivecomm.cli import main; code = main(sys.argv[1:]);"
-        "print(code, *(m for m in ('drivecomm.cli.app', 'drivecomm.cli.sniff', 'drivecomm.testing')"
-        " if m in sys.modules))"
+        "commands = {'demo', 'scan', 'doctor', 'read', 'write', 'start', 'status', 'poll', 'watch', 'sniff', 'models'};"
+        "print(code, *(m for m in sys.modules if m == 'drivecomm.testing' or m.startswith('drivecomm.cli.')"
+        " and m.split('.')[2] in commands))"
     )
     done = subprocess.run(
         [sys.executable, "-c", program, "stop", "vabus:1", "--port", "nowhere"],
@@ -327,4 +331,3 @@ def test_the_other_stop_loads_no_other_command():
         check=True,
     )
     assert done.stdout.split() == ["3"]
-    assert drives.stop

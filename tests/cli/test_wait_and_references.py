@@ -31,7 +31,7 @@ def test_words_that_cannot_be(shell, words, what):
 def test_waiting_for_what_does_not_come(shell):
     shell.line()
     assert shell("wait", "vabus:1", "running", "--seconds", "0.5") == 5
-    assert "did not come to 'running' within 0.5 s" in shell.err
+    assert "did not reach 'running' within 0.5 s" in shell.err
 
 
 def test_a_reference_in_revolutions(shell):

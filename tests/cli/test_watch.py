@@ -83,7 +83,7 @@ def test_calls_that_cannot_be(shell, plant_file, tmp_path, monkeypatch):
         ([plant_file], "line", 2, "leave --port and DRIVECOMM_PORT out"),
         ([str(tmp_path / "none.toml")], None, 2, "there is no such file"),
         ([plant_file, "--json"], None, 2, "use drivecomm poll for --json"),
-        ([plant_file, "--for", "0"], None, 2, "--for 0 s watches nothing"),
+        ([plant_file, "--for", "0"], None, 2, "--for 0 s is not possible"),
         ([plant_file], None, 2, "watch needs a terminal; use drivecomm poll where there is none"),
     ):
         assert shell("watch", *arguments, port=port) == code
@@ -108,7 +108,7 @@ def test_a_name_that_no_drive_has_is_refused(shell, plant_file, monkeypatch):
     in_a_terminal(monkeypatch)
     names = ("--name", "output_frequency", "--name", "torque", "--name", "inside_temperature")
     assert shell("watch", plant_file, *names, port=None) == 2
-    assert "no drive here can be asked for " in shell.err
+    assert "no drive here has " in shell.err
     assert "output_frequency" not in shell.err
 
 
@@ -299,7 +299,7 @@ def test_what_can_never_be_read_is_refused_without_a_port_in_front_of_it(shell, 
     log = tmp_path / "log.csv"
     words = ["vabus:1,model=agile", "481", "output_colour", "fuji:7,model=g11s", "output_current"]
     assert shell("poll", *words, "--log", str(log)) == 2
-    assert shell.err.startswith("drivecomm: what can never be read is not polled, take it out of the plan: vabus:1 ")
+    assert shell.err.startswith("drivecomm: the plan has what can never be read, take it out: vabus:1 ")
     assert "vabus:1 output_colour (" in shell.err
     assert "fuji:7 output_current (model g11s does not say which parameter is the output_current" in shell.err
     assert shell.err.count("\n") == 1

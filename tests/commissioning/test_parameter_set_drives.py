@@ -22,7 +22,8 @@ from drivecomm.commissioning.parameter_sets import (
     plan_restore_async,
 )
 from drivecomm.errors import NoReplyError, NotSupported
-from drivecomm.plant import FaultPlan, Plant, PlantDrive, PlantLine
+from drivecomm.plant import FaultPlan, Plant, PlantLine
+from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import VirtualLine, VirtualPlant
 
 
@@ -80,7 +81,7 @@ def test_after_a_reset_that_the_drive_does_itself():
 
 
 def test_in_a_plant_after_a_power_cut_with_a_reset():
-    planned = PlantDrive(name="pump", protocol="danfoss-fc", address=3, line="hall", options={"model": "fc102"})
+    planned = DriveConfig(name="pump", protocol="danfoss-fc", address=3, line="hall", options={"model": "fc102"})
     plant = VirtualPlant(Plant(lines=(PlantLine(name="hall"),), drives=(planned,)))
     with drivecomm.open_bus(plant.lines["hall"].port) as bus:
         drive = bus.drive("danfoss-fc", 3, model="fc102")

@@ -27,7 +27,6 @@ def test_there_is_a_target_for_every_reader():
         "vector-files",
         "model-files",
         "plant-files",
-        "poll-plans",
         "capture-json-lines",
         "capture-pcapng",
         "sniffer",

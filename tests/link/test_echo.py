@@ -260,7 +260,7 @@ def test_a_loop_with_nobody_on_it_is_silence(protocol):
 
 
 def test_no_other_word():
-    with pytest.raises(UsageError, match="echo 'yes' is none of off, expect and auto"):
+    with pytest.raises(UsageError, match="echo cannot be 'yes'; use off, expect or auto"):
         drivecomm.open_bus(VirtualLine([]).port, echo="yes")
 
 

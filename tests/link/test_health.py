@@ -8,7 +8,7 @@ from benches import ADDRESS, PROTOCOLS, READABLE, Mortal, Port, Recorder, runnin
 
 import drivecomm
 from drivecomm.errors import DamagedReplyError, NoReplyError, NotAnsweringError
-from drivecomm.link import FIRST_PAUSE_S, LONGEST_PAUSE_S, PROBING_SHARE, GrowingPause, Health, ProbingTime, UsualDelays
+from drivecomm.link import FIRST_PAUSE_S, LONGEST_PAUSE_S, PROBING_SHARE, Backoff, Health, ProbingTime, UsualDelays
 from drivecomm.plant import FaultPlan
 from drivecomm.protocol import Command
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -121,7 +121,7 @@ class TestTheRules:
         assert health.probe_at == float("-inf")
 
     def test_the_pause_grows_up_to_its_limit(self):
-        pause, times = GrowingPause(FIRST_PAUSE_S, LONGEST_PAUSE_S), []
+        pause, times = Backoff(FIRST_PAUSE_S, LONGEST_PAUSE_S), []
         for _ in range(7):
             pause.failed(100.0)
             times.append(pause.over_at - 100.0)
@@ -131,7 +131,7 @@ class TestTheRules:
         assert pause.over_at == pytest.approx(100.5)
 
     def test_a_least_pause_may_be_longer_than_the_longest(self):
-        pause = GrowingPause(0.5, 9.0)
+        pause = Backoff(0.5, 9.0)
         pause.failed(0.0, 30.0)
         assert pause.over_at == 30.0
         pause.failed(0.0)

@@ -83,7 +83,7 @@ class Walk:
 
 def walk(exchange, arrivals=(), *, link=None, who=None, **options):
     link = link or Link()
-    return Walk(link.run(who or party(), exchange), arrivals, **options)
+    return Walk(link.run(who or party(), exchange, options.get("start", 0.0)), arrivals, **options)
 
 
 def cut_off(steps, kind, time=0.0):
@@ -318,7 +318,7 @@ def test_what_speaks_unasked_is_let_finish(link):
 
 
 def test_an_exchange_cut_off_leaves_the_line_to_be_drained(link, events):
-    steps = link.run(party(), ask())
+    steps = link.run(party(), ask(), 0.0)
     effect = next(steps)
     while not isinstance(effect, Send):
         effect = steps.send(Arrival(0.0))
@@ -340,7 +340,7 @@ def test_an_exchange_that_is_closed_can_clean_up():
         finally:
             cleaned.append(True)
 
-    steps = Link().run(party(), careful())
+    steps = Link().run(party(), careful(), 0.0)
     effect = next(steps)
     while not isinstance(effect, Send):
         effect = steps.send(Arrival(0.0))
@@ -371,7 +371,7 @@ def test_a_message_that_cannot_be_encoded_ends_the_exchange():
 
 def test_reopened_forgets_the_settings_and_the_unfinished():
     link = Link()
-    steps = link.run(party(), ask())
+    steps = link.run(party(), ask(), 0.0)
     next(steps)
     steps.send(Arrival(0.0))
     steps.close()
@@ -384,7 +384,7 @@ def test_reopened_forgets_the_settings_and_the_unfinished():
 
 def test_a_port_that_was_opened_anew_has_nothing_to_drain():
     link = Link()
-    cut_off(link.run(party(), ask()), Send)
+    cut_off(link.run(party(), ask(), 0.0), Send)
     link.reopened()
     walked = walk(ask(), [(0.130, ANSWERED)], link=link, start=0.1)
     assert walked.run() == ANSWER
@@ -393,7 +393,7 @@ def test_a_port_that_was_opened_anew_has_nothing_to_drain():
 
 def test_the_late_reply_to_a_question_that_was_cut_off_confirms_nothing_else():
     link = Link()
-    cut_off(link.run(party(), ask(SELECT, attempts=1, nameless=True)), Send)
+    cut_off(link.run(party(), ask(SELECT, attempts=1, nameless=True), 0.0), Send)
     other = Select(address=1, dataset=5, parameter=481, data="00000001")
     walked = walk(ask(other, attempts=1, nameless=True), [(0.3, ACK), (1.1, ACK)], link=link, start=0.1)
     assert walked.run() == Ack(address=1)
@@ -404,7 +404,7 @@ def test_the_late_reply_to_a_question_that_was_cut_off_confirms_nothing_else():
 def test_line_settings_do_not_change_while_a_request_is_on_the_wire():
     link = Link()
     slow = LineSettings(baudrate=9600, parity="E")
-    cut_off(link.run(party(), ask(SELECT)), Send)
+    cut_off(link.run(party(), ask(SELECT), 0.0), Send)
     walked = walk(ask(), [(0.2, ANSWERED)], link=link, who=party("vabus:2", settings=slow), start=0.001)
     walked.run()
     assert walked.configured_at[0] >= len(SELECTED) * CHARACTER_S
@@ -428,7 +428,7 @@ def test_who_was_interrupted_while_setting_the_port_does_not_rely_on_how_it_stoo
     link = Link()
     walk(ask(), [(0.030, ANSWERED)], link=link).run()
     slow = LineSettings(baudrate=9600, parity="E")
-    cut_off(link.run(party("vabus:2", settings=slow), ask()), Configure, time=0.1)
+    cut_off(link.run(party("vabus:2", settings=slow), ask(), 0.0), Configure, time=0.1)
     walked = walk(ask(), [(0.3, ANSWERED)], link=link, start=0.2)
     assert walked.run() == ANSWER
     assert walked.configured == [SETTINGS]

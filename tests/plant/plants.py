@@ -3,15 +3,16 @@
 import asyncio
 from dataclasses import replace
 
-from drivecomm.plant import Plant, PlantDrive, PlantLine, PowerCutStep, TripStep
+from drivecomm.plant import Plant, PlantLine, PowerCutStep, TripStep
 from drivecomm.plant.watching import Watcher, lines_of
+from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import VirtualPlant
 
 HALL = PlantLine(name="hall", port="/dev/ttyUSB0")
 YARD = PlantLine(name="yard", port="/dev/ttyUSB1")
-PUMP = PlantDrive(protocol="vabus", address=1, line="hall", name="pump", options={"model": "agile"})
-FAN = PlantDrive(protocol="danfoss-fc", address=3, line="hall", name="fan", options={"model": "fc300"})
-WELL = PlantDrive(protocol="vabus", address=1, line="yard", name="well", options={"model": "agile"})
+PUMP = DriveConfig(protocol="vabus", address=1, line="hall", name="pump", options={"model": "agile"})
+FAN = DriveConfig(protocol="danfoss-fc", address=3, line="hall", name="fan", options={"model": "fc300"})
+WELL = DriveConfig(protocol="vabus", address=1, line="yard", name="well", options={"model": "agile"})
 
 
 def plant_of(*drives, script=(), lines=(HALL, YARD)):

@@ -15,10 +15,7 @@ from drivecomm.errors import FileFormatError, NoReplyError, UsageError
 from drivecomm.plant import (
     OpenPlant,
     Plant,
-    PlantDrive,
     PlantLine,
-    PlantLinkLoss,
-    PlantRead,
     found_text,
     open_plant,
     plant_of_found,
@@ -26,20 +23,20 @@ from drivecomm.plant import (
     plant_text,
     read_plant,
     write_new,
-    write_over,
 )
-from drivecomm.protocol import Ask, LineSettings, Pause, Tell, installed
+from drivecomm.protocol import Ask, DriveConfig, Intent, LineSettings, LinkLossPolicy, Pause, PollGroup, Tell, installed
 from drivecomm.testing import play
+from drivecomm.tomlfile import write_whole
 from drivecomm.virtual import VirtualLine, VirtualPlant
 from drivecomm_vabus.telegrams import Select
 
 PLANT = Plant(
     lines=(PlantLine(name="hall"), PlantLine(name="yard")),
     drives=(
-        PlantDrive(name="pump", protocol="vabus", address=1, line="hall", options={"model": "agile"}, armed=True),
-        PlantDrive(name="fan", protocol="danfoss-fc", address=3, line="hall", options={"model": "fc300"}),
-        PlantDrive(name="mixer", protocol="fuji", address=2, line="yard"),
-        PlantDrive(name="belt", protocol="vlt3500", address=5, line="yard"),
+        DriveConfig(name="pump", protocol="vabus", address=1, line="hall", options={"model": "agile"}, armed=True),
+        DriveConfig(name="fan", protocol="danfoss-fc", address=3, line="hall", options={"model": "fc300"}),
+        DriveConfig(name="mixer", protocol="fuji", address=2, line="yard"),
+        DriveConfig(name="belt", protocol="vlt3500", address=5, line="yard"),
     ),
 )
 
@@ -142,7 +139,7 @@ def test_verbs_that_command_are_refused_before_their_command_is_sent(served):
     with pytest.raises(UsageError, match="read-only"):
         served.plant.drive("fan").call("control_word", word=0x047C)
     for event in served.sent:
-        assert installed[event.drive.partition(":")[0]].only_asks(event.message), event
+        assert installed[event.drive.partition(":")[0]].intent(event.message).only_asks, event
 
 
 def test_reading_and_stopping_are_always_allowed(served):
@@ -152,9 +149,8 @@ def test_reading_and_stopping_are_always_allowed(served):
         drive.status()
         drive.identify()
         drive.stop()
-    asked = {
-        event.drive for event in served.sent if not installed[event.drive.partition(":")[0]].only_asks(event.message)
-    }
+    intents = [(event.drive, installed[event.drive.partition(":")[0]].intent(event.message)) for event in served.sent]
+    asked = {drive for drive, intent in intents if not intent.only_asks}
     assert asked == {"danfoss-fc:3", "fuji:2", "vlt3500:5"}
 
 
@@ -223,7 +219,7 @@ def test_a_verb_that_asks_is_carried_out_and_hears_what_goes_wrong():
         yield from ()
 
     operations = SimpleNamespace(extra={"look": asking, "move": commanding, "choose": choosing})
-    ask_only = ReadOnly(lambda: operations, "no", lambda message: message == "ask")
+    ask_only = ReadOnly(lambda: operations, "no", lambda message: Intent(commands=message != "ask"))
     assert play(ask_only.extra["look"](), [("ask", NoReplyError("silence")), ("ask", "here")]) == "here"
     with pytest.raises(UsageError, match="no"):
         play(ask_only.extra["move"](), [("ask", "here")])
@@ -235,7 +231,7 @@ def test_a_verb_that_asks_is_carried_out_and_hears_what_goes_wrong():
 
 
 def test_options_that_cannot_be_name_the_drive_and_the_file():
-    wrong = PlantDrive(name="pump", protocol="vabus", address=1, line="hall", options={"modle": "agile"})
+    wrong = DriveConfig(name="pump", protocol="vabus", address=1, line="hall", options={"modle": "agile"})
     with (
         Served(Plant(lines=(PlantLine(name="hall"),), drives=())).plant as plant,
         pytest.raises(UsageError, match=r"hall.toml: there is no drive"),
@@ -263,7 +259,7 @@ def test_a_file_is_opened(tmp_path):
 def test_two_drives_with_one_address_are_named():
     twice = Plant(
         lines=PLANT.lines,
-        drives=tuple(PlantDrive(name=line, protocol="vabus", address=1, line=line) for line in ("hall", "yard")),
+        drives=tuple(DriveConfig(name=line, protocol="vabus", address=1, line=line) for line in ("hall", "yard")),
     )
     with pytest.raises(UsageError, match="several lines of this plant; name the drive: hall and yard"):
         twice.drive("vabus:1")
@@ -289,7 +285,7 @@ def test_where_a_line_is_reached(said, reached):
 
 def test_what_the_plant_says_of_a_line_is_how_it_is_opened():
     line = PlantLine(name="hall", echo=True, settings={"baudrate": 9600})
-    plant = Plant(lines=(line,), drives=(PlantDrive(name="pump", protocol="vabus", address=1, line="hall"),))
+    plant = Plant(lines=(line,), drives=(DriveConfig(name="pump", protocol="vabus", address=1, line="hall"),))
     virtual = VirtualPlant(plant)
     with OpenPlant(plant, port_of=lambda _: virtual.line("hall").port) as opened:
         assert opened.drive("pump").facts.settings.baudrate == 9600
@@ -312,7 +308,7 @@ class TestStatus:
         assert reports[3].status is None
         assert "did not answer" in str(reports[3].error)
         for event in served.sent:
-            assert installed[event.drive.partition(":")[0]].only_asks(event.message), event
+            assert installed[event.drive.partition(":")[0]].intent(event.message).only_asks, event
 
     def test_a_line_that_cannot_be_opened_does_not_hide_the_other(self):
         virtual = VirtualPlant(PLANT)
@@ -346,7 +342,7 @@ class TestStatus:
         model.write_text(
             'format = 1\nprotocol = "vabus"\nname = "odd"\nextends = "agile"\n[quantities]\noutput_current = "1599"\n'
         )
-        odd = PlantDrive(name="pump", protocol="vabus", address=1, line="hall", options={"model": str(model)})
+        odd = DriveConfig(name="pump", protocol="vabus", address=1, line="hall", options={"model": str(model)})
         plant = Plant(lines=(PlantLine(name="hall"),), drives=(odd,))
         virtual = VirtualPlant(Plant(lines=plant.lines, drives=(replace(odd, options={"model": "agile"}),)))
         with OpenPlant(plant, port_of=lambda _: virtual.line("hall").port) as opened:
@@ -415,10 +411,10 @@ def test_a_file_is_never_overwritten_unasked(tmp_path):
     with pytest.raises(UsageError, match="exists already; name another file, or write --force"):
         write_new(path, "two")
     assert path.read_text() == "one"
-    write_over(path, "three")
+    write_whole(path, "three")
     assert path.read_text() == "three"
     assert list(tmp_path.iterdir()) == [path]
-    for write in (write_new, write_over):
+    for write in (write_new, write_whole):
         with pytest.raises(FileFormatError, match="cannot be written"):
             write(tmp_path / "nowhere" / "plant.toml", "four")
 
@@ -431,7 +427,7 @@ def test_a_file_that_cannot_be_replaced_stays(tmp_path, monkeypatch):
     path.write_text("one")
     monkeypatch.setattr(Path, "replace", full)
     with pytest.raises(FileFormatError, match=r"plant\.toml: cannot be written: No space left"):
-        write_over(path, "two")
+        write_whole(path, "two")
     assert path.read_text() == "one"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -439,7 +435,7 @@ def test_a_file_that_cannot_be_replaced_stays(tmp_path, monkeypatch):
 NAMES = st.text(min_size=1, max_size=5)
 VALUES = st.one_of(st.booleans(), st.integers(-(2**40), 2**40), st.floats(allow_nan=False, allow_infinity=False), NAMES)
 DRIVES = st.builds(
-    PlantDrive,
+    DriveConfig,
     protocol=st.sampled_from(sorted(installed)),
     address=st.integers(1, 99),
     line=st.just("a"),
@@ -449,16 +445,18 @@ DRIVES = st.builds(
     armed=st.booleans(),
     poll=st.lists(
         st.builds(
-            PlantRead,
+            PollGroup,
             parameters=st.lists(NAMES, min_size=1, max_size=3).map(tuple),
             period_s=st.floats(0, 1e6),
             priority=st.integers(-5, 5),
+            options=st.dictionaries(NAMES, VALUES, max_size=2),
         ),
         max_size=2,
     ).map(tuple),
+    reply_delay_s=st.none() | st.floats(0, 59),
     link_loss=st.none()
     | st.builds(
-        PlantLinkLoss, policy=st.sampled_from(["hold", "ramp", "coast", "trip"]), watchdog_s=st.floats(0.1, 100)
+        LinkLossPolicy, policy=st.sampled_from(["hold", "ramp", "coast", "trip"]), watchdog_s=st.floats(0.1, 100)
     ),
 )
 LINES = st.builds(

@@ -19,6 +19,7 @@ from drivecomm.cli.watch.words import happening_of
 from drivecomm.errors import PortError
 from drivecomm.plant.value_log import read_rows
 from drivecomm.plant.watching import Happening, Watcher
+from drivecomm.protocol import LinkLossPolicy
 
 NAMES = ["output_frequency", "output_current", "output_power"]
 
@@ -102,7 +103,7 @@ def test_the_table():
             happened = [line for line in watch.text if re.match(r" 00:00:0\d  ", line)]
             assert any("fan  fault: 14 earth fault" in line for line in happened)
             assert any("well  did not answer" in line for line in happened)
-            assert watch.message == "asked for 8 s; q leaves"
+            assert watch.message == "asked for 8 s; q quits"
 
     run(scene())
 
@@ -172,7 +173,7 @@ def test_a_message_goes_away(monkeypatch):
                 await asyncio.sleep(0.02)
                 if watch.message != "nothing was sent":
                     break
-            assert watch.message == "asked for 3 s; q leaves", "what holds on is said again"
+            assert watch.message == "asked for 3 s; q quits", "what holds on is said again"
 
     run(scene())
 
@@ -339,12 +340,22 @@ def test_a_stop_that_fails_says_so():
 @pytest.mark.parametrize(
     ("key", "arm", "changes", "why"),
     [
-        ("g", False, {"armed": True, "link_loss": "hold"}, "pump is not commanded: watch was started without --arm"),
+        (
+            "g",
+            False,
+            {"armed": True, "link_loss": LinkLossPolicy(policy="hold")},
+            "pump is not commanded: watch was started without --arm",
+        ),
         ("r", False, {"armed": True}, "pump is not commanded: watch was started without --arm"),
         ("g", True, {}, "pump is read-only: write armed = true for it in the plant file"),
         ("r", True, {}, "pump is read-only: write armed = true for it in the plant file"),
         ("g", True, {"armed": True}, "pump is not started: the plant file does not say its link_loss, "),
-        ("g", True, {"armed": True, "link_loss": "ramp"}, "use drivecomm start pump --link-loss ramp"),
+        (
+            "g",
+            True,
+            {"armed": True, "link_loss": LinkLossPolicy(policy="ramp")},
+            "use drivecomm start pump --link-loss ramp",
+        ),
     ],
 )
 def test_a_drive_that_is_not_armed_is_not_commanded(key, arm, changes, why):
@@ -364,7 +375,7 @@ def test_a_drive_that_is_not_armed_is_not_commanded(key, arm, changes, why):
 def test_an_armed_drive_is_started_and_reset():
     async def scene():
         plant = plant_of(FAN, script=[tripped("fan", 14, 1)])
-        async with watched(plant, arm=True, armed=True, link_loss="hold") as watch:
+        async with watched(plant, arm=True, armed=True, link_loss=LinkLossPolicy(policy="hold")) as watch:
             assert watch.screen.watcher.board().view("fan").fault
             await watch.press("r")
             assert any("its fault: 14 earth fault" in line for line in watch.text)
@@ -387,7 +398,7 @@ def test_a_drive_whose_watchdog_is_on_is_not_started_to_go_on():
         plant = plant_of(FAN)
         with drivecomm.open_bus(plant.line("hall").port) as bus:
             set_watchdog(bus.drive("danfoss-fc", 3, model="fc300"), "ramp", 5)
-        async with watched(plant, arm=True, armed=True, link_loss="hold") as watch:
+        async with watched(plant, arm=True, armed=True, link_loss=LinkLossPolicy(policy="hold")) as watch:
             await watch.press("g", "y")
             assert watch.message.startswith("not started: ")
             assert "watchdog" in watch.message

@@ -8,9 +8,9 @@ from plants import FAN, HALL, PUMP, WELL, YARD, dark, plant_of, tripped, virtual
 
 import drivecomm
 from drivecomm.errors import PortError, UsageError
-from drivecomm.plant import Plant, PlantLinkLoss
-from drivecomm.plant.watching import WatchedDrive, WatchedLine, Watcher, lines_of
-from drivecomm.protocol import DriveState, installed
+from drivecomm.plant import Plant
+from drivecomm.plant.watching import WatchedLine, Watcher, lines_of
+from drivecomm.protocol import DriveConfig, DriveState, LinkLossPolicy, installed
 
 
 def test_states_values_and_counters():
@@ -186,7 +186,7 @@ def test_no_line_at_all_is_an_error():
         raise PortError("port hall does not exist; plug the adapter in")
 
     async def watch():
-        line = WatchedLine(name="hall", port=broken, drives=(WatchedDrive(protocol="vabus", address=1),))
+        line = WatchedLine(name="hall", port=broken, drives=(DriveConfig(protocol="vabus", address=1),))
         async with Watcher([line]):
             pytest.fail("it must not be entered")
 
@@ -218,11 +218,11 @@ def test_nothing_is_commanded():
     assert sent
     for message in sent:
         plugin = next(plugin for plugin in installed.working() if type(message).__module__.startswith(plugin.package))
-        assert plugin.only_asks(message), message
+        assert plugin.intent(message).only_asks, message
 
 
 def test_what_cannot_be_watched():
-    line = WatchedLine(name="hall", port="x", drives=(WatchedDrive(protocol="vabus", address=1),))
+    line = WatchedLine(name="hall", port="x", drives=(DriveConfig(protocol="vabus", address=1),))
     for lines, options, message in (
         ([], {}, "there is nothing to watch"),
         ([line, line], {}, "two drives are named 'vabus:1'"),
@@ -242,7 +242,7 @@ def test_lines_of_a_plant():
     assert line.options == {"echo": True, "baudrate": 19200, "attempts": 2}
     assert (line.port, line.name) == ("/dev/ttyUSB0", "hall")
     (drive,) = line.drives
-    assert (drive.name, drive.place, drive.armed, drive.link_loss) == ("pump", "vabus:1", False, "")
+    assert (drive.name, str(drive), drive.armed, drive.link_loss) == ("pump", "vabus:1", False, None)
     with pytest.raises(UsageError, match="the plant has no drives to watch"):
         lines_of(Plant(lines=(HALL,)))
     with pytest.raises(UsageError, match="line hall has no port"):
@@ -251,7 +251,7 @@ def test_lines_of_a_plant():
 
 def test_a_plant_that_says_what_may_be_commanded():
     line = replace(HALL, port="", listen="tcp:127.0.0.1:4001")
-    drive = replace(PUMP, armed=True, link_loss=PlantLinkLoss(policy="hold"))
+    drive = replace(PUMP, armed=True, link_loss=LinkLossPolicy(policy="hold"))
     (watched_line,) = lines_of(Plant(lines=(line,), drives=(drive,)))
     assert watched_line.port == "socket://127.0.0.1:4001"
-    assert (watched_line.drives[0].armed, watched_line.drives[0].link_loss) == (True, "hold")
+    assert (watched_line.drives[0].armed, watched_line.drives[0].link_loss.policy) == (True, "hold")

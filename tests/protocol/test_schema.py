@@ -405,20 +405,20 @@ def outcome(function, given):
 @pytest.mark.parametrize("leaf", LEAVES, ids=lambda leaf: f"{leaf.size}-{leaf.meaning}")
 def test_a_leaf_in_code_is_the_leaf_as_declared(leaf):
     declared = one(leaf)
-    assert declared.read != declared.parse_declared
-    assert declared.write != declared.build_declared
+    assert declared.parse_compiled != declared.parse_declared
+    assert declared.build_compiled != declared.build_declared
     ends = b"0", b"9A", b"F0", b"?? ", b"\xff\x80", b"-_+"
     for first in range(256):
         for end in ends:
             data = (bytes([first]) + end * leaf.size)[: leaf.size]
             for each in (data, data[::-1], data[:-1], data + b"0"):
-                read = outcome(declared.read, each)
+                read = outcome(declared.parse_compiled, each)
                 expected = outcome(declared.parse_declared, each)
                 assert (read, type(read)) == (expected, type(expected))
                 if read != "refused":
                     assert repr(read) == repr(expected)
     for value in ODD:
-        written = outcome(declared.write, Note(value=value))
+        written = outcome(declared.build_compiled, Note(value=value))
         # What the code does not know is written as declared.
         assert written in ("refused", outcome(declared.build_declared, Note(value=value)))
         assert outcome(declared.build, Note(value=value)) == outcome(declared.build_declared, Note(value=value))
@@ -434,8 +434,8 @@ class Own(Leaf):
 def test_a_leaf_that_has_no_code_makes_its_telegram_interpreted():
     for leaf in (Own(1, lambda found: found, lambda value: value), characters(lambda _: 2)):
         interpreted = one(leaf)
-        assert interpreted.read == interpreted.parse_declared
-        assert interpreted.write == interpreted.build_declared
+        assert interpreted.parse_compiled == interpreted.parse_declared
+        assert interpreted.build_compiled == interpreted.build_declared
     assert one(Own(1, lambda found: found, lambda value: value)).parse(b"a") == Note(value=b"aa")
 
 

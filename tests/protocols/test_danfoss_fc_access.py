@@ -175,7 +175,7 @@ class TestRead:
             assert drive.read("15-43").value == "5.11"
         sent = [event.message for event in heard if event.what == "sent"]
         assert len(sent) == 3
-        assert all(installed["danfoss-fc"].only_asks(message) for message in sent)
+        assert all(installed["danfoss-fc"].intent(message).only_asks for message in sent)
 
     def test_no_response_is_no_value(self):
         with pytest.raises(UnexpectedReplyError, match="no response"):
@@ -418,9 +418,9 @@ class TestBroadcast:
             lambda drive: drive.probe(),
             lambda drive: drive.identify(),
             lambda drive: drive.jog(),
-            lambda drive: drive.preset(1),
-            lambda drive: drive.set_up(1),
-            lambda drive: drive.freeze(),
+            lambda drive: drive.select_preset(1),
+            lambda drive: drive.select_setup(1),
+            lambda drive: drive.hold(),
             lambda drive: drive.catch_up(),
             lambda drive: drive.control_word(0x047C),
         ],

@@ -110,8 +110,8 @@ class TestAnotherMaster:
         for verb in (
             lambda drive: drive.status(),
             lambda drive: drive.set_reference_percent(50),
-            lambda drive: drive.set_up(2),
-            lambda drive: drive.freeze(),
+            lambda drive: drive.select_setup(2),
+            lambda drive: drive.hold(),
         ):
             drive = started(control_word_parameter="16-85")
             with suppress(StateError):
@@ -384,10 +384,10 @@ class TestFunctions:
 
     def test_presets(self):
         drive = operations()
-        play(drive.preset(2), [])
+        play(drive.select_preset(2), [])
         play(drive.start(), [sent(0), sent(0x047D)])
-        play(drive.preset(4), [LOOK, sent(0x047F, status=RUNNING)])
-        play(drive.preset(1), [LOOK, sent(0x047C, status=RUNNING)])
+        play(drive.select_preset(4), [LOOK, sent(0x047F, status=RUNNING)])
+        play(drive.select_preset(1), [LOOK, sent(0x047C, status=RUNNING)])
 
     def test_ramp_2(self):
         drive = started()
@@ -403,24 +403,25 @@ class TestFunctions:
 
     @pytest.mark.parametrize(("number", "word"), [(1, 0x047C), (2, 0x247C), (3, 0x447C), (4, 0x647C)])
     def test_set_ups(self, number, word):
-        play(started().set_up(number), [LOOK, sent(word, status=RUNNING)])
+        play(started().select_setup(number), [LOOK, sent(word, status=RUNNING)])
 
     def test_a_set_up_starts_no_motor_that_somebody_has_stopped(self):
         drive = started()
-        with pytest.raises(StateError, match="set_up needs a command that holds"):
-            play(drive.set_up(2), [sent(0)])
+        with pytest.raises(StateError, match="select_setup needs a command that holds"):
+            play(drive.select_setup(2), [sent(0)])
         play(drive.stop(), [sent(0x043C)])
 
     def test_relays_while_stopped(self):
         drive = operations()
         play(drive.stop(), [sent(0x043C)])
-        play(drive.relays(relay_2=True), [sent(0), sent(0x143C)])
-        play(drive.relays(relay_1=True), [sent(0), sent(0x1C3C)])
+        play(drive.set_relay(2, True), [sent(0), sent(0x143C)])
+        play(drive.set_relay(1, True), [sent(0), sent(0x1C3C)])
         play(drive.start(), [sent(0), sent(0x1C7C)])
         play(drive.stop(Stop.COAST), [sent(0x1C74)])
-        play(drive.relays(relay_1=False, relay_2=False), [sent(0), sent(0x0474)])
+        play(drive.set_relay(1, False), [sent(0), sent(0x1474)])
+        play(drive.set_relay(2, False), [sent(0), sent(0x0474)])
 
-    @pytest.mark.parametrize("call", [lambda drive: drive.set_up(2), lambda drive: drive.relays(relay_1=True)])
+    @pytest.mark.parametrize("call", [lambda drive: drive.select_setup(2), lambda drive: drive.set_relay(1, True)])
     def test_what_acts_at_once_needs_a_valid_word(self, call):
         with pytest.raises(UsageError, match=r"start\(\) or stop\(\)"):
             play(call(operations()), [])
@@ -429,20 +430,20 @@ class TestFunctions:
         drive = operations()
         play(drive.stop(), [sent(0x043C)])
         with pytest.raises(NoReplyError):
-            play(drive.relays(relay_1=True), [sent(0), unanswered(0x0C3C)])
+            play(drive.set_relay(1, True), [sent(0), unanswered(0x0C3C)])
         play(drive.start(), [sent(0), sent(0x047C)])
 
-    def test_freeze(self):
+    def test_hold(self):
         drive = started()
-        play(drive.freeze(), [LOOK, sent(0x045C, status=RUNNING)])
+        play(drive.hold(), [LOOK, sent(0x045C, status=RUNNING)])
         repeats(drive, 0x045C)
         play(drive.start(), [LOOK, sent(0x047C)])
 
-    def test_freeze_is_for_a_running_motor(self):
-        with pytest.raises(UsageError, match="freeze"):
-            play(operations().freeze(), [])
-        with pytest.raises(StateError, match="freeze would send the start again"):
-            play(started().freeze(), [sent(0)])
+    def test_hold_is_for_a_running_motor(self):
+        with pytest.raises(UsageError, match="hold"):
+            play(operations().hold(), [])
+        with pytest.raises(StateError, match="hold would send the start again"):
+            play(started().hold(), [sent(0)])
 
     def test_a_control_word_is_repeated_without_its_edges(self):
         drive = operations()
@@ -467,9 +468,9 @@ class TestFunctions:
         "call",
         [
             lambda drive: drive.jog(2),
-            lambda drive: drive.preset(0),
-            lambda drive: drive.preset(5),
-            lambda drive: drive.set_up(5),
+            lambda drive: drive.select_preset(0),
+            lambda drive: drive.select_preset(5),
+            lambda drive: drive.select_setup(5),
             lambda drive: drive.ramp(3),
             lambda drive: drive.control_word(0x10000),
             lambda drive: drive.control_word("047C"),
@@ -479,9 +480,9 @@ class TestFunctions:
         with pytest.raises(ValueRefusedError, match="does not exist"):
             call(operations())
 
-    def test_relays_are_named(self):
-        with pytest.raises(UsageError, match="relay_1"):
-            operations().relays()
+    def test_relays_are_numbered(self):
+        with pytest.raises(UsageError, match="relay"):
+            operations().set_relay(3, True)
 
     @pytest.mark.parametrize("verb", ["catch_up", "slow_down"])
     def test_catching_up_is_profidrive(self, verb):
@@ -491,11 +492,7 @@ class TestFunctions:
     def test_every_function_can_be_reached(self):
         assert set(operations().extra) == {
             "jog",
-            "preset",
-            "set_up",
-            "relays",
             "ramp",
-            "freeze",
             "catch_up",
             "slow_down",
             "control_word",
@@ -559,16 +556,16 @@ class TestProfidrive:
         with pytest.raises(UsageError, match="catch_up"):
             play(operations(profile="profidrive").catch_up(), [])
 
-    def test_set_up_freeze_and_control_word(self):
+    def test_select_setup_hold_and_control_word(self):
         drive = started("profidrive")
-        play(drive.set_up(3), [LOOK, sent(0x447F, status=RUNNING)])
-        play(drive.freeze(), [LOOK, sent(0x445F, status=RUNNING)])
+        play(drive.select_setup(3), [LOOK, sent(0x447F, status=RUNNING)])
+        play(drive.hold(), [LOOK, sent(0x445F, status=RUNNING)])
         play(drive.control_word(0x14FF), [sent(0x14FF)])
         repeats(drive, 0x047F)
 
     @pytest.mark.parametrize(
         "call",
-        [lambda drive: drive.preset(1), lambda drive: drive.ramp(2), lambda drive: drive.relays(relay_1=True)],
+        [lambda drive: drive.select_preset(1), lambda drive: drive.ramp(2), lambda drive: drive.set_relay(1, True)],
     )
     def test_what_its_word_has_no_bits_for(self, call):
         with pytest.raises(NotSupported, match="PROFIdrive"):
@@ -639,7 +636,6 @@ def test_what_the_drive_can_be_asked_to_do():
     assert capabilities.reverse
     assert capabilities.stored_writes
     assert capabilities.volatile_writes
-    assert "8-04" in capabilities.link_loss
 
 
 @pytest.mark.parametrize(

@@ -318,23 +318,23 @@ class TestMotor:
         assert bench.hz == 0
 
     def test_presets_add_to_the_bus_reference(self, bench):
-        bench.drive.call("preset", number=3)
+        bench.drive.call("select_preset", number=3)
         bench.run(10)
         assert bench.hz == 17.5
         assert bench.drive.read("16-02").value == 35
 
     def test_presets_may_replace_the_bus_reference(self):
         bench = Bench(presets_added=False)
-        bench.drive.call("preset", number=3)
+        bench.drive.call("select_preset", number=3)
         bench.run(10)
         assert bench.hz == 12.5
-        bench.drive.call("preset", number=1)
+        bench.drive.call("select_preset", number=1)
         bench.wait(10)
         assert bench.hz == 5
 
     def test_presets_that_the_bus_may_not_choose(self, bench):
         bench.drive.write("8-56", 0)
-        bench.drive.call("preset", number=3)
+        bench.drive.call("select_preset", number=3)
         bench.run(10)
         assert bench.hz == 5
 
@@ -354,7 +354,7 @@ class TestMotor:
         bench.drive.set_reference(percent=100)
         bench.drive.start()
         bench.wait(1)
-        bench.drive.call("freeze")
+        bench.drive.call("hold")
         held = bench.hz
         bench.wait(5)
         assert bench.hz == held
@@ -372,18 +372,18 @@ class TestMotor:
 
     def test_set_ups(self, bench):
         bench.drive.stop()
-        bench.drive.call("set_up", number=4)
+        bench.drive.call("select_setup", number=4)
         assert bench.virtual.machine.set_up == 4
         bench.drive.write("0-10", 1)
-        bench.drive.call("set_up", number=2)
+        bench.drive.call("select_setup", number=2)
         assert bench.virtual.machine.set_up == 4
 
     def test_relays(self, bench):
         bench.drive.stop()
-        bench.drive.call("relays", relay_2=True)
+        bench.drive.call("set_relay", number=2, on=True)
         assert bench.drive.read("16-71").value == 2
         bench.drive.write("5-40[1]", 0)
-        bench.drive.call("relays", relay_1=True)
+        bench.drive.call("set_relay", number=1, on=True)
         assert bench.drive.read("16-71").value == 1
 
     def test_what_the_bus_may_not_do(self, bench):
@@ -459,7 +459,7 @@ class TestControlWordTimeout:
         bench.drive.set_reference(percent=50)
         bench.drive.start()
         bench.wait(1.9)
-        bench.drive.call("relays", relay_1=True)
+        bench.drive.call("set_relay", number=1, on=True)
         bench.wait(1.9)
         assert not bench.virtual.machine.timed_out
         bench.wait(0.2)
@@ -592,7 +592,7 @@ class TestProfidrive:
 class TestOldSeries:
     def test_vlt_5000(self):
         bench = Bench("vlt5000", address_format="1-31", output_maximum_hz=50)
-        bench.drive.call("preset", number=2)
+        bench.drive.call("select_preset", number=2)
         bench.run(40)
         status = bench.drive.status()
         assert (status.actual_hz, status.actual_percent) == (25, None)
@@ -605,7 +605,8 @@ class TestOldSeries:
     def test_vlt_6000(self):
         bench = Bench("vlt6000")
         bench.drive.stop()
-        bench.drive.call("relays", relay_1=True, relay_2=True)
+        bench.drive.call("set_relay", number=1, on=True)
+        bench.drive.call("set_relay", number=2, on=True)
         assert bench.virtual.machine.relays == [True, True]
         bench.run(50)
         assert bench.hz == 25

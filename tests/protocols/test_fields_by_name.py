@@ -52,7 +52,7 @@ def test_a_danfoss_request_has_defaults_that_command_nothing(capsys):
     data = bytes.fromhex(capsys.readouterr().out)
     fields = decode("danfoss-fc", data, direction="request").fields
     assert (fields["control_word"], fields["reference"], fields["ind"], fields["pwe"]) == (0, 0, 0, 0)
-    assert installed["danfoss-fc"].only_asks(decode("danfoss-fc", data, direction="request").message)
+    assert installed["danfoss-fc"].intent(decode("danfoss-fc", data, direction="request").message).only_asks
     assert main(["encode", "danfoss-fc", "kind=process", "address=3"]) == 4
     assert "a process block also needs control_word, reference; it may also have" in capsys.readouterr().err
     assert main(["encode", "danfoss-fc", "kind=process", "address=3", "control_word=0", "reference=0"]) == 0

@@ -10,7 +10,7 @@ from drivecomm import ParameterAddressError, UnexpectedReplyError, UsageError, V
 from drivecomm.models import load_model, model_names
 from drivecomm_fuji.formats import FORMATS, current_format, format_named
 from drivecomm_fuji.options import FujiOptions
-from drivecomm_fuji.parameters import reading, target, word_for
+from drivecomm_fuji.parameters import reading_of, target, word_for
 from drivecomm_fuji.profiles import PROFILES
 from drivecomm_fuji.store import Store
 from drivecomm_fuji.timing import reply_timeout, slow_write
@@ -161,37 +161,37 @@ def test_names_of_the_model_are_addresses():
 
 
 def test_reading_without_a_format_is_the_plain_number():
-    found = reading(target("M09", None, FujiOptions()), 6000, FujiOptions(), None, negative=True)
+    found = reading_of(target("M09", None, FujiOptions()), 6000, FujiOptions(), None, negative=True)
     assert (found.value, found.raw, found.unit) == (-6000, -6000, "")
     assert "format not known" in found.note
 
 
 def test_reading_of_an_unknown_format_says_so():
-    found = reading(target("M24", FRENIC, FujiOptions()), 18, FujiOptions(), FRENIC)
+    found = reading_of(target("M24", FRENIC, FujiOptions()), 18, FujiOptions(), FRENIC)
     assert (found.value, found.type) == (18, "[11]")
     assert "format [11] not known" in found.note
-    found = reading(target("F11", FRENIC, FujiOptions()), 800, FujiOptions(), FRENIC)
+    found = reading_of(target("F11", FRENIC, FujiOptions()), 800, FujiOptions(), FRENIC)
     assert found.value == 800
     assert "40 HP" in found.note
     known = FujiOptions(rating_hp=10)
-    assert reading(target("F11", FRENIC, known), 800, known, FRENIC).value == Decimal("8.00")
+    assert reading_of(target("F11", FRENIC, known), 800, known, FRENIC).value == Decimal("8.00")
 
 
 def test_reading_that_is_no_value_of_its_format():
     with pytest.raises(UnexpectedReplyError, match="F07"):
-        reading(target("F07", FRENIC, FujiOptions()), 0x7000, FujiOptions(), FRENIC)
+        reading_of(target("F07", FRENIC, FujiOptions()), 0x7000, FujiOptions(), FRENIC)
 
 
 def test_reading_names_what_is_not_sure():
-    found = reading(target("M20", FRENIC, FujiOptions()), 7, FujiOptions(), FRENIC)
+    found = reading_of(target("M20", FRENIC, FujiOptions()), 7, FujiOptions(), FRENIC)
     assert (found.value, found.unit, found.name) == (7, "h", "operating_time")
     assert "derived" in found.note
-    assert reading(target("H30", FRENIC, FujiOptions()), 3, FujiOptions(), FRENIC).text == "link gives both"
+    assert reading_of(target("H30", FRENIC, FujiOptions()), 3, FujiOptions(), FRENIC).text == "link gives both"
 
 
 def test_the_unit_of_m12_is_an_option():
     for options, value in ((FujiOptions(), "400.0"), (FujiOptions(m12_factor="1"), "4000")):
-        assert reading(target("M12", FRENIC, options), 4000, options, FRENIC).value == Decimal(value)
+        assert reading_of(target("M12", FRENIC, options), 4000, options, FRENIC).value == Decimal(value)
 
 
 @pytest.mark.parametrize(

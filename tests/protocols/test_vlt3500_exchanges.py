@@ -355,7 +355,7 @@ class TestScanning:
 
 class TestVerbsBeyondTheCommonOnes:
     def test_they_are_all_listed(self) -> None:
-        assert set(drive().extra) == {"jog", "slow_down", "catch_up", "hold", "set_up", "select_setup", "control_word"}
+        assert set(drive().extra) == {"jog", "slow_down", "catch_up", "hold", "select_setup", "control_word"}
 
     @pytest.mark.parametrize(("number", "control_word"), [(1, 0x053F), (2, 0x063F)])
     def test_jog_without_the_start_bit(self, number: int, control_word: int) -> None:
@@ -409,20 +409,20 @@ class TestVerbsBeyondTheCommonOnes:
     def test_a_set_up_stays_selected(self) -> None:
         operations = drive()
         play(operations.stop(), [(word(0x043F), status(READY))])
-        play(operations.set_up(number=3), [(word(0), status(READY)), (word(0x443F), status(READY))])
+        play(operations.select_setup(number=3), [(word(0), status(READY)), (word(0x443F), status(READY))])
         play(
             operations.start(),
             [(word(0), status(0x0647)), (word(0x447E), status(READY)), (word(0x447F), status(RUNNING))],
         )
         play(operations.stop(Stop.QUICK), [(word(0x447B), status(0x0620))])
-        play(operations.set_up(number=1), [(word(0), status(RUNNING)), (word(0x047B), status(RUNNING))])
+        play(operations.select_setup(number=1), [(word(0), status(RUNNING)), (word(0x047B), status(RUNNING))])
 
     def test_set_ups_that_the_drive_does_not_have(self) -> None:
         with pytest.raises(UsageError):
-            drive().set_up(number=5)
+            drive().select_setup(number=5)
         vlt2000 = load_model("drivecomm_vlt3500", "vlt3500", "vlt2000")
         with pytest.raises(UsageError, match="1 to 2"):
-            drive(**vlt2000.options).set_up(number=3)
+            drive(**vlt2000.options).select_setup(number=3)
 
     def test_any_control_word(self) -> None:
         operations = drive()
@@ -464,7 +464,7 @@ def test_what_needs_an_answer_is_no_broadcast() -> None:
         everybody.slow_down,
         everybody.catch_up,
         everybody.hold,
-        lambda: everybody.set_up(number=1),
+        lambda: everybody.select_setup(number=1),
         lambda: everybody.control_word(word=0),
     ):
         with pytest.raises(NotSupported, match="broadcast"):

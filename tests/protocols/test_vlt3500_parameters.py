@@ -10,7 +10,7 @@ import pytest
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
 from drivecomm.models import load_model
 from drivecomm.protocol import Model, ParameterInfo
-from drivecomm_vlt3500.parameters import data_for, reading, target
+from drivecomm_vlt3500.parameters import data_for, reading_of, target
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -99,19 +99,19 @@ def test_two_indices_are_one_too_many() -> None:
 
 
 def test_readings_say_what_is_certain() -> None:
-    bare = reading(target("516", None), Decimal("23.750"))
+    bare = reading_of(target("516", None), Decimal("23.750"))
     assert (bare.value, bare.raw, bare.unit, bare.note) == (Decimal("23.75"), "23.750", "", "unit not known")
-    known = reading(target("516", MODEL), Decimal(80))
+    known = reading_of(target("516", MODEL), Decimal(80))
     assert (known.value, known.unit, known.name, known.note) == (80, "%", "bus_reference", "")
     assert isinstance(known.value, int)
-    guessed = reading(target("503", MODEL), Decimal(3), "so it says")
+    guessed = reading_of(target("503", MODEL), Decimal(3), "so it says")
     assert guessed.text == "either (or)"
     assert guessed.note == "so it says; meaning and unit are derived"
 
 
 def test_scale_of_an_own_model() -> None:
     wanted = target("516", own(factor=Decimal("0.5"), unit="Hz"))
-    assert reading(wanted, Decimal(80)).value == Decimal(40)
+    assert reading_of(wanted, Decimal(80)).value == Decimal(40)
     assert data_for(wanted, 40, None) == (Decimal(80), 0)
     third = target("516", own(factor=Decimal(3)))
     with pytest.raises(ValueRefusedError, match="multiple"):

@@ -218,7 +218,7 @@ class TestMotor:
         assert virtual.motor.target_hz == 25.0
         drive.call("hold")
         assert virtual.motor.command.value == "hold"
-        drive.call("set_up", number=2)
+        drive.call("select_setup", number=2)
         assert virtual.machine.setup == 2
         assert drive.call("control_word", word=0x047D).word == 0x0610
         drive.call("jog", number=2)

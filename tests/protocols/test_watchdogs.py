@@ -3,7 +3,8 @@
 import pytest
 
 import drivecomm
-from drivecomm.plant import Plant, PlantDrive, PlantLine
+from drivecomm.plant import Plant, PlantLine
+from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import VirtualLine, VirtualPlant, virtual_drive
 
 WATCHDOG_S = 4
@@ -186,9 +187,9 @@ def test_a_plant_shows_what_its_drives_did_in_silence_and_hears_of_others():
         Plant(
             lines=(PlantLine(name="hall"),),
             drives=(
-                PlantDrive(protocol="fuji", address=1, line="hall", values={"y08": 4}),
-                PlantDrive(protocol="fuji", address=2, line="hall"),
-                PlantDrive(protocol="vabus", address=1, line="hall", values={"413": "0003"}),
+                DriveConfig(protocol="fuji", address=1, line="hall", values={"y08": 4}),
+                DriveConfig(protocol="fuji", address=2, line="hall"),
+                DriveConfig(protocol="vabus", address=1, line="hall", values={"413": "0003"}),
             ),
         )
     )

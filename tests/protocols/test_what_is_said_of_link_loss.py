@@ -23,11 +23,6 @@ NOT_ON_THE_PAGE = {"vabus/family", "vabus/unconfirmed", "fuji/family", "vlt3500/
 IN_WORDS = {"hold": "goes on", "ramp": "stops down its ramp", "coast": "coasts", "trip": "trips"}
 
 
-def without_model(plugin, model):
-    options = {name: value for name, value in model.options.items() if name in plugin.options.__dataclass_fields__}
-    return plugin.operations(plugin.addresses[0], plugin.options(**options), None).capabilities.link_loss
-
-
 @pytest.mark.parametrize(("plugin", "model"), MODELS.values(), ids=MODELS)
 def test_a_drive_says_what_its_model_says(plugin, model):
     address = plugin.addresses[0]
@@ -42,22 +37,27 @@ def test_a_drive_says_what_its_model_says(plugin, model):
         assert IN_WORDS[policy] in said
 
 
-@pytest.mark.parametrize(("plugin", "model"), MODELS.values(), ids=MODELS)
-def test_without_a_model_the_package_says_the_same(plugin, model):
-    told = without_model(plugin, model)
-    if model.name == "vlt6000":
-        assert "VLT 6000: 556" in told
+@pytest.mark.parametrize("plugin", [*installed.working()], ids=lambda plugin: plugin.name)
+def test_without_a_model_nothing_is_claimed(plugin):
+    address = plugin.addresses[0]
+    assert not plugin.operations(address, plugin.options(), None).capabilities.link_loss
+    with drivecomm.open_bus(VirtualLine([virtual_drive(plugin.name, address)]).port) as bus:
+        said = bus.drive(plugin.name, address).capabilities.link_loss
+    assert said == "no model is given, so what it does when its master falls silent is not known"
+
+
+@pytest.mark.parametrize("name", [name for name, (_, model) in MODELS.items() if model.watchdog])
+def test_the_values_that_go_on_are_those_that_the_parameter_calls_so(name):
+    _, model = MODELS[name]
+    if not model.watchdog.action:
         return
-    if model.watchdog is None:
-        assert told == link_loss_of(model) or model.name == "family"
-        return
-    assert model.watchdog.time in told
-    assert model.watchdog.action in told
-    if model.watchdog.action:
-        values = model.parameters[model.watchdog.action].values
-        for code in map(int, re.findall(r"[(, ](\d) it ", told)):
-            goes_on = "goes on" in told.partition(f"{code} it ")[2].split(",")[0]
-            assert goes_on == (values[code] in ("go on", "off"))
+    values = model.parameters[model.watchdog.action].values
+    told = link_loss_of(model)
+    codes = [int(code) for code in re.findall(r"[(, ](\d) it ", told)]
+    assert set(codes) == set(model.watchdog.actions.values())
+    for code in codes:
+        goes_on = "goes on" in told.partition(f"{code} it ")[2].split(",")[0]
+        assert goes_on == (values[code] in ("go on", "off"))
 
 
 @pytest.mark.parametrize(("plugin", "model"), MODELS.values(), ids=MODELS)
@@ -92,4 +92,16 @@ def test_where_no_watchdog_can_be_set_the_refusal_and_the_command_line_say_what_
 def test_the_g11s_trips_wherever_it_is_asked():
     plugin, model = MODELS["fuji/g11s"]
     assert link_loss_of(model).startswith("it trips")
-    assert without_model(plugin, model).startswith("it trips")
+    with drivecomm.open_bus(VirtualLine([virtual_drive(plugin.name, 1)]).port) as bus:
+        assert bus.drive(plugin.name, 1, model=model).capabilities.link_loss == link_loss_of(model)
+
+
+def test_a_vlt_6000_does_what_556_says():
+    _, model = MODELS["danfoss-fc/vlt6000"]
+    assert link_loss_of(model).startswith("what 556 says")
+
+
+def test_what_a_frenic_does_with_2_is_told_alike_of_both_generations():
+    for name, action, time in (("fuji/frenic", "y02", "y03"), ("fuji/vg", "H32", "H33")):
+        _, model = MODELS[name]
+        assert f"{action} = 2 trips only if the silence lasts longer than {time}" in link_loss_of(model)

@@ -7,7 +7,7 @@ import pytest
 from altered import Altered
 
 from drivecomm.errors import UsageError
-from drivecomm.protocol import Ask, Pause, Stop, VirtualReply, installed
+from drivecomm.protocol import Ask, Intent, Pause, Stop, VirtualReply, installed
 from drivecomm.testing import FULL, QUICK, all_checks, first_failure, left_out, results, run_conformance, try_out
 
 # test_vectors and test_properties run what is left out here.
@@ -266,15 +266,27 @@ def test_a_package_that_does_not_say_enough(in_place_of, fields, kind):
 
 # What requests are for
 
+READS, WRITES, COMMANDS = (
+    lambda _, intent=intent: intent for intent in (Intent(access="read"), Intent(access="write"), Intent(commands=True))
+)
+
 
 @pytest.mark.parametrize(
     ("fields", "kind", "reason"),
     [
-        ({"only_asks": lambda _: True}, "tells asking from acting", "makes the motor run, and is said to ask only"),
-        ({"only_asks": lambda _: False}, "tells asking from acting", "is sent to ask, and is said to do more"),
-        ({"purpose": lambda _: "read"}, "tells what requests are for", "and is said to be a read"),
-        ({"purpose": lambda _: "write"}, "tells what requests are for", "is sent to read a parameter"),
-        ({"purpose": lambda _: "command"}, "tells what requests are for", "and is said to be a command"),
+        (
+            {"intent": READS},
+            "tells asking from acting",
+            "makes the motor run, and is said to ask only",
+        ),
+        (
+            {"intent": COMMANDS},
+            "tells asking from acting",
+            "is sent to ask, and is said to do more",
+        ),
+        ({"intent": READS}, "tells what requests are for", "and is said to be a read"),
+        ({"intent": WRITES}, "tells what requests are for", "is sent to read a parameter"),
+        ({"intent": COMMANDS}, "tells what requests are for", "and is said to be a command"),
     ],
 )
 def test_requests_that_are_not_what_they_are_said_to_be(in_place_of, fields, kind, reason):
@@ -283,13 +295,13 @@ def test_requests_that_are_not_what_they_are_said_to_be(in_place_of, fields, kin
 
 
 def test_a_single_telegram_that_commands_and_is_said_to_ask(in_place_of):
-    plugin = in_place_of("danfoss-fc", only_asks=lambda _: True)
+    plugin = in_place_of("danfoss-fc", intent=lambda _: Intent())
     kind = "what only asks moves no drive"
     assert "is said to ask only, and tells the motor" in failed(plugin, kind)[kind]
 
 
 def test_who_says_nothing_of_requests_is_not_judged_by_it(in_place_of):
-    plugin = in_place_of("vabus", only_asks=None, purpose=None)
+    plugin = in_place_of("vabus", intent=None)
     assert not failed(plugin, "only asks") | failed(plugin, "asking from") | failed(plugin, "requests are for")
 
 

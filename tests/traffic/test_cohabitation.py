@@ -11,11 +11,10 @@ import pytest
 from hypothesis import given, strategies as st
 
 from drivecomm.errors import AddressError, UnknownProtocolError
-from drivecomm.protocol import Framed, Framer, LineSettings, installed
+from drivecomm.protocol import DriveConfig, Framed, Framer, LineSettings, installed
 from drivecomm.protocol.schema import constant
 from drivecomm.testing import packaged_vectors
 from drivecomm.traffic.cohabitation import (
-    LineDrive,
     Reader,
     Safety,
     arbitrary_telegrams,
@@ -34,17 +33,17 @@ ROOT = Path(__file__).parents[2]
 EIGHT = {"baudrate": 9600, "bytesize": 8, "parity": "N", "stopbits": 1}
 SEVEN = {"baudrate": 9600, "bytesize": 7, "parity": "E", "stopbits": 1}
 
-VABUS = LineDrive(protocol="vabus", address=1, options=SEVEN)
-VABUS_8 = LineDrive(protocol="vabus", address=1, options=EIGHT)
-VABUS_2 = LineDrive(protocol="vabus", address=2, options=SEVEN)
-FC = LineDrive(protocol="danfoss-fc", address=3, options={"baudrate": 9600, "parity": "E"})
-FC_8 = LineDrive(protocol="danfoss-fc", address=3, options={**EIGHT, "address_format": "1-31"})
-FC_8_LONG = LineDrive(protocol="danfoss-fc", address=3, options=EIGHT)
-FC_8_OTHER = LineDrive(protocol="danfoss-fc", address=4, options=EIGHT)
-FUJI = LineDrive(protocol="fuji", address=1, options=EIGHT)
-FUJI_2 = LineDrive(protocol="fuji", address=2, options=EIGHT)
-VLT = LineDrive(protocol="vlt3500", address=1, options=EIGHT)
-VLT_2 = LineDrive(protocol="vlt3500", address=2, options=EIGHT)
+VABUS = DriveConfig(protocol="vabus", address=1, options=SEVEN)
+VABUS_8 = DriveConfig(protocol="vabus", address=1, options=EIGHT)
+VABUS_2 = DriveConfig(protocol="vabus", address=2, options=SEVEN)
+FC = DriveConfig(protocol="danfoss-fc", address=3, options={"baudrate": 9600, "parity": "E"})
+FC_8 = DriveConfig(protocol="danfoss-fc", address=3, options={**EIGHT, "address_format": "1-31"})
+FC_8_LONG = DriveConfig(protocol="danfoss-fc", address=3, options=EIGHT)
+FC_8_OTHER = DriveConfig(protocol="danfoss-fc", address=4, options=EIGHT)
+FUJI = DriveConfig(protocol="fuji", address=1, options=EIGHT)
+FUJI_2 = DriveConfig(protocol="fuji", address=2, options=EIGHT)
+VLT = DriveConfig(protocol="vlt3500", address=1, options=EIGHT)
+VLT_2 = DriveConfig(protocol="vlt3500", address=2, options=EIGHT)
 
 TAKEN = [
     (FC, VABUS),
@@ -56,7 +55,7 @@ TAKEN = [
     (VLT, FC_8),
     (VLT, FC_8_LONG),
     (VABUS_8, VLT),
-    (VABUS, LineDrive(protocol="vabus", address=1, name="twin", options=SEVEN)),
+    (VABUS, DriveConfig(protocol="vabus", address=1, name="twin", options=SEVEN)),
 ]
 UNHEARD = [(VABUS_8, FC_8), (VABUS_8, FC_8_LONG), (VLT, VLT_2)]
 SAFE = [
@@ -225,7 +224,7 @@ def test_an_address_format_is_the_one_that_the_drive_is_asked_in(partner):
 
 
 def test_other_baud_rates_are_tried_only_and_said_to_be():
-    found = check_line([LineDrive(protocol="vabus", address=1), VABUS_2])
+    found = check_line([DriveConfig(protocol="vabus", address=1), VABUS_2])
     assert {each.outcome for each in found.drives} == {Safety.UNHEARD}
     assert found.safe
     assert all("arbitrary telegrams" in each.reason for each in found.drives)
@@ -233,7 +232,7 @@ def test_other_baud_rates_are_tried_only_and_said_to_be():
 
 
 def test_the_same_line_gives_the_same_result():
-    line = [VABUS, LineDrive(protocol="vabus", address=1, name="twin", options=SEVEN)]
+    line = [VABUS, DriveConfig(protocol="vabus", address=1, name="twin", options=SEVEN)]
     assert check_line(line) == check_line(line)
 
 
@@ -245,7 +244,7 @@ def test_a_line_of_one_protocol_with_different_addresses_is_safe():
 
 
 def test_two_drives_with_one_address_are_told_to_part():
-    found = check_line([VABUS, LineDrive(protocol="vabus", address=1, name="twin", options=SEVEN)])
+    found = check_line([VABUS, DriveConfig(protocol="vabus", address=1, name="twin", options=SEVEN)])
     assert not found.safe
     assert found.drives[0].proof.offset == 0
     assert "another address" in found.advice[0]
@@ -289,9 +288,9 @@ def test_a_trial_shows_what_was_taken_and_where(partner):
 
 def test_wrong_drives_are_refused():
     with pytest.raises(AddressError):
-        check_line([VABUS, LineDrive(protocol="vabus", address=99)])
+        check_line([VABUS, DriveConfig(protocol="vabus", address=99)])
     with pytest.raises(UnknownProtocolError):
-        check_line([VABUS, LineDrive(protocol="nobody", address=1)])
+        check_line([VABUS, DriveConfig(protocol="nobody", address=1)])
 
 
 SETTINGS = st.builds(
@@ -331,8 +330,8 @@ def toy(tmp_path, monkeypatch):
 
 def test_a_strangers_protocol_is_checked_as_ours_are(toy):
     address, other = toy.addresses[0], toy.addresses[1]
-    stranger = LineDrive(protocol=toy.name, address=address, options=EIGHT)
-    found = check_line([stranger, FC_8, LineDrive(protocol=toy.name, address=other, options=EIGHT)])
+    stranger = DriveConfig(protocol=toy.name, address=address, options=EIGHT)
+    found = check_line([stranger, FC_8, DriveConfig(protocol=toy.name, address=other, options=EIGHT)])
     outcomes = {(each.speaker, each.listener): each for each in found.drives}
     assert len(outcomes) == 6
     assert outcomes[stranger.name, f"{toy.name}:{other}"].outcome is Safety.SAFE

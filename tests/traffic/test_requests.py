@@ -58,7 +58,7 @@ CASES = [
 @pytest.mark.parametrize(("name", "message", "asks"), CASES, ids=str)
 def test_what_only_asks(name, message, asks):
     plugin = installed[name]
-    assert plugin.only_asks(message) is asks
+    assert plugin.intent(message).only_asks is asks
 
 
 def _asked(exchange):
@@ -76,7 +76,7 @@ def test_what_a_scan_sends_only_asks(plugin):
     operations = plugin.operations(1, plugin.options(), None)
     for exchange in (operations.probe(), operations.status(), operations.read(plugin.parameter_examples[0])):
         for message in _asked(exchange):
-            assert plugin.only_asks(message), message
+            assert plugin.intent(message).only_asks, message
 
 
 @pytest.mark.parametrize("plugin", EVERYBODY, ids=lambda plugin: plugin.name)
@@ -105,7 +105,7 @@ def _packaged_requests():
 def test_packaged_requests_are_known(plugin, vector):
     found = {each.name: message for each, message in meanings(vector.data, EVERYBODY)}
     assert plugin.name in found
-    assert only_asks(vector.data, EVERYBODY) <= plugin.only_asks(found[plugin.name])
+    assert only_asks(vector.data, EVERYBODY) <= plugin.intent(found[plugin.name]).only_asks
 
 
 def test_what_is_no_request_does_not_only_ask():
@@ -115,7 +115,7 @@ def test_what_is_no_request_does_not_only_ask():
 
 
 def test_a_protocol_that_does_not_say_so_is_not_trusted():
-    silent = replace(installed["vabus"], only_asks=None)
+    silent = replace(installed["vabus"], intent=None)
     assert not only_asks(bytes.fromhex("04 41 30 30 34 38 31 05"), [silent])
 
 

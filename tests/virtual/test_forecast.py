@@ -7,7 +7,9 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import AddressError, FileFormatError, UsageError
-from drivecomm.polling import Plan, PlannedDrive, PlannedRead, read_plan
+from drivecomm.plant import read_plant
+from drivecomm.polling import Plan, PlannedRead
+from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import VirtualLine, forecast, virtual_drive
 
 PARAMETERS = {
@@ -29,7 +31,7 @@ DRIVES = [
 
 
 def drive(protocol="vabus", address=1, **facts):
-    return PlannedDrive(protocol=protocol, address=address, **facts)
+    return DriveConfig(protocol=protocol, address=address, **facts)
 
 
 def plan_of(*parameters, period_s=1.0, one=None, **facts):
@@ -61,7 +63,7 @@ def test_a_mixed_line_does_what_the_forecast_says():
     plan = mixed_plan(period_s=0.0)
     expected = forecast(plan)
     with drivecomm.open_bus(mixed_line().port) as bus:
-        results = list(bus.poll(plan.items({"": bus}), cycles=4))
+        results = list(bus.poll(plan.items(lambda one: one.build(bus.drive)), cycles=4))
     assert {result.error for result in results} == {None}
     asked = [result.due_s + result.late_s for result in results]
     rounds = [asked[40 * number] for number in range(4)]
@@ -77,7 +79,7 @@ def test_a_plan_with_periods_goes_as_the_forecast_says(period_s):
     plan = mixed_plan(period_s)
     expected = forecast(plan)
     with drivecomm.open_bus(mixed_line().port) as bus:
-        results = list(bus.poll(plan.items({"": bus}), duration_s=8 * period_s))
+        results = list(bus.poll(plan.items(lambda one: one.build(bus.drive)), duration_s=8 * period_s))
     later = [result for result in results if result.due_s > 2 * period_s]
     assert expected.fits == (period_s == 2.2)
     assert expected.fits == all(not result.missed and result.late_s < period_s for result in later)
@@ -255,7 +257,7 @@ def test_a_short_period_behind_a_long_read():
 def test_one_line_at_a_time():
     two = Plan(
         reads=tuple(
-            PlannedRead(drive=drive(port=port, name=port), parameter="481", period_s=1.0) for port in ("east", "west")
+            PlannedRead(drive=drive(line=port, name=port), parameter="481", period_s=1.0) for port in ("east", "west")
         )
     )
     with pytest.raises(UsageError, match="the plan has 2 lines"):
@@ -270,7 +272,7 @@ def test_drives_that_cannot_be():
         forecast(plan_of("481", one=drive(options={"colour": "red"})))
     with pytest.raises(UsageError, match="no fact 'speed'"):
         forecast(plan_of("481"), speed=5)
-    with pytest.raises(UsageError, match="a reply delay of -1"):
+    with pytest.raises(UsageError, match="invalid reply_delay_s = -1; write 0 to 60 seconds"):
         drive(reply_delay_s=-1)
     with pytest.raises(UsageError, match="two drives of the plan are named vabus:1"):
         Plan(reads=plan_of("481").reads + plan_of("480", one=drive(options={"baudrate": 9600})).reads)
@@ -281,78 +283,78 @@ def test_drives_that_cannot_be():
 FILE = """
 format = 1
 
+[[line]]
+name = "hall"
+port = "east"
+
+[[line]]
+name = "yard"
+
 [[drive]]
 name = "pump"
 drive = "vabus:1"
-port = "east"
+line = "hall"
 options = { model = "agile", baudrate = 9600 }
 reply_delay_s = 0.005
+poll = [{ parameters = ["481", "480"], period_s = 0.2, priority = 2, options = { dataset = 1 } }]
 
 [[drive]]
 drive = "fuji:7"
-
-[[poll]]
-drive = "pump"
-parameters = ["481", "480"]
-period_s = 0.2
-priority = 2
-options = { dataset = 1 }
-
-[[poll]]
-drive = "fuji:7"
-parameters = ["M09"]
+line = "yard"
+poll = [{ parameters = ["M09"] }]
 """
 
 
 def written(tmp_path, text):
-    path = tmp_path / "plan.toml"
+    path = tmp_path / "plant.toml"
     path.write_text(text, encoding="utf-8")
     return path
 
 
-def test_a_plan_file(tmp_path):
-    plan = read_plan(written(tmp_path, FILE))
+def test_the_plan_of_a_plant_file(tmp_path):
+    plan = read_plant(written(tmp_path, FILE)).poll_plan()
     pump, fan = plan.drives
-    assert pump == drive(name="pump", port="east", options={"model": "agile", "baudrate": 9600}, reply_delay_s=0.005)
-    assert (fan.name, fan.port, fan.options, fan.reply_delay_s) == ("fuji:7", "", {}, None)
+    assert replace(pump, poll=()) == drive(
+        name="pump", line="east", options={"model": "agile", "baudrate": 9600}, reply_delay_s=0.005
+    )
+    assert (fan.name, fan.line, fan.options, fan.reply_delay_s) == ("fuji:7", "", {}, None)
     first, second, third = plan.reads
     assert first == PlannedRead(drive=pump, parameter="481", period_s=0.2, priority=2, options={"dataset": 1})
     assert second == replace(first, parameter="480")
     assert third == PlannedRead(drive=fan, parameter="M09", period_s=1.0, priority=0)
-    assert plan.ports == ("east", "")
+    assert plan.lines == ("east", "")
 
 
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ("format = 1", "format = 2", "begins with format = 1"),
-        ("format = 1", "format = 1\nspeed = 3", "the file: 'speed' is no key here"),
-        ("format = 1", "format = ", "cannot be read as a poll plan"),
-        ('drive = "vabus:1"', 'drive = "vabus"', "drive 1: 'vabus' names no drive"),
-        ('drive = "vabus:1"', "", "drive 1: the key 'drive' is missing"),
-        ('port = "east"', "port = 3", "drive 1: port cannot be 3"),
-        ('port = "east"', 'ports = "east"', "drive 1: 'ports' is no key here"),
-        ("reply_delay_s = 0.005", "reply_delay_s = -1", "a reply delay of -1"),
-        ("reply_delay_s = 0.005", "reply_delay_s = true", "drive 1: reply_delay_s cannot be True"),
-        ('drive = "fuji:7"\n\n[', 'drive = "fuji:7"\nname = "pump"\n\n[', "two drives are named 'pump'"),
-        ('drive = "pump"', 'drive = "fan"', "poll 1: there is no drive 'fan' in this plan"),
-        ('["481", "480"]', "[]", "poll 1: parameters is a list of texts"),
-        ('["481", "480"]', "[481]", "poll 1: parameters is a list of texts"),
-        ("priority = 2", "priority = 2.5", "poll 1: priority cannot be 2.5"),
+        ("reply_delay_s = 0.005", "reply_delay_s = -1", r"line 11: drive 1 \(pump\): invalid reply_delay_s = -1"),
+        ("reply_delay_s = 0.005", "reply_delay_s = true", r"line 16: drive 1 \(pump\): reply_delay_s cannot be True"),
+        ('["481", "480"]', "[]", r"drive 1 \(pump\): nothing to poll"),
+        ('["481", "480"]', "[481]", r"line 17: drive 1 \(pump\), poll 1: parameters are texts"),
+        ("priority = 2", "priority = 2.5", r"line 17: drive 1 \(pump\), poll 1: priority cannot be 2.5"),
+        ("priority = 2", "prio = 2", r"line 17: drive 1 \(pump\), poll 1: unknown key 'prio'; did you mean 'priority'"),
+        ("dataset = 1 }", "dataset = 1 }, port = 3", r"poll 1: unknown key 'port'"),
+        ('"vabus:1"', '"vabus:1,model=act"', r"line 11: drive 1 \(pump\): options do not belong behind vabus:1"),
     ],
 )
-def test_plan_files_that_cannot_be(tmp_path, before, after, message):
+def test_plans_that_cannot_be(tmp_path, before, after, message):
     assert before in FILE
     path = written(tmp_path, FILE.replace(before, after, 1))
     with pytest.raises(FileFormatError, match=message) as raised:
-        read_plan(path)
+        read_plant(path).poll_plan()
     assert str(path) in str(raised.value)
 
 
-def test_plan_files_that_are_not_there_or_empty(tmp_path):
-    with pytest.raises(FileFormatError, match="there is no such file"):
-        read_plan(tmp_path / "none.toml")
-    with pytest.raises(FileFormatError, match=r"a plan has one or more \[\[drive\]\]"):
-        read_plan(written(tmp_path, "format = 1"))
-    with pytest.raises(FileFormatError, match=r"a plan has one or more \[\[poll\]\]"):
-        read_plan(written(tmp_path, 'format = 1\ndrive = [{ drive = "vabus:1" }]'))
+def test_a_plant_that_polls_nothing(tmp_path):
+    with pytest.raises(UsageError, match=r"nothing is polled; write poll = \[\{ parameters"):
+        read_plant(written(tmp_path, 'format = 1\n[[line]]\nname = "hall"\n')).poll_plan()
+
+
+def test_a_poll_plan_of_the_first_version_says_what_to_write_instead(tmp_path):
+    plan = 'format = 1\n[[drive]]\ndrive = "vabus:1"\n\n[[poll]]\ndrive = "vabus:1"\nparameters = ["481"]\n'
+    with pytest.raises(
+        FileFormatError, match=r"line 5: poll 1: poll plans are plant files now; write a \[\[line"
+    ) as said:
+        read_plant(written(tmp_path, plan))
+    assert 'poll = [{ parameters = ["481"], period_s = 0.2 }]' in str(said.value)

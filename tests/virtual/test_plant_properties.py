@@ -11,7 +11,8 @@ from hypothesis import given, settings, strategies as st
 import drivecomm.plant.files
 from drivecomm.errors import DriveCommError, FileFormatError
 from drivecomm.models import load_model
-from drivecomm.plant import Plant, PlantDrive, PlantLine, read_plant
+from drivecomm.plant import Plant, PlantLine, read_plant
+from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import ServedLine, VirtualLine, VirtualPlant, answer_order, virtual_drive
 
 EXAMPLE = drivecomm.plant.files.__doc__
@@ -77,7 +78,7 @@ MODEL = load_model("drivecomm_vabus", "vabus", "agile")
 @settings(deadline=None, max_examples=50)
 @given(st.lists(ORDERS, max_size=6))
 def test_orders_are_carried_out_or_refused_and_the_plant_goes_on(orders):
-    drive = PlantDrive(protocol="vabus", address=1, line="hall", name="pump", options={"model": MODEL})
+    drive = DriveConfig(protocol="vabus", address=1, line="hall", name="pump", options={"model": MODEL})
     plant = VirtualPlant(Plant(lines=(PlantLine(name="hall"),), drives=(drive,)))
     line = plant.line("hall")
     port = line.port()

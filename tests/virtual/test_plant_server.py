@@ -12,7 +12,8 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import LinkDownError, NoReplyError, PortError, UsageError
-from drivecomm.plant import Fault, Plant, PlantDrive, PlantLine, PowerCutStep, TelegramFault
+from drivecomm.plant import Fault, Plant, PlantLine, PowerCutStep, TelegramFault
+from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import LONGEST_ORDER, ControlClient, PlantServer, VirtualPlant, parse_place
 from drivecomm.virtual.control_socket import _MOST_CLIENTS
 
@@ -38,7 +39,7 @@ def plant_of(lines=1, listen="tcp::0", script=(), speed=1.0, **line):
         Plant(
             lines=tuple(PlantLine(name=f"line {number}", listen=listen, **line) for number in range(lines)),
             drives=tuple(
-                PlantDrive(
+                DriveConfig(
                     protocol="vabus",
                     address=address,
                     line=f"line {number}",
@@ -93,7 +94,7 @@ class TestLines:
                 PlantLine(name="b", listen="tcp::0"),
                 PlantLine(name="c", listen="rfc2217::0", paced=False),
             ),
-            drives=tuple(PlantDrive(protocol="danfoss-fc", address=3, line=line, name=line) for line in "abc"),
+            drives=tuple(DriveConfig(protocol="danfoss-fc", address=3, line=line, name=line) for line in "abc"),
         )
         with running(VirtualPlant(plant), control="") as server:
             assert server.control == ""
@@ -189,7 +190,7 @@ class TestControl:
             ({"order": "power", "drive": "drive 0-1", "state": "half"}, "write one of on, off, factory"),
             ({"order": "set", "drive": "drive 0-1", "parameter": "999", "value": 1}, "999"),
             ({"order": "set", "drive": "drive 0-1", "parameter": "x", "value": 1}, "'x'"),
-            ({"order": "inject", "line": "line 0", "data": "xy"}, "'xy' are no bytes"),
+            ({"order": "inject", "line": "line 0", "data": "xy"}, "invalid bytes 'xy'"),
             ({"order": "inject", "line": "line 0", "data": ""}, "no bytes to inject"),
             ({"order": "fault", "text": "kind = 3"}, "the fault"),
             ({"order": "fault", "text": 'line = "yard"\nkind = "drop"'}, "there is no line 'yard'"),

@@ -8,18 +8,8 @@ from math import inf
 import pytest
 
 import drivecomm
-from drivecomm.plant import (
-    Condition as When,
-    Fault,
-    Noise,
-    Plant,
-    PlantDrive,
-    PlantLine,
-    PowerCutStep,
-    TelegramFault,
-    TripStep,
-)
-from drivecomm.protocol import LineSettings, Motor, VirtualReply, installed
+from drivecomm.plant import Condition as When, Fault, Noise, Plant, PlantLine, PowerCutStep, TelegramFault, TripStep
+from drivecomm.protocol import DriveConfig, LineSettings, Motor, VirtualReply, installed
 from drivecomm.virtual import ServedLine, VirtualLine, VirtualPlant, virtual_drive
 from drivecomm.virtual.medium import _MOST_AUDIBLE, _ROOM
 from drivecomm.virtual.uart import _sampled
@@ -243,7 +233,7 @@ def plant_with_everything():
     return VirtualPlant(
         Plant(
             lines=(PlantLine(name="hall", echo=True, noise=Noise(rate=0.05, kinds=tuple(Fault)[:-2])),),
-            drives=tuple(PlantDrive(protocol=name, address=5, line="hall", name=name) for name in names),
+            drives=tuple(DriveConfig(protocol=name, address=5, line="hall", name=name) for name in names),
             script=(
                 TelegramFault(line="hall", kind=Fault.DUPLICATE, every=7),
                 TelegramFault(drive="fuji", kind=Fault.DELAY, of="reply to a read", rate=0.1),
@@ -304,7 +294,7 @@ def test_hours_of_traffic_take_no_memory():
 
 
 def test_a_condition_is_one_event_for_ever():
-    drive = PlantDrive(protocol="vabus", address=1, line="hall", name="pump")
+    drive = DriveConfig(protocol="vabus", address=1, line="hall", name="pump")
     step = TripStep(drive="pump", code=5, when=When(parameter="210", above=1))
     plant = VirtualPlant(Plant(lines=(PlantLine(name="hall"),), drives=(drive,), script=(step,)))
     plant.line("hall").advance(60)

@@ -1,13 +1,15 @@
 """The virtual line: how long things take, who hears what, and what goes wrong on the way."""
 
+from dataclasses import replace
+
 import pytest
 
 import drivecomm
 from drivecomm.errors import AddressError, LinkDownError, NoReplyError, UsageError
 from drivecomm.models import load_model
-from drivecomm.plant import Fault, FaultPlan
-from drivecomm.protocol import Framed, LineSettings, Motor, VirtualReply, installed
-from drivecomm.virtual import Station, VirtualLine, heard, virtual_drive
+from drivecomm.plant import Fault, FaultPlan, Plant, PlantLine
+from drivecomm.protocol import DriveConfig, Framed, LineSettings, Motor, VirtualReply, installed
+from drivecomm.virtual import Station, VirtualLine, VirtualPlant, heard, virtual_drive
 from drivecomm_vabus.telegrams import Ack, Enquiry, Select, VabusCodec
 
 ENQUIRY = bytes.fromhex("0441303034383105")
@@ -415,3 +417,35 @@ def test_references_beyond_any_motor_do_not_stop_a_virtual_drive():
 @pytest.mark.parametrize("sender", [LineSettings(stopbits=2), LineSettings(stopbits=1.5), LineSettings(parity="M")])
 def test_a_longer_stop_is_no_hindrance(sender):
     assert heard(ENQUIRY, sender, LineSettings()) == ENQUIRY
+
+
+@pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
+def test_what_a_model_says_of_the_line_reaches_a_virtual_drive_as_it_reaches_a_master(plugin):
+    known = load_model(plugin.package, plugin.name, plugin.default_model)
+    model = replace(known, options={**known.options, "baudrate": 4800, "gap_s": 0.05})
+    address = plugin.addresses[0]
+    virtual = virtual_drive(plugin.name, address, model=model)
+    drive = drivecomm.open_bus(VirtualLine([virtual]).port).drive(plugin.name, address, model=model)
+    assert (virtual.settings, virtual.gap_s) == (drive.facts.settings, drive.facts.gap_s)
+    assert (virtual.settings.baudrate, virtual.gap_s) == (4800, 0.05)
+    assert virtual_drive(plugin.name, address, model=model, baudrate=9600).settings.baudrate == 9600
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda **options: virtual_drive("vabus", 1, **options),
+        lambda **options: drivecomm.decode("vabus", b"\x04", direction="request", **options),
+        lambda **options: drivecomm.open_bus(VirtualLine().port).drive("vabus", 1, **options),
+    ],
+)
+def test_an_option_that_nobody_takes_is_refused_with_what_was_perhaps_meant(make):
+    with pytest.raises(UsageError, match=r"vabus drives have no option 'ram_dataset'; did you mean 'ram_datasets'\?"):
+        make(ram_dataset=True)
+
+
+def test_a_line_of_a_plant_that_sets_what_no_line_has():
+    line = PlantLine(name="hall", settings={"baud": 9600})
+    plant = Plant(lines=(line,), drives=(DriveConfig(protocol="vabus", address=1, line="hall"),))
+    with pytest.raises(UsageError, match=r"unknown line setting 'baud'; did you mean 'baudrate'\?"):
+        VirtualPlant(plant)

@@ -12,7 +12,6 @@ from drivecomm.plant import (
     InjectStep,
     Noise,
     Plant,
-    PlantDrive,
     PlantLine,
     PowerCutStep,
     StuckStep,
@@ -20,7 +19,7 @@ from drivecomm.plant import (
     TripStep,
     Window,
 )
-from drivecomm.protocol import installed
+from drivecomm.protocol import DriveConfig, installed
 from drivecomm.virtual import VirtualPlant
 
 PROTOCOLS = list(installed.working())
@@ -34,7 +33,7 @@ protocol = pytest.mark.parametrize("name", [plugin.name for plugin in PROTOCOLS]
 def planted(*script, name="vabus", line=None, speed=1.0, **drive):
     """Return a plant with one line, hall, and one drive, pump."""
     hall = line or PlantLine(name="hall")
-    pump = PlantDrive(protocol=name, address=ADDRESS, line="hall", name="pump", **drive)
+    pump = DriveConfig(protocol=name, address=ADDRESS, line="hall", name="pump", **drive)
     return VirtualPlant(Plant(lines=(hall,), drives=(pump,), script=script), speed=speed)
 
 
@@ -76,11 +75,11 @@ def test_every_drive_is_on_its_line_with_its_values_and_its_motor():
         Plant(
             lines=(PlantLine(name="hall", settings={"baudrate": 9600}), PlantLine(name="yard", echo=True, paced=False)),
             drives=(
-                PlantDrive(
+                DriveConfig(
                     protocol="vabus", address=1, line="hall", name="pump", values={"480": 1234}, motor={"rated_kw": 7.5}
                 ),
-                PlantDrive(protocol="vabus", address=2, line="hall", options={"baudrate": 4800, "model": "act"}),
-                PlantDrive(protocol="fuji", address=7, line="yard"),
+                DriveConfig(protocol="vabus", address=2, line="hall", options={"baudrate": 4800, "model": "act"}),
+                DriveConfig(protocol="fuji", address=7, line="yard"),
             ),
         )
     )
@@ -110,7 +109,7 @@ def test_every_drive_is_on_its_line_with_its_values_and_its_motor():
     ],
 )
 def test_a_drive_that_cannot_be(drive, sentence):
-    planned = PlantDrive(**{"protocol": "vabus", "address": 1, "line": "hall", "name": "pump", **drive})
+    planned = DriveConfig(**{"protocol": "vabus", "address": 1, "line": "hall", "name": "pump", **drive})
     with pytest.raises(UsageError, match=sentence):
         VirtualPlant(Plant(lines=(PlantLine(name="hall"),), drives=(planned,)))
 
@@ -237,7 +236,7 @@ def test_a_fault_of_one_drive_spares_the_others():
     plant = VirtualPlant(
         Plant(
             lines=(PlantLine(name="hall"),),
-            drives=tuple(PlantDrive(protocol="vabus", address=number, line="hall") for number in (1, 2)),
+            drives=tuple(DriveConfig(protocol="vabus", address=number, line="hall") for number in (1, 2)),
             script=(TelegramFault(drive="vabus:2", kind=Fault.DROP),),
         )
     )
@@ -248,7 +247,7 @@ def test_a_fault_of_one_drive_spares_the_others():
 
 def test_a_protocol_that_does_not_tell_reading_from_writing(monkeypatch):
     monkeypatch.setattr(type(installed["vabus"]), "__setattr__", object.__setattr__)
-    monkeypatch.setattr(installed["vabus"], "purpose", None)
+    monkeypatch.setattr(installed["vabus"], "intent", None)
     with pytest.raises(UsageError, match="fault 1: the package of vabus does not tell reading from writing"):
         planted(TelegramFault(line="hall", kind=Fault.DROP, of="reply to a write"))
 

@@ -27,16 +27,16 @@ _WIDTH = 110
 
 def demo(
     line: LineOptions,
-    allow_motion: Annotated[bool, typer.Option("--allow-motion", help="With --port: start motors too.")] = False,
+    allow_motion: Annotated[bool, typer.Option("--allow-motion", help="With --port: also start motors.")] = False,
 ) -> int:
-    """Tour everything on virtual lines in a few seconds; with --port on a real line, reading only.
+    """Tour everything on virtual lines in a few seconds, or on a real line with --port, reading only.
 
     Exit code 1 when a step failed.
     """
     if line.port is None:
         line.refuse("without --port the tour is on virtual lines")
         if allow_motion:
-            raise UsageError("without --port no motor is real, so that --allow-motion has no effect; leave it out")
+            raise UsageError("without --port no motor is real, so --allow-motion has no effect; leave it out")
     elif allow_motion:
         line.must_be_armed()
     console = Console(width=_WIDTH, quiet=line.json)

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivecomm.capture import CaptureWriter, Provenance, read_capture
-from drivecomm.cli.drive_names import parse_drive
 from drivecomm.cli.output import complain, emit, say
 from drivecomm.cli.sniff.lines import emit_event, say_event
 from drivecomm.cli.sniff.naming import Naming
-from drivecomm.cli.sniff.sources import Ear, is_file, opened, opened_shared, pieces_from, with_settings
+from drivecomm.cli.sniff.sources import Ear, is_file, pieces_from, with_settings
 from drivecomm.cli.sniff.table import LiveTable, emit_summary, print_summary
 from drivecomm.errors import LinkError, UsageError
-from drivecomm.protocol import LineSettings, installed
+from drivecomm.protocol import LineSettings, installed, parse_drive
 from drivecomm.traffic.sniffer import LineMonitor, detect
+from drivecomm.transport import listening_port, shared_listening_port
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
@@ -42,39 +42,40 @@ def sniff(
     ],
     drives: Annotated[
         list[str] | None,
-        typer.Option("--drive", metavar="DRIVE", help="A drive that may be heard: vabus:1,model=agile; repeatable."),
+        typer.Option("--drive", metavar="DRIVE", help="A drive to expect, such as vabus:1,model=agile; repeatable."),
     ] = None,
     protocols: Annotated[
-        list[str] | None, typer.Option("--protocol", help="Look for this protocol only; repeatable. If absent: all.")
+        list[str] | None, typer.Option("--protocol", help="Look for this protocol only; repeatable. Default: all.")
     ] = None,
     names: Annotated[
-        bool, typer.Option("--names", help="Take other drives for their protocol's usual model, to name parameters.")
+        bool, typer.Option("--names", help="Assume the protocol's usual model for other drives, to name parameters.")
     ] = False,
     only: Annotated[
         list[str] | None, typer.Option("--only", metavar="DRIVE", help="Show this drive or protocol only; repeatable.")
     ] = None,
-    errors: Annotated[bool, typer.Option("--errors", help="Show only what should not have happened.")] = False,
-    table: Annotated[bool, typer.Option("--table", help="A table of the drives instead of single telegrams.")] = False,
-    write: Annotated[str | None, typer.Option("--write", metavar="FILE", help="Keep it as a capture.")] = None,
+    errors: Annotated[bool, typer.Option("--errors", help="Show only errors.")] = False,
+    table: Annotated[bool, typer.Option("--table", help="Show a table of the drives instead of telegrams.")] = False,
+    write: Annotated[str | None, typer.Option("--write", metavar="FILE", help="Record to a capture file.")] = None,
     find: Annotated[
         bool, typer.Option("--detect", help="Find baud rate, parity and protocol first, by listening.")
     ] = False,
     shared: Annotated[
-        bool, typer.Option("--shared", help="Listen at a port that another program has open; each gets half the bytes.")
+        bool,
+        typer.Option("--shared", help="Listen at a port that another program has open; each gets half the bytes."),
     ] = False,
-    seconds: Annotated[float | None, typer.Option("--for", metavar="SECONDS", help="End after this time.")] = None,
+    seconds: Annotated[float | None, typer.Option("--for", metavar="SECONDS", help="Stop after this time.")] = None,
     baudrate: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="Bits per second.")] = None,
     bytesize: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="Data bits, 7 or 8.")] = None,
     parity: Annotated[str | None, typer.Option(rich_help_panel=_LINE, help="N, E, O, M or S.")] = None,
     stopbits: Annotated[float | None, typer.Option(rich_help_panel=_LINE, help="1, 1.5 or 2.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
 ) -> int:
-    """Listen to a line on which others talk, without ever sending, or read a capture; Ctrl-C ends with a summary.
+    """Listen to a line without ever sending, or read a capture; Ctrl-C ends with a summary.
 
-    The port is this program's alone unless --shared is given. Exit code 1 when nothing was heard.
+    The port is opened exclusively unless --shared is given. Exit code 1 when nothing was heard.
     """
     if table and as_json:
-        raise UsageError("--table is for people and --json for scripts; choose one")
+        raise UsageError("--table and --json exclude each other; choose one")
     naming = Naming([parse_drive(text) for text in drives or []], everybody=names)
     given = {"baudrate": baudrate, "bytesize": bytesize, "parity": parity and parity.upper(), "stopbits": stopbits}
     job = Job(
@@ -93,12 +94,14 @@ def sniff(
         job.read(place, write, output)
         return 0
     tell = _emit_detected if as_json else _say_detected
-    open_port = opened_shared if shared else opened
+    open_port = shared_listening_port if shared else listening_port
     heard = job.listen(place, write, output, open_port=open_port, told=tell if find else None, seconds=seconds)
     if heard:
         return 0
-    served = ", and that its server serves nobody else" if "://" in place else ""
-    complain(f"{place}: nothing was heard; check that somebody talks on this line, its wiring{served}", as_json=as_json)
+    served = ", that its server has no other client" if "://" in place else ""
+    complain(
+        f"{place}: nothing was heard; check that there is traffic on this line{served}, and its wiring", as_json=as_json
+    )
     return _NOTHING_HEARD
 
 
@@ -248,11 +251,11 @@ def _found_settings(
     place: str, port: ListeningPort, protocols: list[Protocol], tell: Callable[[str, Detected], None]
 ) -> LineSettings:
     if note := port.configure(LineSettings()):
-        raise UsageError(f"{place}: there is nothing to detect ({note}); leave --detect")
+        raise UsageError(f"{place}: there is nothing to detect ({note}); leave --detect out")
     found = detect(Ear(port), protocols)
     if found is None:
         raise LinkError(
-            f"{place}: with no usual line settings was anything understood; check that somebody talks on this line"
+            f"{place}: nothing could be decoded with the usual line settings; check that there is traffic on this line"
         )
     tell(place, found)
     return found.settings

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.cli.drive_names import DriveName
-from drivecomm.errors import AddressError, DriveCommError
+from drivecomm.errors import DriveCommError
 from drivecomm.models import load_model
-from drivecomm.protocol import installed, sort_out
+from drivecomm.protocol import DriveConfig, checked_address, installed, resolve_options
 from drivecomm.traffic.sniffer import HeardTelegram, ParameterNames
 
 if TYPE_CHECKING:
@@ -37,7 +36,7 @@ class Naming:
     drives: as given with --drive. everybody: whether other drives are taken for their protocol's default model.
     """
 
-    drives: Sequence[DriveName]
+    drives: Sequence[DriveConfig]
     everybody: bool = False
     _known: dict[str, ParameterNames | None] = field(default_factory=dict)
 
@@ -45,8 +44,7 @@ class Naming:
         """Raise UsageError unless all drives can be."""
         for drive in self.drives:
             _sorted_out(drive)
-            if drive.address not in installed[drive.protocol].addresses:
-                raise AddressError(f"{drive.protocol} has no drive at address {drive.address}")
+            checked_address(installed[drive.protocol], drive.address)
 
     @property
     def options(self) -> Mapping[str, Any]:
@@ -92,18 +90,18 @@ class Naming:
         if chosen is None:
             if not self.everybody:
                 return None
-            chosen = DriveName(protocol=protocol, address=int(address))
+            chosen = DriveConfig(protocol=protocol, address=int(address))
         plugin = installed[protocol]
         name = chosen.options.get("model") or plugin.default_model
         model = load_model(plugin.package, protocol, name)
         return ParameterNames(plugin, int(address), model, _sorted_out(chosen)[1])
 
 
-def _sorted_out(drive: DriveName) -> tuple[LineSettings, Any]:
+def _sorted_out(drive: DriveConfig) -> tuple[LineSettings, Any]:
     """Return line settings and protocol options. Raises UsageError for an option that the protocol does not have."""
     plugin = installed[drive.protocol]
     given = {name: value for name, value in drive.options.items() if name != "model"}
     name = drive.options.get("model")
     model = load_model(plugin.package, drive.protocol, name) if name else None
-    facts, options = sort_out(plugin, model, given)
+    facts, options = resolve_options(plugin, model, given)
     return facts.settings, options

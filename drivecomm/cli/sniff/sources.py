@@ -63,20 +63,6 @@ class Ear:
         return LineSample(pieces=pieces, spoilt=self.port.spoilt - spoilt)
 
 
-def opened(name: str, settings: LineSettings) -> ListeningPort:
-    """Open a port that can only listen, and keep it to this program, see `listening_port`."""
-    from drivecomm.transport import listening_port  # noqa: PLC0415 - loads pyserial's list of ports
-
-    return listening_port(name, settings)
-
-
-def opened_shared(name: str, settings: LineSettings) -> ListeningPort:
-    """Open a port that can only listen, and that another program uses, see `shared_listening_port`."""
-    from drivecomm.transport import shared_listening_port  # noqa: PLC0415 - as above
-
-    return shared_listening_port(name, settings)
-
-
 def with_settings(piece: Piece, settings: LineSettings | None) -> Piece:
     """Return a piece of a capture with the settings that the caller says, where it says some."""
     return piece if settings is None else replace(piece, settings=settings)

@@ -25,7 +25,7 @@ _TIMES: dict[str, Callable[[ReplyTimes], float]] = {
     "95 %": lambda times: times.percentile_s(95),
     "longest": lambda times: times.longest_s,
 }
-_AMISS = {
+_COUNTED_ERRORS = {
     "retries": ("retry", "retries"),
     "timeouts": ("timeout", "timeouts"),
     "damaged": ("damaged", "damaged"),
@@ -110,11 +110,11 @@ def drawn(counted: Mapping[str, Mapping[str, Statistics]], last: Mapping[tuple[s
     for head in (*_COUNTED, *times):
         table.add_column(head, justify="right", no_wrap=True)
     rows = [(line, drive, drives[drive]) for line, drives in counted.items() for drive in sorted(drives, key=_order)]
-    amiss = [_amiss(each) for _, _, each in rows]
-    told = [("amiss", any(amiss)), ("last value", bool(last))]
+    errors = [_errors_of(each) for _, _, each in rows]
+    told = [("errors", any(errors)), ("last value", bool(last))]
     for head in (head for head, is_told in told if is_told):
         table.add_column(head)
-    for (line, drive, each), wrong in zip(rows, amiss, strict=True):
+    for (line, drive, each), wrong in zip(rows, errors, strict=True):
         texts = (wrong, last.get((line, drive), ""))
         table.add_row(
             f"{line} {drive}".strip(),
@@ -135,9 +135,9 @@ def _milliseconds(times: ReplyTimes, how: Callable[[ReplyTimes], float]) -> str:
     return f"{how(times) * 1000:.1f}" if times.count else ""
 
 
-def _amiss(each: Statistics) -> str:
-    """Return what should not have happened, in words: a table of noughts hides it."""
-    counts = [(each.counters[name], *words) for name, words in _AMISS.items()]
+def _errors_of(each: Statistics) -> str:
+    """Return what went wrong, in words: a table of zeros would hide it."""
+    counts = [(each.counters[name], *words) for name, words in _COUNTED_ERRORS.items()]
     counts.append((sum(each.counters[name] for name in _ERRORS), "error", "errors"))
     counts.append((each.counters["noise bytes"], "noise byte", "noise bytes"))
     return ", ".join(f"{count} {one if count == 1 else many}" for count, one, many in counts if count)

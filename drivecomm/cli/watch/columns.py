@@ -63,11 +63,11 @@ def columns_for(watcher: Watcher, board: Board, width: int, shown: str) -> list[
 def _all_columns(watcher: Watcher, board: Board, shown: str) -> list[Column]:
     views = board.drives
     named = max(len(view.name) for view in views)
-    places = max(len(view.drive.place) for view in views)
+    places = max(len(str(view.drive)) for view in views)
     known = [name for name in watcher.names if any(name in view.values for view in views)]
     columns = [_column("drive", "drive", min(_LONGEST_NAME, max(5, named)), 0, lambda view: Text(view.name))]
-    if any(view.name != view.drive.place for view in views):
-        columns.append(_column("place", "address", places, 40, lambda view: Text(view.drive.place, style=ASIDE)))
+    if any(view.name != str(view.drive) for view in views):
+        columns.append(_column("place", "address", places, 40, lambda view: Text(str(view.drive), style=ASIDE)))
     columns.append(_column("state", "state", 9, 1, state_of))
     columns += [_of_value(name, 10 + 5 * place) for place, name in enumerate(known)]
     head = f"{head_of(shown)} trend"

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from drivecomm.cli.drive_names import plant_file
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.logging_option import Log
+from drivecomm.cli.watch.log_switch import LogSwitch
 from drivecomm.errors import DriveCommError, UsageError
-
-if TYPE_CHECKING:
-    from drivecomm.plant.watching import WatchedLine
+from drivecomm.plant import read_plant
+from drivecomm.plant.watching import WatchedLine, Watcher, lines_of
 
 
 def watch(
@@ -23,43 +23,38 @@ def watch(
         list[str] | None,
         typer.Argument(
             metavar="[PLANT.toml | DRIVE...]",
-            help="A plant file (plant.toml here, if absent), or drives on --port such as vabus:1,model=agile.",
+            help="A plant file (default: plant.toml here), or drives on --port such as vabus:1,model=agile.",
         ),
     ] = None,
-    period: Annotated[float, typer.Option("--period", metavar="SECONDS", help="How often each drive is asked.")] = 1.0,
+    period: Annotated[float, typer.Option("--period", metavar="SECONDS", help="Time between polls of a drive.")] = 1.0,
     name: Annotated[
-        list[str] | None, typer.Option("--name", help="Common name to read; may be given again. The usual, if absent.")
+        list[str] | None, typer.Option("--name", help="Common name to read; repeatable. Default: the usual ones.")
     ] = None,
     duration: Annotated[
-        float | None, typer.Option("--for", metavar="SECONDS", help="Ask no longer than this; the screen stays.")
+        float | None, typer.Option("--for", metavar="SECONDS", help="Stop polling after this time; the screen stays.")
     ] = None,
     log: Log = None,
     arm: Annotated[
-        bool, typer.Option("--arm", help="Allow start and reset of drives that the plant file says are armed.")
+        bool, typer.Option("--arm", help="Allow start and reset of drives that are armed in the plant file.")
     ] = False,
 ) -> int:
     """Watch drives in a terminal: states, values, trends, faults, counters.
 
-    It commands nothing by itself; its keys stop a motor always, and start or reset one with --arm. Exit code 3 when
-    none of the lines can be opened, 1 when values are missing in the log because there was no room for them. It is not
-    a safety function.
+    It commands nothing by itself; its keys can always stop a motor, and with --arm start or reset one. Exit code 3 when
+    no line can be opened, 1 when values are missing in the log because the disk was full. It is not a safety function.
     """
     if line.json or line.trace or line.record is not None:
-        raise UsageError("watch is for people at a terminal; use drivecomm poll for --json, --trace and --record")
+        raise UsageError("watch is for a terminal; use drivecomm poll for --json, --trace and --record")
     if duration is not None and not duration > 0:
-        raise UsageError(f"--for {duration:g} s watches nothing; give seconds above 0")
+        raise UsageError(f"--for {duration:g} s is not possible; give seconds above 0")
     lines = watched_lines(what or [], line)
     _must_be_a_terminal()
-    # What draws on a terminal is for this command alone.
-    from drivecomm.cli.watch.log_switch import LogSwitch  # noqa: PLC0415
-    from drivecomm.plant.watching import Watcher  # noqa: PLC0415
-
     switch = LogSwitch(log)
     chosen: dict[str, Any] = {"names": name} if name else {}
     watcher = Watcher(lines, period_s=period, **chosen)
     if name and watcher.nobody_has:
         missing = ", ".join(watcher.nobody_has)
-        raise UsageError(f"no drive here can be asked for {missing}: no model of theirs says which parameter it is")
+        raise UsageError(f"no drive here has {missing}: no model says which parameter it is")
     watcher.told = switch.tell
     screen = _screen()(watcher, title=_title(what or [], line), log=switch, armed=arm, duration_s=duration)
     if log is not None:
@@ -88,8 +83,6 @@ def _must_be_a_terminal() -> None:
 
 def watched_lines(what: list[str], line: LineOptions) -> list[WatchedLine]:
     """Return the lines that the words of a call name. Raises UsageError."""
-    from drivecomm.plant.watching import WatchedDrive, WatchedLine, lines_of  # noqa: PLC0415 - as above
-
     options = _options(line)
     if what:
         line.refuse("the drives are named here", "plant")
@@ -98,17 +91,12 @@ def watched_lines(what: list[str], line: LineOptions) -> list[WatchedLine]:
     if plants and len(what) > 1:
         raise UsageError("give one plant file or drives, not both")
     if plants:
-        from drivecomm.plant import read_plant  # noqa: PLC0415 - as above
-
         if line.port is not None:
             raise UsageError(f"the ports are those of {plants[0]}; leave --port and DRIVECOMM_PORT out")
         return lines_of(read_plant(Path(plants[0])), options)
     if not what:
         raise UsageError("nothing to watch; name a plant file, or drives such as vabus:1,model=agile with --port")
-    names = [line.reaching(word)[1] for word in what]
-    drives = tuple(
-        WatchedDrive(protocol=one.protocol, address=one.address, name=one.name, options=one.options) for one in names
-    )
+    drives = tuple(line.reaching(word)[1] for word in what)
     return [WatchedLine(name=line.named_port, port=line.named_port, drives=drives, options=options)]
 
 

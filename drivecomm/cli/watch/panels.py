@@ -66,7 +66,7 @@ def _heading(view: DriveView) -> Text:
     text = Text(view.name, style="bold", no_wrap=True, overflow="ellipsis").append("  ", style="")
     model = str(view.drive.options.get("model", "no model"))
     arms = "armed" if view.drive.armed else "read-only"
-    text.append(f"{view.drive.place} on {view.line}, {model}, {arms}:  ", style="not bold dim")
+    text.append(f"{view.drive} on {view.line}, {model}, {arms}:  ", style="not bold dim")
     text.append_text(state_of(view))
     return text if view.error else text.append("  ").append_text(note_of(view))
 

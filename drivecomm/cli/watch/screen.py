@@ -121,7 +121,7 @@ class WatchScreen(App[Exception | None]):
             async with self.watcher:
                 await self.watcher.run(duration_s=self._duration_s)
                 self.asked_all.set()
-                self._resting = f"asked for {self._duration_s:g} s; q leaves" if self._duration_s else ""
+                self._resting = f"asked for {self._duration_s:g} s; q quits" if self._duration_s else ""
                 self.say("")
                 # The lines stay open for the keys.
                 await asyncio.Event().wait()

@@ -10,10 +10,10 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import Found, open_bus, scan_plan
-from drivecomm.commissioning.doctor.examination import EchoTrial, Examination, Expected, Listening, Replies, Sought
+from drivecomm.commissioning.doctor.examination import EchoTrial, Examination, Listening, Replies, Sought
 from drivecomm.errors import DriveError, ReplyError
 from drivecomm.link import tell_all
-from drivecomm.protocol import Framed, Framer, installed
+from drivecomm.protocol import DriveConfig, Framed, Framer, installed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -41,7 +41,7 @@ def examine(
     *,
     only: Iterable[str] | None = None,
     addresses: Iterable[int] | None = None,
-    expected: Iterable[Expected] = (),
+    expected: Iterable[DriveConfig] = (),
     echo: Echo = "off",
     listen_s: float = 1.0,
     probes: int = 24,
@@ -116,11 +116,11 @@ def _others(plugin: Protocol, wanted: Sequence[int] | None, places: set[tuple[st
     return [one for one in addresses if (plugin.name, one) not in places]
 
 
-def _drive(bus: Bus, one: Expected, **facts: Any) -> Drive:
+def _drive(bus: Bus, one: DriveConfig, **facts: Any) -> Drive:
     return bus.drive(one.protocol, one.address, **{**one.options, **facts})
 
 
-def _sought(bus: Bus, one: Expected, step: Callable[[str, int, int], None], *, search: bool) -> Sought:
+def _sought(bus: Bus, one: DriveConfig, step: Callable[[str, int, int], None], *, search: bool) -> Sought:
     """Ask for a drive at its own settings, and where it does not answer, at the other usual baud rates."""
     step(f"asking {one.name}", 0, 1)
     drive = _drive(bus, one)

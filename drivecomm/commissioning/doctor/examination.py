@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from drivecomm.bus import Found
     from drivecomm.link import Echo
-    from drivecomm.protocol import LineSettings
+    from drivecomm.protocol import DriveConfig, LineSettings
 
 EchoKind: TypeAlias = Literal["none", "whole", "changed"]
 
@@ -42,27 +42,13 @@ class EchoTrial:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Expected:
-    """A drive that is said to be on the line. name: what people call it. options: what `Bus.drive` takes."""
-
-    name: str
-    protocol: str
-    address: int
-    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
-
-    def __str__(self) -> str:
-        place = f"{self.protocol}:{self.address}"
-        return self.name if self.name == place else f"{self.name} ({place})"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Sought:
     """What came of asking for an expected drive at its own settings.
 
     error: why it is taken not to answer, empty when it does. elsewhere: the settings at which it answers instead.
     """
 
-    drive: Expected
+    drive: DriveConfig
     settings: LineSettings
     error: str = ""
     elsewhere: LineSettings | None = None

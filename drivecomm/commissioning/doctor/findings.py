@@ -171,19 +171,19 @@ def _drives(examination: Examination) -> Iterator[Finding]:
 
 def _expected(sought: Sought) -> Finding:
     if not sought.error:
-        return Finding(weight="fine", about="drives", text=f"{sought.drive} answers at {sought.settings}")
+        return Finding(weight="fine", about="drives", text=f"{sought.drive.full_name} answers at {sought.settings}")
     if sought.elsewhere is not None:
         rates = sought.elsewhere.baudrate, sought.settings.baudrate
         return Finding(
             weight="problem",
             about="drives",
-            text=f"{sought.drive} answers at {sought.elsewhere}, not at {sought.settings}",
+            text=f"{sought.drive.full_name} answers at {sought.elsewhere}, not at {sought.settings}",
             remedy=f"write baudrate = {rates[0]} in its options in the plant file, or set the drive to {rates[1]}",
         )
     return Finding(
         weight="problem",
         about="drives",
-        text=f"{sought.drive} does not answer at {sought.settings}: {sought.error}",
+        text=f"{sought.drive.full_name} does not answer at {sought.settings}: {sought.error}",
         remedy="check that it has power and its wires, and whether its address, protocol and line settings are those "
         "of the plant file; drivecomm scan --wide finds it at others",
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivecomm.bus import Read, carry_out, reading_steps, setting_steps
+from drivecomm.bus import carry_out, read_parameter, reading_watchdog, setting_watchdog
 from drivecomm.commissioning.parameter_sets.effect import (
     Held,
     common_values,
@@ -17,7 +17,7 @@ from drivecomm.commissioning.parameter_sets.parameter_set import WRITABLE
 from drivecomm.errors import DriveError, UsageError
 
 if TYPE_CHECKING:
-    from drivecomm.bus import Steps
+    from drivecomm.bus import Procedure
     from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet
     from drivecomm.commissioning.parameter_sets.subject import Subject
     from drivecomm.protocol import Model, ParameterInfo, Value
@@ -42,7 +42,7 @@ def is_about_watchdog(entry: Entry, to: Subject, model: Model) -> bool:
     return is_watchdog_time(to.model.quantities[entry.common], to.model) or is_watchdog_time(of_set, model)
 
 
-def carried_watchdog(to: Subject, known: ParameterSet, model: Model) -> Steps[list[tuple[ParameterInfo, Value]]]:
+def carried_watchdog(to: Subject, known: ParameterSet, model: Model) -> Procedure[list[tuple[ParameterInfo, Value]]]:
     """Return what the parameters of the drive's watchdog are to be, so that it does what that of the set did.
 
     Reads the drive, writes nothing. Raises UsageError where the set does not tell it, or this drive cannot do it.
@@ -50,23 +50,23 @@ def carried_watchdog(to: Subject, known: ParameterSet, model: Model) -> Steps[li
     wanted = watchdog_told(known, model)
     if wanted.policy is None:
         raise UsageError(f"the watchdog of {known.drive} does {wanted.action!r}, which no other maker's is known to do")
-    now = yield from reading_steps(to.name, to.model)
+    now = yield from reading_watchdog(to.name, to.model)
     watchdog = to.model.watchdog
     assert watchdog is not None  # noqa: S101 - its setting was just read
     values = {watchdog.time: now.time_value}
     if now.action_value is not None:
         values[watchdog.action] = now.action_value
     held = Held(to.name, values)
-    carry_out(held.as_drive, setting_steps(to.name, to.model, wanted.policy, wanted.time_s or 0))
+    carry_out(held.as_drive, setting_watchdog(to.name, to.model, wanted.policy, wanted.time_s or 0))
     return [(info, held.values[address]) for address in values if (info := to.info(address)) is not None]
 
 
-def reason_not_to_count(to: Subject, entry: Entry) -> Steps[str]:
+def reason_not_to_count(to: Subject, entry: Entry) -> Procedure[str]:
     """Return why a common name counts for nothing on the drive as it is, empty where it counts."""
     info = to.info(to.model.quantities[entry.common])
     for address in info.only_with if info else ():
         try:
-            reading = yield Read(address)
+            reading = yield read_parameter(address)
         except DriveError as error:
             return f"whether it counts is not known: {error}"
         if not counts_with(to.model, info, address, reading.value):

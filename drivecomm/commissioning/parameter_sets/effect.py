@@ -8,7 +8,7 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import TYPE_CHECKING, cast
 
-from drivecomm.bus import carry_out, reading_steps
+from drivecomm.bus import carry_out, reading_watchdog
 from drivecomm.commissioning.parameter_sets.parameter_set import Entry, in_unit, same
 from drivecomm.errors import ReplyError, UsageError
 from drivecomm.models import load_model, parameter_at, quantities
@@ -60,7 +60,7 @@ class Held:
 def watchdog_told(known: ParameterSet, model: Model) -> Setting:
     """Return what the watchdog of the set's drive was set to. Raises UsageError where the set does not tell it."""
     held = Held(known.drive, {entry.address: _in_units_of(model, entry) for entry in known.entries.values()})
-    return carry_out(held.as_drive, reading_steps(known.drive, model))
+    return carry_out(held.as_drive, reading_watchdog(known.drive, model))
 
 
 def is_watchdog_time(address: str, model: Model) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from drivecomm.bus import CheckWrite, Read
+from drivecomm.bus import check_write, read_parameter
 from drivecomm.commissioning.parameter_sets.carrying import (
     carried_watchdog,
     common_entries,
@@ -22,7 +22,7 @@ from drivecomm.errors import DriveError, NotSupported, ReadOnlyError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.bus import Steps
+    from drivecomm.bus import Procedure
     from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet
     from drivecomm.commissioning.parameter_sets.reading_out import Progress
     from drivecomm.commissioning.parameter_sets.subject import Subject
@@ -83,7 +83,7 @@ class Plan:
         return [item for item in self.items if item.missed]
 
 
-def planning(to: Subject, known: ParameterSet, options: RestoreOptions, progress: Progress) -> Steps[Plan]:
+def planning(to: Subject, known: ParameterSet, options: RestoreOptions, progress: Progress) -> Procedure[Plan]:
     """Find out what a restore would write; writes nothing.
 
     Raises UsageError for a set of another drive unless that is wished and for a drive that is read-only, and
@@ -134,7 +134,7 @@ def _stored(to: Subject, options: RestoreOptions) -> bool:
     return False
 
 
-def _looked_at(to: Subject, known: ParameterSet, options: RestoreOptions) -> Steps[tuple[list[str], bool]]:
+def _looked_at(to: Subject, known: ParameterSet, options: RestoreOptions) -> Procedure[tuple[list[str], bool]]:
     """Return what is to be remarked, and whether the set is of this drive."""
     identity = yield from identity_told()
     if reason := of_another_drive(known, to, identity):
@@ -187,7 +187,7 @@ def _chosen(
 
 def _items(
     to: Subject, entry: Entry, known: ParameterSet, model: Model, options: RestoreOptions, *, across: bool, own: bool
-) -> Steps[list[Planned]]:
+) -> Procedure[list[Planned]]:
     """Return what becomes of an entry; of the time of another maker's watchdog, of all that a watchdog consists of."""
     if not across:
         return [_item(to, entry, options, across=False, own=own)]
@@ -265,12 +265,12 @@ def _is_missed(item: Planned, options: RestoreOptions, *, of_same_model: bool) -
     return item.action == "skip" and (bool(options.only) or (of_same_model and item.reason != _NOT_TOLD))
 
 
-def _checked(wanted: list[Planned], *, store: bool) -> Steps[tuple[list[Planned], list[Planned], dict[str, str]]]:
+def _checked(wanted: list[Planned], *, store: bool) -> Procedure[tuple[list[Planned], list[Planned], dict[str, str]]]:
     """Return what can be asked for, what cannot be sent by itself, and the values that do not fit, by address."""
     fit, unfit, wrong = [], [], {}
     for item in wanted:
         try:
-            yield CheckWrite(item.address, item.value, store, item.options)
+            yield check_write(item.address, item.value, store=store, options=item.options)
         except ReadOnlyError as error:
             raise ReadOnlyError(f"{error}; nothing was written") from error
         except ValueRefusedError as error:
@@ -292,9 +292,9 @@ def _must_fit(items: list[Planned], wrong: dict[str, str]) -> None:
         )
 
 
-def _compared(item: Planned) -> Steps[Planned]:
+def _compared(item: Planned) -> Procedure[Planned]:
     try:
-        reading = yield Read(item.address)
+        reading = yield read_parameter(item.address)
     except DriveError:
         # Data sets that differ, say: what is to be there is known all the same.
         return item

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import AskIdentity, AskStatus, Read
+from drivecomm.bus import ask_identity, ask_status, read_parameter
 from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet, in_order
 from drivecomm.commissioning.parameter_sets.subject import part_of
 from drivecomm.errors import DriveError, ReplyError, UnexpectedReplyError, UsageError
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
     from datetime import datetime
 
-    from drivecomm.bus import Steps
+    from drivecomm.bus import Procedure
     from drivecomm.commissioning.parameter_sets.parameter_set import Part
     from drivecomm.commissioning.parameter_sets.subject import Subject
     from drivecomm.protocol import ParameterInfo, Reading
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     Progress = Callable[[str, int, int], None]
 
 
-def reading_out(of: Subject, parts: Collection[Part], progress: Progress) -> Steps[ParameterSet]:
+def reading_out(of: Subject, parts: Collection[Part], progress: Progress) -> Procedure[ParameterSet]:
     """Read all parameters of these parts. What the drive refuses to tell is listed with its reason.
 
     Raises ReplyError and LinkError when the drive or the line is away; a set is whole or there is none.
@@ -30,7 +30,7 @@ def reading_out(of: Subject, parts: Collection[Part], progress: Progress) -> Ste
     return (yield from _read(of, parts, {}, identity, progress))
 
 
-def factory_values(of: Subject, parts: Collection[Part], progress: Progress) -> Steps[ParameterSet]:
+def factory_values(of: Subject, parts: Collection[Part], progress: Progress) -> Procedure[ParameterSet]:
     """Read the factory values of all parameters of these parts, where drives of this protocol tell them.
 
     Raises UsageError where they do not.
@@ -44,10 +44,10 @@ def factory_values(of: Subject, parts: Collection[Part], progress: Progress) -> 
     return (yield from _read(of, parts, options, {}, progress))
 
 
-def identity_told() -> Steps[Mapping[str, str]]:
+def identity_told() -> Procedure[Mapping[str, str]]:
     """Return what the drive tells of itself, nothing where it refuses; its state says nothing of what it is."""
     try:
-        told: Mapping[str, str] = yield AskIdentity()
+        told: Mapping[str, str] = yield ask_identity()
     except DriveError:
         return {}
     return {key: text for key, text in told.items() if key != "state"}
@@ -55,7 +55,7 @@ def identity_told() -> Steps[Mapping[str, str]]:
 
 def _read(
     of: Subject, parts: Collection[Part], options: Mapping[str, Any], identity: Mapping[str, str], progress: Progress
-) -> Steps[ParameterSet]:
+) -> Procedure[ParameterSet]:
     common = of.common_names()
     wanted = [
         (address, info, part)
@@ -95,21 +95,21 @@ def _read(
     )
 
 
-def _reading(address: str, options: Mapping[str, Any]) -> Steps[Reading]:
+def _reading(address: str, options: Mapping[str, Any]) -> Procedure[Reading]:
     """Read, and once more where nothing believable came though the drive is there."""
     try:
-        return (yield Read(address, options))  # type: ignore[no-any-return]
+        return (yield read_parameter(address, options))  # type: ignore[no-any-return]
     except UnexpectedReplyError:
         raise
     except ReplyError as error:
         yield from _must_be_there(error)
-    return (yield Read(address, options))  # type: ignore[no-any-return]
+    return (yield read_parameter(address, options))  # type: ignore[no-any-return]
 
 
-def _must_be_there(error: ReplyError) -> Steps[None]:
+def _must_be_there(error: ReplyError) -> Procedure[None]:
     """Raise the error unless the drive answers something else: then it is about the parameter."""
     try:
-        yield AskStatus()
+        yield ask_status()
     except ReplyError:
         raise error from None
     except DriveError:
@@ -130,11 +130,11 @@ def _entry(address: str, info: ParameterInfo, reading: Reading, part: Part, comm
     )
 
 
-def _firmware(of: Subject, identity: Mapping[str, str]) -> Steps[str]:
+def _firmware(of: Subject, identity: Mapping[str, str]) -> Procedure[str]:
     """Return the version of the software, by its common name or else by what the drive calls it."""
     if "software_version" in of.model.quantities:
         try:
-            reading: Reading = yield Read("software_version")
+            reading: Reading = yield read_parameter("software_version")
         except (DriveError, UsageError, ReplyError):
             pass
         else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from drivecomm.bus import AskStatus, Read, Write
+from drivecomm.bus import ask_status, read_parameter, write_parameter
 from drivecomm.commissioning.parameter_sets.ordering import Stage
 from drivecomm.commissioning.parameter_sets.parameter_set import same
 from drivecomm.errors import DriveError, ReplyError, StateError, UsageError
@@ -13,7 +13,7 @@ from drivecomm.errors import DriveError, ReplyError, StateError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.bus import Steps
+    from drivecomm.bus import Procedure
     from drivecomm.commissioning.parameter_sets.journal import Remembers
     from drivecomm.commissioning.parameter_sets.planning import Plan, Planned
     from drivecomm.commissioning.parameter_sets.reading_out import Progress
@@ -44,7 +44,7 @@ class Restored:
         return not (self.refused or self.unconfirmed or self.left or self.plan.missed)
 
 
-def restoring(plan: Plan, journal: Remembers, progress: Progress) -> Steps[Restored]:
+def restoring(plan: Plan, journal: Remembers, progress: Progress) -> Procedure[Restored]:
     """Carry out a plan.
 
     After all are written, all are read once more: what a later write has changed, or what was refused while another
@@ -72,9 +72,9 @@ def restoring(plan: Plan, journal: Remembers, progress: Progress) -> Steps[Resto
     )
 
 
-def must_stand(drive: str) -> Steps[None]:
+def must_stand(drive: str) -> Procedure[None]:
     """Raise StateError if the motor runs."""
-    status: DriveStatus = yield AskStatus()
+    status: DriveStatus = yield ask_status()
     if status.running:
         raise StateError(
             f"{drive}: the motor runs, and a restore changes limits and ramps; nothing was written, stop it first"
@@ -95,13 +95,13 @@ class _Work:
         self._writes = 0
         self._tried_at: dict[str, int] = {}
 
-    def write(self, items: list[Planned], progress: Progress) -> Steps[None]:
+    def write(self, items: list[Planned], progress: Progress) -> Procedure[None]:
         """Write these and read each back."""
         for place, item in enumerate(items):
             progress(item.address, place, len(items))
             yield from self._write(item)
 
-    def differing(self, progress: Progress) -> Steps[list[Planned]]:
+    def differing(self, progress: Progress) -> Procedure[list[Planned]]:
         """Return what does not hold its value now."""
         found = []
         for place, item in enumerate(self.items):
@@ -118,7 +118,7 @@ class _Work:
         """Whether something else was written since this was tried, so that trying again may come to another end."""
         return self._tried_at.get(item.address, -1) < self._writes
 
-    def write_communication(self) -> Steps[tuple[list[str], list[str]]]:
+    def write_communication(self) -> Procedure[tuple[list[str], list[str]]]:
         """Write how the drive is spoken to; return what is not known to be written, and what then was left."""
         items = [item for item in self._communication if item.action == "write"]
         for place, item in enumerate(items):
@@ -128,7 +128,7 @@ class _Work:
                 return [item.address], [later.address for later in items[place + 1 :]]
         return [], []
 
-    def _write(self, item: Planned) -> Steps[None]:
+    def _write(self, item: Planned) -> Procedure[None]:
         self.refused.pop(item.address, None)
         try:
             yield from self._send(item)
@@ -146,19 +146,19 @@ class _Work:
             self.written.append(item.address)
         self._journal.wrote(item.address)
 
-    def _send(self, item: Planned) -> Steps[None]:
+    def _send(self, item: Planned) -> Procedure[None]:
         """Write; whether a write arrived that nobody confirmed is seen by reading, and if not it is sent once more."""
         try:
-            yield Write(item.address, item.value, self._store, item.options)
+            yield write_parameter(item.address, item.value, store=self._store, options=item.options)
         except ReplyError:
-            reading: Reading = yield Read(item.address)
+            reading: Reading = yield read_parameter(item.address)
             if not same(item.held_by(reading), item.value):
-                yield Write(item.address, item.value, self._store, item.options)
+                yield write_parameter(item.address, item.value, store=self._store, options=item.options)
 
-    def _held(self, item: Planned) -> Steps[str]:
+    def _held(self, item: Planned) -> Procedure[str]:
         """Return why the drive does not hold the value that it should, empty when it does."""
         try:
-            reading: Reading = yield Read(item.address)
+            reading: Reading = yield read_parameter(item.address)
         except DriveError as error:
             return f"it cannot be read back: {error}"
         if same(item.held_by(reading), item.value):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
 from drivecomm.models import quantities
-from drivecomm.protocol import installed, sort_out
+from drivecomm.protocol import installed, resolve_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -52,7 +52,7 @@ def subject(drive: Drive | AsyncDrive) -> Subject:
         raise UsageError(f"{drive.name}: which parameters it has is said by its model; name one, such as with --model")
     protocol = drive.name.partition(":")[0]
     plugin = installed[protocol]
-    _, options = sort_out(plugin, drive.model, {})
+    _, options = resolve_options(plugin, drive.model, {})
     return Subject(drive.name, plugin, drive.model, options, drive.capabilities)
 
 

@@ -6,5 +6,5 @@ from .board import (
     state_words as state_words,
 )
 from .history import Trend as Trend
-from .watched import WatchedDrive as WatchedDrive, WatchedLine as WatchedLine, lines_of as lines_of
+from .watched import WatchedLine as WatchedLine, lines_of as lines_of
 from .watcher import Watcher as Watcher

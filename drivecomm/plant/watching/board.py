@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.plant.watching.watched import WatchedDrive
     from drivecomm.polling import Quality
-    from drivecomm.protocol import DriveStatus, Reading
+    from drivecomm.protocol import DriveConfig, DriveStatus, Reading
 
 
 Condition: TypeAlias = Literal["asking", "answers", "silent"]
@@ -37,7 +36,7 @@ class DriveView:
     reply_s: how long its replies take in the mean, 0 without any.
     """
 
-    drive: WatchedDrive
+    drive: DriveConfig
     line: str
     condition: Condition = "asking"
     status: DriveStatus | None = None

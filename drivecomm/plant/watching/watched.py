@@ -13,31 +13,7 @@ if TYPE_CHECKING:
 
     from drivecomm.link import Port
     from drivecomm.plant import Plant
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WatchedDrive:
-    """A drive. name: what people call it, PROTOCOL:ADDRESS if empty. options: what `Bus.drive` takes.
-
-    armed: it may be commanded by what runs unattended; stopping is allowed always. link_loss: what its motor does when
-    its master falls silent, empty when nobody has said so; a drive is started only where it is said.
-    """
-
-    protocol: str
-    address: int
-    name: str = ""
-    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
-    armed: bool = False
-    link_loss: str = ""
-
-    def __post_init__(self) -> None:
-        if not self.name:
-            object.__setattr__(self, "name", self.place)
-
-    @property
-    def place(self) -> str:
-        """The drive as the command line names it."""
-        return f"{self.protocol}:{self.address}"
+    from drivecomm.protocol import DriveConfig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +22,7 @@ class WatchedLine:
 
     name: str
     port: str | Callable[[], Port]
-    drives: tuple[WatchedDrive, ...]
+    drives: tuple[DriveConfig, ...]
     options: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
@@ -75,16 +51,6 @@ def _line_of(plant: Plant, name: str, options: Mapping[str, Any]) -> WatchedLine
         raise UsageError(f'line {name} has no port; write port = "/dev/ttyUSB0" or what a master opens to reach it')
     given = {key: value for key, value in options.items() if value is not None}
     facts = {key: value for key, value in given.items() if key in LINE_FACT_NAMES}
-    drives = tuple(
-        WatchedDrive(
-            protocol=drive.protocol,
-            address=drive.address,
-            name=drive.name,
-            options={**drive.options, **facts},
-            armed=drive.armed,
-            link_loss=drive.link_loss.policy if drive.link_loss else "",
-        )
-        for drive in plant.on_line(name)
-    )
+    drives = tuple(drive.with_options(**facts) for drive in plant.on_line(name))
     echo = {"echo": True} if line.echo else {}
     return WatchedLine(name=name, port=line.reached_at, drives=drives, options={**echo, **line.settings, **given})

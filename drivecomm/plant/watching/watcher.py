@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from drivecomm.bus import open_bus_async
 from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
-from drivecomm.link import Statistics
+from drivecomm.link import REOPEN_LONGEST_S, Statistics
 from drivecomm.models import quantities
 from drivecomm.plant.watching.board import Board, DriveView, Happening, WatchedValue, changes
 from drivecomm.plant.watching.history import Trend
@@ -49,7 +49,7 @@ USUAL_NAMES = (
 )
 """What is watched of a drive unless told otherwise, as far as its model has it."""
 
-_REOPENING_S = 2.0
+_REOPENING_S = REOPEN_LONGEST_S
 _KEPT_TELEGRAMS = 400
 _KEPT_HAPPENINGS = 200
 _KEPT_PERIODS = 3
@@ -179,7 +179,7 @@ class Watcher:
         for one in watched.drives:
             if one.name in self._seen:
                 raise UsageError(f"two drives are named {one.name!r}; give each a name of its own")
-            drive = line.bus.drive(one.protocol, one.address, **one.options)
+            drive = one.build(line.bus.drive)
             self._seen[one.name] = _Seen(line, drive, _Asked(drive), DriveView(drive=one, line=watched.name))
         return line
 
@@ -243,7 +243,7 @@ class Watcher:
 
     def _traced(self, line: WatchedLine, event: TraceEvent) -> None:
         for one in line.drives:
-            if one.place == event.drive:
+            if str(one) == event.drive:
                 self._seen[one.name].telegrams.append(event)
 
     async def _open(self) -> None:

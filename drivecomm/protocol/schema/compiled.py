@@ -18,25 +18,28 @@ from drivecomm.protocol.schema.emission import Code
 from drivecomm.protocol.schema.leaves import KINDS, Check
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from typing import TypeAlias
 
     from drivecomm.protocol import Message
-    from drivecomm.protocol.schema.form import Form
+
+    # What computes fields of the message, by their names: a function, and the leaves that it is given.
+    Reads: TypeAlias = Mapping[tuple[str, ...], tuple[Callable[..., Any], tuple[str, ...]]]
 
 M = TypeVar("M", bound="Message")
 
 
-def reader(form: Form[M]) -> Callable[[bytes], M] | None:
-    """Return a function that reads this form's telegram; None where a leaf cannot be said in code.
+def reader(message: type[M], leaves: Sequence[Any], reads: Reads) -> Callable[[bytes], M] | None:
+    """Return a function that reads a form's telegram; None where a leaf cannot be said in code.
 
     It raises any exception for bytes that are no such telegram.
     """
-    if not _sayable(form):
+    if not _sayable(leaves):
         return None
     code = Code()
     found: dict[str, str] = {}
     place = _Place()
-    for run, sized in _runs(form.schema.subcons):
+    for run, sized in _runs(leaves):
         _cut_run(code, run, found, place)
         if sized is not None:
             name, leaf = sized
@@ -45,21 +48,25 @@ def reader(form: Form[M]) -> Callable[[bytes], M] | None:
             found[name] = leaf.emission.read(code, code.let(f"data[{place} : {place} + {size}]"))
             place.move_to(code.let(f"{place} + {size}"))
     code.refuse_if(f"len(data) != {place}")
-    _message(code, form, found)
+    _message(code, message, reads, found)
     return code.function("read", "data")
 
 
-def writer(form: Form[M]) -> Callable[[M], bytes] | None:
-    """Return a function that writes this form's telegram; None where a leaf cannot be said in code.
+def writer(
+    leaves: Sequence[Any], writes: Mapping[tuple[str, ...], Callable[[M], Any]], check: Callable[[M], None] | None
+) -> Callable[[M], bytes] | None:
+    """Return a function that writes a form's telegram; None where a leaf cannot be said in code.
 
     It raises any exception for a message that does not fit.
     """
-    if not _sayable(form):
+    if not _sayable(leaves):
         return None
     code = Code()
-    given = _fields(code, form)
+    if check is not None:
+        code.line(f"{code.refer(check)}(message)")
+    given = _fields(code, leaves, writes)
     written = ""
-    for run, sized in _runs(form.schema.subcons, Check):
+    for run, sized in _runs(leaves, Check):
         if run:
             cuts = "".join(leaf.emission.cut for _, leaf in run)
             values = [leaf.emission.write(code, given.get(name, "None")) for name, leaf in run]
@@ -91,11 +98,11 @@ class _Place:
         return f"({self.base} + {self.offset})" if self.base else str(self.offset)
 
 
-def _sayable(form: Form[Any]) -> bool:
+def _sayable(leaves: Sequence[Any]) -> bool:
     """Whether all leaves are of our own kinds; one that overrides how it is read or written is not."""
     return all(
         type(leaf) in KINDS and leaf.emission is not None and _size(leaf, None) is not None
-        for _, leaf in _named(form.schema.subcons)
+        for _, leaf in _named(leaves)
     )
 
 
@@ -153,43 +160,44 @@ def _joined(code: Code, written: str, data: str) -> str:
     return code.let(f"{written} + {data}" if written else data)
 
 
-def _fields(code: Code, form: Form[Any]) -> dict[str, str]:
+def _fields(
+    code: Code, leaves: Sequence[Any], writes: Mapping[tuple[str, ...], Callable[[Any], Any]]
+) -> dict[str, str]:
     """Take the values of all leaves from the message; return their names in the code."""
-    if form.check is not None:
-        code.line(f"{code.refer(form.check)}(message)")
     given: dict[str, str] = {}
-    for names, function in form.writes.items():
+    for names, function in writes.items():
         computed = code.let(f"{code.refer(function)}(message)")
         if len(names) == 1:
             given[names[0]] = computed
         else:
             given.update({name: f"{computed}_{name}" for name in names})
             code.line(f"{', '.join(given[name] for name in names)} = {computed}")
-    for name, _ in _named(form.schema.subcons):
+    for name, _ in _named(leaves):
         if name and name not in given:
             given[name] = code.let(f"message.{name}")
     return given
 
 
-def _message(code: Code, form: Form[Any], found: dict[str, str]) -> None:
+def _message(code: Code, message: type[Any], reads: Reads, found: dict[str, str]) -> None:
     """Make the message of what was found."""
     made: dict[str, str] = {}
-    for names, (function, wanted) in form.reads.items():
+    for names, (function, wanted) in reads.items():
         computed = code.let(f"{code.refer(function)}({', '.join(found[name] for name in wanted)})")
         if len(names) == 1:
             made[names[0]] = computed
         else:
             made.update({name: f"{computed}_{name}" for name in names})
             code.line(f"{', '.join(made[name] for name in names)} = {computed}")
-    made = {name: value for name, value in {**found, **made}.items() if name in form.names}
-    if not _plain_slots(form.message):
-        code.line(f"return {code.refer(form.message)}({', '.join(f'{name}={value}' for name, value in made.items())})")
+    names_of_fields = {field.name for field in fields(message)}
+    made = {name: value for name, value in {**found, **made}.items() if name in names_of_fields}
+    if not _plain_slots(message):
+        code.line(f"return {code.refer(message)}({', '.join(f'{name}={value}' for name, value in made.items())})")
         return
     # What the generated __init__ of a frozen dataclass does, without a look-up of object.__setattr__ for each field.
-    made = {**_defaults(code, form.message), **made}
-    code.line(f"message = {code.refer(object.__new__)}({code.refer(form.message)})")
-    for field in fields(form.message):
-        setter = code.refer(getattr(form.message, field.name).__set__)
+    made = {**_defaults(code, message), **made}
+    code.line(f"message = {code.refer(object.__new__)}({code.refer(message)})")
+    for field in fields(message):
+        setter = code.refer(getattr(message, field.name).__set__)
         code.line(f"{setter}(message, {made[field.name]})")
     code.line("return message")
 

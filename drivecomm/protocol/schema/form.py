@@ -63,26 +63,26 @@ class Form(Generic[M]):
     def parse(self, data: bytes) -> M:
         """Return the message that these bytes carry. Raises TelegramError."""
         try:
-            return self.read(data)
+            return self.parse_compiled(data)
         except Exception:  # noqa: BLE001 - whatever it was, the declared schema finds it again and names it
             return self.parse_declared(data)
 
     def build(self, message: M) -> bytes:
         """Return the bytes that carry this message. Raises TelegramError for a field that does not fit."""
         try:
-            return self.write(message)
+            return self.build_compiled(message)
         except Exception:  # noqa: BLE001 - as above
             return self.build_declared(message)
 
     @cached_property
-    def read(self) -> Callable[[bytes], M]:
+    def parse_compiled(self) -> Callable[[bytes], M]:
         """The schema as a straight function, `parse_declared` where there is none; raises anything for no telegram."""
-        return compiled.reader(self) or self.parse_declared
+        return compiled.reader(self.message, self.schema.subcons, self.reads) or self.parse_declared
 
     @cached_property
-    def write(self) -> Callable[[M], bytes]:
+    def build_compiled(self) -> Callable[[M], bytes]:
         """The schema as a straight function, `build_declared` where there is none; raises anything for a misfit."""
-        return compiled.writer(self) or self.build_declared
+        return compiled.writer(self.schema.subcons, self.writes, self.check) or self.build_declared
 
     def parse_declared(self, data: bytes) -> M:
         """Parse by the schema as it is declared, which alone decides what is wrong. Raises TelegramError."""

@@ -51,7 +51,7 @@ else:
 class Leaf(_Construct):
     """Characters of a known number that mean one value.
 
-    size: number of bytes, or a construct expression over fields read before. read: bytes to value. write: value to
+    size: number of bytes, or a construct expression over fields read before. parse: bytes to value. write: value to
     bytes. Both raise ValueError for what may not be, and depend on nothing but what they are given. category: what a
     wrong content is called. meaning: for the docs. values: all values that there are, whole numbers or texts, where
     they are few enough to be looked up instead, and each is written in one way only. emission: how the leaf is said in
@@ -61,7 +61,7 @@ class Leaf(_Construct):
     def __init__(
         self,
         size: Any,
-        read: Callable[[bytes], Any],
+        parse: Callable[[bytes], Any],
         write: Callable[[Any], bytes],
         *,
         category: Category = "field",
@@ -73,8 +73,8 @@ class Leaf(_Construct):
         self.size = size
         self.category: Category = category
         self.meaning = meaning
-        self.emission = emission or _emission(size, read, write, values)
-        self._read = read
+        self.emission = emission or _emission(size, parse, write, values)
+        self._parse_found = parse
         self._write = write
 
     def take(self, stream: Any, context: Any) -> Any:
@@ -84,7 +84,7 @@ class Leaf(_Construct):
         if len(data) < size:
             raise Fault("length", f"{size} characters expected, {len(data)} left")
         try:
-            return self._read(data)
+            return self._parse_found(data)
         except ValueError as error:
             raise Fault(self.category, str(error)) from None
 
@@ -124,12 +124,12 @@ class Leaf(_Construct):
 
 
 def _emission(
-    size: Any, read: Callable[[bytes], Any], write: Callable[[Any], bytes], values: Iterable[Any] | None
+    size: Any, parse: Callable[[bytes], Any], write: Callable[[Any], bytes], values: Iterable[Any] | None
 ) -> Emission | None:
     if not isinstance(size, int):
         return None
     if values is None:
-        return emission.called(size, read, write)
+        return emission.called(size, parse, write)
     return emission.enumerated(size, values, type(next(iter(values), 0)), write)
 
 
@@ -144,13 +144,13 @@ class _Implied(Leaf):
 def constant(data: bytes, meaning: str = "") -> Leaf:
     """Exactly these bytes; anything else is a framing error."""
 
-    def read(found: bytes) -> None:
+    def parse(found: bytes) -> None:
         if found != data:
             raise ValueError(f"{data.hex(' ').upper()} {meaning} expected, {found.hex(' ').upper()} found")
 
     return _Implied(
         len(data),
-        read,
+        parse,
         lambda _: data,
         category="framing",
         meaning=meaning or data.hex(" ").upper(),
@@ -163,7 +163,7 @@ def choice(values: Mapping[bytes, Any], meaning: str = "") -> Leaf:
     written = {value: data for data, value in values.items()}
     size = len(next(iter(values)))
 
-    def read(found: bytes) -> Any:
+    def parse(found: bytes) -> Any:
         if found not in values:
             raise ValueError(f"{found.hex(' ').upper()} is none of {', '.join(map(repr, values.values()))}")
         return values[found]
@@ -173,7 +173,7 @@ def choice(values: Mapping[bytes, Any], meaning: str = "") -> Leaf:
             raise ValueError(f"{value!r} is none of {', '.join(map(repr, written))}")
         return written[value]
 
-    return Leaf(size, read, write, meaning=meaning, emission=emission.looked_up(values))
+    return Leaf(size, parse, write, meaning=meaning, emission=emission.looked_up(values))
 
 
 def _within(value: Any, allowed: Container[int]) -> int:
@@ -186,7 +186,7 @@ def decimal_number(digits: int, allowed: Container[int] | None = None, meaning: 
     """An unsigned number in this many ASCII decimal digits, most significant first."""
     permitted = range(10**digits) if allowed is None else allowed
 
-    def read(found: bytes) -> int:
+    def parse(found: bytes) -> int:
         if not found.isdigit():
             raise ValueError(f"{found!r} are not {digits} decimal digits")
         return _within(int(found), permitted)
@@ -196,27 +196,27 @@ def decimal_number(digits: int, allowed: Container[int] | None = None, meaning: 
 
     if digits <= _LOOKED_UP:
         values = [value for value in range(10**digits) if value in permitted]
-        return Leaf(digits, read, write, meaning=meaning, values=values)
+        return Leaf(digits, parse, write, meaning=meaning, values=values)
     layout = b"%%0%dd" % digits
     said = emission.digits(digits, "not {0}.isdigit()", "int({0})", layout, permitted)
-    return Leaf(digits, read, write, meaning=meaning, emission=said)
+    return Leaf(digits, parse, write, meaning=meaning, emission=said)
 
 
 def hex_number(digits: int, meaning: str = "") -> Leaf:
     """An unsigned number in this many upper-case hexadecimal ASCII digits, most significant first."""
     permitted = range(16**digits)
 
-    def read(found: bytes) -> int:
+    def parse(found: bytes) -> int:
         return hex_value(found)
 
     def write(value: Any) -> bytes:
         return b"%0*X" % (digits, _within(value, permitted))
 
     if digits <= _LOOKED_UP:
-        return Leaf(digits, read, write, meaning=meaning, values=permitted)
+        return Leaf(digits, parse, write, meaning=meaning, values=permitted)
     wrong, layout = f"{{0}}.translate(None, {_HEX!r})", b"%%0%dX" % digits
     said = emission.digits(digits, wrong, "int({0}, 16)", layout, permitted)
-    return Leaf(digits, read, write, meaning=meaning, emission=said)
+    return Leaf(digits, parse, write, meaning=meaning, emission=said)
 
 
 def hex_value(digits: bytes) -> int:
@@ -229,17 +229,17 @@ def hex_value(digits: bytes) -> int:
 def shifted_character(base: int, allowed: Container[int], meaning: str = "") -> Leaf:
     """A number in one character: `base` plus the number."""
 
-    def read(found: bytes) -> int:
+    def parse(found: bytes) -> int:
         return _within(found[0] - base, allowed)
 
     values = [number for number in range(-base, 256 - base) if number in allowed]
-    return Leaf(1, read, lambda value: bytes([base + _within(value, allowed)]), meaning=meaning, values=values)
+    return Leaf(1, parse, lambda value: bytes([base + _within(value, allowed)]), meaning=meaning, values=values)
 
 
 def characters(size: Any, *, lowest: int = 0x20, highest: int = 0x7E, meaning: str = "") -> Leaf:
     """Text of this many characters, one byte each, within a range of codes (ISO 8859-1)."""
 
-    def read(found: bytes) -> str:
+    def parse(found: bytes) -> str:
         if any(not lowest <= code <= highest for code in found):
             raise ValueError(f"{found!r} holds a character outside {lowest:02X}H to {highest:02X}H")
         return found.decode("latin-1")
@@ -248,11 +248,11 @@ def characters(size: Any, *, lowest: int = 0x20, highest: int = 0x7E, meaning: s
         if not isinstance(text, str):
             raise TypeError(f"{text!r} is not text")
         data = text.encode("latin-1")
-        read(data)
+        parse(data)
         return data
 
     said = emission.text(size, bytes(range(lowest, highest + 1)))
-    return Leaf(size, read, write, meaning=meaning, emission=said)
+    return Leaf(size, parse, write, meaning=meaning, emission=said)
 
 
 _BINARY = {1: "B", 2: "H", 4: "I", 8: "Q"}

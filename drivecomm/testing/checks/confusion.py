@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, DriveError, ReplyError
 from drivecomm.plant import Fault, FaultPlan
-from drivecomm.protocol import Ask, VirtualReply, fields_of, sort_out
+from drivecomm.protocol import Ask, VirtualReply, fields_of, resolve_options
 from drivecomm.testing.bench import bench
 from drivecomm.testing.checking import check, expect, raise_all
 
@@ -89,7 +89,7 @@ def a_write_is_not_confirmed_by_another(plugin: Protocol, model: Model) -> None:
     """
     wrong = []
     tried = 0
-    operations = plugin.operations(plugin.addresses[0], sort_out(plugin, model, {})[1], model)
+    operations = plugin.operations(plugin.addresses[0], resolve_options(plugin, model, {})[1], model)
     for info in model.parameters.values():
         if info.access != "rw" or info.start is None or isinstance(info.start, str) or tried == _PARAMETERS:
             continue

@@ -21,7 +21,7 @@ from drivecomm.protocol import (
     Stop,
     Tell,
     installed,
-    sort_out,
+    resolve_options,
 )
 from drivecomm.testing.bench import bench
 from drivecomm.testing.checking import CheckFailure, check, expect, raise_all
@@ -103,7 +103,7 @@ def has_frozen_options(plugin: Protocol) -> None:
         expect(field.name not in LINE_FACT_NAMES, f"the option {field.name} has the name of a line fact")
     expect(kind() == kind(), "options without any given are not always the same")
     for name in model_names(plugin.package, plugin.name):
-        sort_out(plugin, known_model(plugin, name), {})
+        resolve_options(plugin, known_model(plugin, name), {})
 
 
 @check("contract")
@@ -122,7 +122,7 @@ def operations_are_whole(plugin: Protocol) -> None:
             expect(callable(getattr(operations, name, None)), f"the operations have no {name}")
         able = operations.capabilities
         expect(isinstance(able, Capabilities), f"the capabilities are {able!r}")
-        expect(able.link_loss.strip(), "nothing is said about what the drive does when its master falls silent")
+        expect(not able.link_loss, "link_loss of the capabilities is said by the model: [watchdog], or its link_loss")
         expect(able.stops and able.stops <= set(Stop), f"the ways to stop are {able.stops}")
         expect(
             able.broadcast == (plugin.broadcast_address is not None),
@@ -134,7 +134,7 @@ def operations_are_whole(plugin: Protocol) -> None:
             expect(name not in VERBS, f"the verb {name} has the name of one that every drive has")
     model = known_model(plugin, plugin.default_model)
     _one_address_for_each_parameter(
-        plugin.operations(plugin.addresses[0], sort_out(plugin, model, {})[1], model), model
+        plugin.operations(plugin.addresses[0], resolve_options(plugin, model, {})[1], model), model
     )
 
 
@@ -151,7 +151,7 @@ def virtual_drives_are_whole(plugin: Protocol) -> None:
     """A virtual drive has its address, settings, gap, motor and codec; what it holds can be looked at and set."""
     model = known_model(plugin, plugin.default_model)
     for address in (plugin.addresses[0], plugin.addresses[-1]):
-        drive = plugin.virtual(address, sort_out(plugin, model, {})[1], model)
+        drive = plugin.virtual(address, resolve_options(plugin, model, {})[1], model)
         expect(drive.address == address, f"a drive made for address {address} is at {drive.address}")
         expect(isinstance(drive.settings, LineSettings), f"the settings are {drive.settings!r}")
         expect(drive.gap_s > 0, f"the gap is {drive.gap_s!r} s")

@@ -6,9 +6,9 @@ from dataclasses import replace
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.bus import Verbs
+from drivecomm.bus import Exchanges
 from drivecomm.errors import DriveCommError, ReplyError, TelegramError
-from drivecomm.protocol import Pause, fields_of, sort_out
+from drivecomm.protocol import Ask, Pause, Tell, fields_of, resolve_options, with_each_command
 from drivecomm.testing.calls import CallResult, Line, call_awaited, call_blocking, compare, exchange_of
 from drivecomm.testing.checking import check
 from drivecomm.testing.checks.framing import noise_of
@@ -92,25 +92,23 @@ def goes_as_written_without_a_line(plugin: Protocol, vector: ExchangeVector) -> 
     if script is None:
         return
     model = known_model(plugin, vector.model) if vector.model else None
-    options = sort_out(plugin, model, vector.options)[1]
-    verbs = Verbs(f"{plugin.name}:{vector.address}", plugin.operations(vector.address, options, model))
+    options = resolve_options(plugin, model, vector.options)[1]
+    verbs = Exchanges(f"{plugin.name}:{vector.address}", plugin.operations(vector.address, options, model))
     play(_as_on_the_wire(_codec(plugin, vector), _calls_of(vector, verbs)), script)
 
 
 def _as_on_the_wire(codec: Codec, exchange: Exchange[None]) -> Exchange[None]:
     """Let an exchange ask what a drive would hear: a field may be left out where its value goes without saying."""
-    try:
-        command = next(exchange)
-        while True:
-            if not isinstance(command, Pause):
-                heard = codec.decode(codec.encode(command.message), "request")
-                command = replace(command, message=heard)
-            command = exchange.send((yield command))
-    except StopIteration:
-        return
+
+    def heard(command: Ask | Tell | Pause) -> Ask | Tell | Pause:
+        if isinstance(command, Pause):
+            return command
+        return replace(command, message=codec.decode(codec.encode(command.message), "request"))
+
+    return with_each_command(exchange, heard)
 
 
-def _calls_of(vector: ExchangeVector, verbs: Verbs) -> Exchange[None]:
+def _calls_of(vector: ExchangeVector, verbs: Exchanges) -> Exchange[None]:
     for call in vector.calls:
         try:
             outcome = CallResult((yield from exchange_of(verbs, call)))
@@ -147,7 +145,7 @@ def _decoded(codec: Codec, data: bytes, direction: Direction) -> Message | None:
 
 def _codec(plugin: Protocol, vector: ExchangeVector) -> Codec:
     model = known_model(plugin, vector.model) if vector.model else None
-    return plugin.codec(sort_out(plugin, model, vector.options)[1])
+    return plugin.codec(resolve_options(plugin, model, vector.options)[1])
 
 
 def _of_another_drive(plugin: Protocol, vector: ExchangeVector, asked: bytes, data: bytes) -> bytes:

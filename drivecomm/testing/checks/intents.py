@@ -1,7 +1,7 @@
 """What a package says of its requests, held against what a virtual drive makes of them.
 
-`only_asks` decides what anybody may send again, `purpose` what a fault plan means by a reply to a read: a mistake in
-them is seen by no telegram.
+It decides what anybody may send again, and what a fault plan means by a reply to a read: a mistake in it is seen by no
+telegram.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, TelegramError
-from drivecomm.protocol import Framed, sort_out
+from drivecomm.protocol import Framed, resolve_options
 from drivecomm.testing.bench import bench
 from drivecomm.testing.checking import check, expect, shown
 from drivecomm.testing.vectors import packaged_vectors
@@ -26,36 +26,36 @@ if TYPE_CHECKING:
 @check("commands")
 def tells_asking_from_acting(plugin: Protocol, model: Model) -> None:
     """A request that only asks changes no motor and no parameter; all that reads, looks and probes only asks."""
-    asks = plugin.only_asks
-    if asks is None:
+    intent = plugin.intent
+    if intent is None:
         return
     for what, find in _acting(plugin, model):
-        expect(not asks(find.message), f"{shown(find.data)} {what}, and is said to ask only")
+        expect(not intent(find.message).only_asks, f"{shown(find.data)} {what}, and is said to ask only")
     with bench(plugin, model) as on:
         on.drive.probe()
         on.drive.status()
         on.read_first(model)
         for find in on.virtual.heard:
-            expect(asks(find.message), f"{shown(find.data)} is sent to ask, and is said to do more")
+            expect(intent(find.message).only_asks, f"{shown(find.data)} is sent to ask, and is said to do more")
 
 
 @check("commands")
 def tells_what_requests_are_for(plugin: Protocol, model: Model) -> None:
     """What reads a parameter is for reading, what changes one for writing, and what moves a motor is no reading."""
-    purpose = plugin.purpose
-    if purpose is None:
+    intent = plugin.intent
+    if intent is None:
         return
     for what, find in _acting(plugin, model):
-        told = purpose(find.message)
-        fits = told == "write" if what == _CHANGES else told != "read"
-        expect(fits, f"{shown(find.data)} {what}, and is said to be a {told}")
+        told = intent(find.message)
+        fits = told.access == "write" if what == _CHANGES else told.access != "read" or told.commands
+        expect(fits, f"{shown(find.data)} {what}, and is said to be a {told.access or 'command'}")
     with bench(plugin, model) as on:
         on.read_first(model)
         for find in on.virtual.heard:
-            told = purpose(find.message)
-            expect(told != "write", f"{shown(find.data)} is sent to read a parameter, and is said to be a write")
+            access = intent(find.message).access
+            expect(access != "write", f"{shown(find.data)} is sent to read a parameter, and is said to be a write")
         expect(
-            any(purpose(find.message) == "read" for find in on.virtual.heard),
+            any(intent(find.message).access == "read" for find in on.virtual.heard),
             "a parameter is read, and no telegram is said to be a read",
         )
 
@@ -63,8 +63,8 @@ def tells_what_requests_are_for(plugin: Protocol, model: Model) -> None:
 @check("commands")
 def what_only_asks_moves_no_drive(plugin: Protocol, model: Model) -> None:
     """No request of the vectors that is said to ask only gives a virtual drive's motor another command."""
-    asks, options = plugin.only_asks, sort_out(plugin, model, {})[1]
-    if asks is None:
+    intent, options = plugin.intent, resolve_options(plugin, model, {})[1]
+    if intent is None:
         return
     for vector in packaged_vectors(plugin).vectors:
         address = vector.fields.get("address")
@@ -82,7 +82,8 @@ def what_only_asks_moves_no_drive(plugin: Protocol, model: Model) -> None:
         before = drive.motor.command
         drive.hear(Framed(vector.data, message), 1.0)
         now = drive.motor.command
-        expect(not asks(message) or now is before, f"{vector.id} is said to ask only, and tells the motor {now.value}")
+        asks = intent(message).only_asks
+        expect(not asks or now is before, f"{vector.id} is said to ask only, and tells the motor {now.value}")
 
 
 _CHANGES, _MOVES, _HALTS = "changes a parameter", "makes the motor run", "stops the motor"

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @check("schemas", "linked")
 def compiles_whole(form: Form[Any]) -> None:
     """The schema is read and written by functions of its own, not by construct's interpreter."""
-    interpreted = form.read == form.parse_declared or form.write == form.build_declared
+    interpreted = form.parse_compiled == form.parse_declared or form.build_compiled == form.build_declared
     expect(not interpreted, "a leaf cannot be said in code, so all of the schema is interpreted")
 
 
@@ -32,7 +32,7 @@ def compiled_as_interpreted(case: Case) -> None:
         for each in (data, data[:-1], data + b"0", *_changed_at(middle, data)):
             same_both_ways(named, each)
         # A form that another telegram belongs to finds out at the first wrong constant; this one's are gone through.
-        if _outcome(named.form.read, data) is not None:
+        if _outcome(named.form.parse_compiled, data) is not None:
             for place in range(len(data)):
                 for each in _changed_at(place, data):
                     same_both_ways(named, each)
@@ -47,7 +47,7 @@ def same_both_ways(named: NamedForm, data: bytes) -> None:
 
     What they read is written in both ways too.
     """
-    fast, declared = _outcome(named.form.read, data), _outcome(named.form.parse_declared, data)
+    fast, declared = _outcome(named.form.parse_compiled, data), _outcome(named.form.parse_declared, data)
     expect(
         type(fast) is type(declared) and fast == declared,
         f"{named.name} reads {shown(data)} as {fast} compiled and as {declared} interpreted",
@@ -60,7 +60,7 @@ def same_writing(named: NamedForm, message: Message) -> None:
     """The compiled and the interpreted schema write this message alike, or both refuse it; others are left alone."""
     if type(message) is not named.form.message:
         return
-    fast, declared = _outcome(named.form.write, message), _outcome(named.form.build_declared, message)
+    fast, declared = _outcome(named.form.build_compiled, message), _outcome(named.form.build_declared, message)
     expect(
         fast == declared,
         f"{named.name} writes {message} as {fast!r} compiled and as {declared!r} interpreted",

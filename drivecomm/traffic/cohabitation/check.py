@@ -19,8 +19,8 @@ from drivecomm.virtual import heard
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.protocol import LineSettings
-    from drivecomm.traffic.cohabitation.drives import LineDrive, Partner
+    from drivecomm.protocol import DriveConfig, LineSettings
+    from drivecomm.traffic.cohabitation.drives import Partner
     from drivecomm.traffic.cohabitation.outlines import Outline
 
 _SEED = 1
@@ -46,7 +46,7 @@ class Cohabitation:
         return all(each.safe for each in self.drives)
 
 
-def check_line(drives: Sequence[LineDrive]) -> Cohabitation:
+def check_line(drives: Sequence[DriveConfig]) -> Cohabitation:
     """Find out whether drives on one line can take each other's telegrams for their own.
 
     The same drives always give the same result. Raises UsageError for a drive that cannot be.

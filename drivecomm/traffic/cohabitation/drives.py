@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError
 from drivecomm.models import load_model
-from drivecomm.protocol import Ask, Tell, fields_of, installed, sort_out
+from drivecomm.protocol import Ask, Tell, fields_of, installed, resolve_options
 from drivecomm.traffic.cohabitation import alphabets, sampling
 from drivecomm.traffic.cohabitation.outlines import Outline, addressed, has_address, outline_of, within
 from drivecomm.virtual import virtual_drive
@@ -16,28 +16,10 @@ from drivecomm.virtual import virtual_drive
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from drivecomm.protocol import Codec, Direction, Message, Protocol
+    from drivecomm.protocol import Codec, Direction, DriveConfig, Message, Protocol
     from drivecomm.protocol.schema import Leaf
 
 _DIRECTIONS: tuple[Direction, Direction] = ("request", "reply")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LineDrive:
-    """A drive of a line.
-
-    protocol, address: which it is. name: what it is called, PROTOCOL:ADDRESS if empty. options: its line settings, its
-    model and its protocol's options, as `Bus.drive` takes them.
-    """
-
-    protocol: str
-    address: int
-    name: str = ""
-    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
-
-    def __post_init__(self) -> None:
-        if not self.name:
-            object.__setattr__(self, "name", f"{self.protocol}:{self.address}")
 
 
 class Dialect:
@@ -85,15 +67,15 @@ class Partner:
     dialect: its telegrams as the master knows them. ear: the codec of the drive itself. settings: its line settings.
     """
 
-    def __init__(self, drive: LineDrive, dialects: dict[tuple[str, str], Dialect]) -> None:
+    def __init__(self, drive: DriveConfig, dialects: dict[tuple[str, str], Dialect]) -> None:
         self._drive, self._dialects = drive, dialects
-        virtual = virtual_drive(drive.protocol, drive.address, **drive.options)
+        virtual = drive.build(virtual_drive)
         self.name, self.address, self.settings = drive.name, drive.address, virtual.settings
         self.ear: Codec = virtual.codec
         plugin = installed[drive.protocol]
         given = dict(drive.options)
         model = load_model(plugin.package, plugin.name, given.pop("model", None) or plugin.default_model)
-        _, options = sort_out(plugin, model, given)
+        _, options = resolve_options(plugin, model, given)
         known = (plugin.name, repr(options))
         self.dialect = dialects.setdefault(known, Dialect(plugin, plugin.codec(options)))
         self._probe = plugin.operations(drive.address, options, model).probe
@@ -172,7 +154,7 @@ class Partner:
         return {}
 
 
-def partners_of(drives: Iterable[LineDrive]) -> list[Partner]:
+def partners_of(drives: Iterable[DriveConfig]) -> list[Partner]:
     """Return the drives as partners. Raises UsageError for a drive that cannot be."""
     dialects: dict[tuple[str, str], Dialect] = {}
     return [Partner(drive, dialects) for drive in drives]

@@ -92,7 +92,7 @@ def only_asks(request: bytes, protocols: Iterable[Protocol]) -> bool:
     Bytes that are a request in none of them could be anything, so they do not only ask.
     """
     found = meanings(request, protocols)
-    return bool(found) and all(plugin.only_asks is not None and plugin.only_asks(message) for plugin, message in found)
+    return bool(found) and all(plugin.intent and plugin.intent(message).only_asks for plugin, message in found)
 
 
 def described(request: bytes, protocols: Iterable[Protocol]) -> str:

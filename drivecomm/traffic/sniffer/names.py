@@ -10,12 +10,16 @@ from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError
-from drivecomm.protocol import Ask, fields_of
+from drivecomm.protocol import Ask, Tell, answered, fields_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from drivecomm.protocol import Message, Model, ParameterInfo, Protocol, Reading
+
+
+class _AnotherReplyNeeded(Exception):  # noqa: N818 - it ends an exchange that one reply does not
+    pass
 
 
 class ParameterNames:
@@ -42,19 +46,20 @@ class ParameterNames:
         info = self.parameter(request)
         if info is None:
             return None
-        exchange = self._operations.read(info.address)
+        replies = [reply]
+
+        def answer(command: Ask | Tell) -> Message | None:
+            if isinstance(command, Tell):
+                # What the master says afterwards that nobody answers.
+                return None
+            if not replies or self._protocol.mismatch(_addressed_as(request, command.message), reply):
+                raise _AnotherReplyNeeded
+            return replies.pop()
+
         try:
-            command = next(exchange)
-            if isinstance(command, Ask) and not self._protocol.mismatch(_addressed_as(request, command.message), reply):
-                command = exchange.send(reply)
-                while not isinstance(command, Ask):
-                    # What the master says afterwards that nobody answers.
-                    command = exchange.send(None)
-        except StopIteration as finished:
-            reading: Reading = finished.value
-            return reading
-        exchange.close()
-        return None
+            return answered(self._operations.read(info.address), answer)
+        except _AnotherReplyNeeded:
+            return None
 
     def _asked(self, info: ParameterInfo) -> dict[str, Any] | None:
         """Return the fields of the request that reads a parameter; None for one that cannot be read."""

@@ -278,7 +278,7 @@ class TestWhatCannotBe:
             line.drive("vabus:2")
         with pytest.raises(UsageError, match="vabus:1 is on this line twice"):
             lines.line(["vabus:1", "vabus:1,model=act"])
-        with pytest.raises(UsageError, match="drive is PROTOCOL:ADDRESS"):
+        with pytest.raises(UsageError, match="is not a drive; write PROTOCOL:ADDRESS"):
             lines.drive("vabus")
         with pytest.raises(drivecomm.UnknownProtocolError):
             lines.drive("modbus:1")

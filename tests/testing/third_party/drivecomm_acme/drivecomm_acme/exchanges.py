@@ -40,7 +40,6 @@ class AcmeOperations:
             stored_writes=True,
             volatile_writes=True,
             broadcast=True,
-            link_loss="the motor runs on: an A10 has no watchdog (section 4.4)",
         )
 
     @property

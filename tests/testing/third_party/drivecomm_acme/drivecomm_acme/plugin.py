@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm.protocol import Intent, LineFacts, LineSettings, Protocol, Timing
 from drivecomm_acme.exchanges import AcmeOperations
 from drivecomm_acme.options import AcmeOptions
 from drivecomm_acme.telegrams import (
     ADDRESSES,
     ALL_DRIVES,
     AcmeCodec,
-    Order,
     Poll,
     Preset,
     Query,
@@ -22,7 +21,7 @@ from drivecomm_acme.telegrams import (
 from drivecomm_acme.virtual import VirtualAcmeDrive
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Direction, Message, Model, Purpose, VirtualDrive
+    from drivecomm.protocol import Direction, Message, Model, VirtualDrive
 
 
 def _codec(_options: Any) -> AcmeCodec:
@@ -38,14 +37,10 @@ def _blind_spots(_data: bytes, _direction: Direction) -> frozenset[int]:
     return frozenset()
 
 
-def _only_asks(request: Message) -> bool:
-    return isinstance(request, Query | Poll)
-
-
-def _purpose(request: Message) -> Purpose:
-    if isinstance(request, Order):
-        return "command"
-    return "write" if isinstance(request, Preset) else "read"
+def _intent(request: Message) -> Intent:
+    if isinstance(request, Query | Poll):
+        return Intent(access="read")
+    return Intent(access="write") if isinstance(request, Preset) else Intent(commands=True)
 
 
 protocol = Protocol(
@@ -70,7 +65,6 @@ protocol = Protocol(
     blind_spots=_blind_spots,
     forms=titled_forms,
     parameter_examples=("001", "100"),
-    only_asks=_only_asks,
-    purpose=_purpose,
+    intent=_intent,
     parameter_keys=frozenset(),
 )

@@ -1,0 +1,266 @@
+"""The verbs of a drive as exchanges, the same for callers that block and callers that await."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import replace
+from decimal import Decimal
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from drivecomm.bus.stored_writes import is_stored
+from drivecomm.errors import (
+    NotSupported,
+    ParameterAddressError,
+    StateError,
+    UsageError,
+    ValueRefusedError,
+    meant,
+    near,
+    shortened,
+)
+from drivecomm.models import CommonName, link_loss_of, not_said, parameter_at, quantities
+from drivecomm.protocol import Stop, exact, misfit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from drivecomm.protocol import Capabilities, Exchange, Model, Operations, Reading, Value
+
+T = TypeVar("T")
+
+COMMON_VERBS = frozenset({"jog", "hold", "select_setup", "select_preset", "set_relay"})
+"""Verbs that not every drive has, and that mean the same on those that have them."""
+
+_LONGEST_NAME = 200
+"""Characters of a parameter's address or name; far more than any has."""
+
+
+class Exchanges:
+    """Turns what a caller asks of a drive into exchanges; what cannot be is a UsageError before anything is sent."""
+
+    def __init__(self, name: str, operations: Operations, model: Model | None = None) -> None:
+        self._name = name
+        self.operations = operations
+        self._model = model
+        self._common: dict[str, CommonName] = {}
+
+    def to_read(self, parameter: str, options: Mapping[str, Any]) -> Exchange[Reading]:
+        """Read a parameter, by its address, its name in the model or a common name."""
+        self._must_name(parameter)
+        common = self._common_name(parameter)
+        if common is not None:
+            return _told(bound(self.operations.read, common.address, **options), common)
+        try:
+            return bound(self.operations.read, parameter, **options)
+        except ParameterAddressError as error:
+            raise self._unknown(parameter, error) from error
+
+    def check_read(self, parameter: str, options: Mapping[str, Any]) -> None:
+        """Raise what `read` would raise before it sends anything, and UsageError for what can only be written."""
+        self.to_read(parameter, options).close()
+        common = self._common_name(parameter)
+        info = parameter_at(common.address if common else parameter, self._model) if self._model else None
+        if self._model is not None and info is not None and "r" not in info.access:
+            raise NotSupported(f"{info.address} can only be written, says model {self._model.name}")
+
+    def to_write(self, parameter: str, value: Value | float, options: Mapping[str, Any]) -> Exchange[Reading | None]:
+        """Write a parameter, named as for `read`; by a common name, the value is in the unit of the quantity."""
+        self._must_name(parameter)
+        if not isinstance(value, int | float | Decimal | str):
+            raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is neither a number nor a string")
+        if not isinstance(value, str):
+            exact(value, parameter)
+        value = self._number_of(parameter, value)
+        common = self._common_name(parameter)
+        if common is not None:
+            return _confirmed(bound(self.operations.write, common.address, common.given(value), **options), common)
+        try:
+            return bound(self.operations.write, parameter, value, **options)
+        except ParameterAddressError as error:
+            raise self._unknown(parameter, error) from error
+
+    def to_start(self, *, reverse: bool) -> Exchange[None]:
+        """Start the motor."""
+        return bound(self.operations.start, reverse=reverse)
+
+    def to_stop(self, how: Stop) -> Exchange[None]:
+        """Stop the motor; a way to stop may be given by its name, such as "coast"."""
+        try:
+            way = Stop(how)
+        except ValueError:
+            known = meant(how, [stop.value for stop in Stop], "use")
+            raise UsageError(f"unknown way to stop {shortened(how)}; {known}") from None
+        return self.operations.stop(way)
+
+    def _must_name(self, parameter: object) -> None:
+        if not isinstance(parameter, str) or len(parameter) > _LONGEST_NAME:
+            raise ParameterAddressError(f"invalid parameter {shortened(parameter)}; give an address or a name")
+
+    def _unknown(self, parameter: str, error: ParameterAddressError) -> ParameterAddressError:
+        """Return the error for a parameter that the protocol does not know, with what was probably meant."""
+        if parameter in quantities():
+            return not_said(parameter, self._model)
+        known = set(quantities())
+        if self._model is not None:
+            names = {info.name for info in self._model.parameters.values()}
+            known = {*self._model.quantities, *self._model.parameters, *names}
+        question = near(parameter, known)
+        return ParameterAddressError(f"{error}; {question}" if question else str(error))
+
+    def _number_of(self, parameter: str, value: Value | float) -> Value | float:
+        """Return what stands for a value that was given by its name in the model, such as an option's text."""
+        if not isinstance(value, str) or self._model is None:
+            return value
+        common = self._common_name(parameter)
+        info = self._model.find((common.address if common else parameter).partition("[")[0])
+        named = [number for number, text in info.values.items() if text.casefold() == value.casefold()] if info else []
+        return named[0] if len(named) == 1 else value
+
+    def _common_name(self, parameter: str) -> CommonName | None:
+        """Return what a common name is on this drive, None for any other word; looked up when it is asked for first."""
+        if self._model is None or parameter not in self._model.quantities or parameter not in quantities():
+            return None
+        if parameter not in self._common:
+            self._common[parameter] = CommonName(parameter, self._model)
+        return self._common[parameter]
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What this drive can be asked to do."""
+        operations = self.operations
+        verbs = COMMON_VERBS.intersection(operations.extra)
+        return replace(operations.capabilities, verbs=verbs, link_loss=link_loss_of(self._model))
+
+    def stored_parameter(self, parameter: str, options: Mapping[str, Any]) -> str:
+        """Return the address of what a write with these options may change in EEPROM, empty where it does not.
+
+        However the parameter is called, it is the one address that the protocol has for it.
+        """
+        common = self._common_name(parameter)
+        address: str = bound(self.operations.address_of, common.address if common else parameter, **options)
+        store = bool(options.get("store"))
+        return address if is_stored(self.operations.capabilities, self._model, address, store=store) else ""
+
+    def to_write_and_read(
+        self, parameter: str, value: Value | float, options: Mapping[str, Any]
+    ) -> Exchange[Reading | None]:
+        """Write a parameter, read it, and compare. Raises StateError when the drive holds something else."""
+        writing = self.to_write(parameter, value, options)
+        known = inspect.signature(self.operations.read).parameters
+        reading = self.to_read(parameter, {name: given for name, given in options.items() if name in known})
+        return _compared(writing, reading, self._number_of(parameter, value))
+
+    def to_set_reference(
+        self, percent: Value | float | None, hz: Value | float | None, rpm: Value | float | None = None
+    ) -> Exchange[None]:
+        """Set the reference in one of its units."""
+        if sum(given is not None for given in (percent, hz, rpm)) != 1:
+            raise UsageError("give the reference as one of percent, hz and rpm")
+        if percent is not None:
+            return self.operations.set_reference_percent(exact(percent, "reference"))
+        if hz is not None:
+            return self.operations.set_reference_hz(exact(hz, "reference"))
+        return self._set_reference_rpm(exact(rpm if rpm is not None else 0, "reference"))
+
+    def _set_reference_rpm(self, rpm: Decimal) -> Exchange[None]:
+        for name in ("motor_rated_frequency", "motor_rated_speed"):
+            if self._common_name(name) is None:
+                raise NotSupported(f"{self._name} has no {name} in its model, so rpm cannot be converted; use hz")
+        if not self.operations.capabilities.reference_hz:
+            raise NotSupported(f"{self._name} takes its reference in percent only; see its options for hertz")
+        frequency = yield from self.to_read("motor_rated_frequency", {})
+        speed = yield from self.to_read("motor_rated_speed", {})
+        yield from self.operations.set_reference_hz(frequency_for(rpm, frequency, speed))
+
+    def common(self, verb: str, arguments: Mapping[str, Any]) -> Exchange[Any]:
+        """Carry out a verb that means the same on every drive that has it."""
+        if verb not in self.operations.extra:
+            can = ", ".join(sorted(self.capabilities.verbs)) or "none of them"
+            raise NotSupported(f"{self._name} cannot {verb}; of the common verbs it has {can}")
+        return bound(self.operations.extra[verb], **arguments)
+
+    def call(self, verb: str, arguments: Mapping[str, Any]) -> Exchange[Any]:
+        """Carry out a verb that only this protocol has."""
+        extra = self.operations.extra
+        if not isinstance(verb, str) or verb not in extra:
+            known = meant(verb, sorted(extra), "it has")
+            raise NotSupported(f"{self._name} has no verb {shortened(verb)}; {known}")
+        return bound(extra[verb], **arguments)
+
+
+def _told(exchange: Exchange[Reading], common: CommonName) -> Exchange[Reading]:
+    return common.told((yield from exchange))
+
+
+def _confirmed(exchange: Exchange[Reading | None], common: CommonName) -> Exchange[Reading | None]:
+    reading = yield from exchange
+    return None if reading is None else common.told(reading)
+
+
+def _compared(
+    writing: Exchange[Reading | None], reading: Exchange[Reading], wanted: Value | float
+) -> Exchange[Reading | None]:
+    yield from writing
+    held = yield from reading
+    if not _same(held.value, wanted):
+        raise StateError(f"{held.parameter} was written as {wanted} and holds {held}; see the limits of the drive")
+    return held
+
+
+def _same(held: Value, wanted: Value | float) -> bool:
+    if isinstance(held, str):
+        return held.rstrip() == str(wanted).rstrip()
+    return Decimal(held) == exact(wanted, "read back")
+
+
+def frequency_for(rpm: Decimal, rated_frequency: Reading, rated_speed: Reading) -> Decimal:
+    """Return the frequency at which a motor with this name plate turns so fast without load, to 0.01 Hz.
+
+    The number of pole pairs is the whole number that the name plate comes nearest to from above: slip makes a motor
+    slower than its field. Raises UsageError for a name plate that is empty.
+    """
+    if isinstance(rated_frequency.value, str) or isinstance(rated_speed.value, str) or not rated_speed.value:
+        raise UsageError("the drive holds no name plate data of its motor, so rpm cannot be converted; use hz")
+    pole_pairs = int(60 * Decimal(rated_frequency.value) / Decimal(rated_speed.value))
+    if pole_pairs < 1:
+        raise UsageError(
+            f"a motor of {rated_frequency} with {rated_speed} has no pole pairs; correct its name plate in the drive"
+        )
+    return exact(rpm * pole_pairs / 60, "reference").quantize(Decimal("0.01"))
+
+
+def setting_up(operations: Operations, writes: Mapping[str, Any]) -> Exchange[None]:
+    """Write these parameters to a drive that was away."""
+    for parameter, value in writes.items():
+        yield from operations.write(parameter, value)
+
+
+def bound(operation: Callable[..., T], *values: Any, **options: Any) -> T:
+    """Call an operation; options that it does not have, or that are of another type, are a UsageError that says so."""
+    if options and (wrong := misfit(operation, options)):
+        name, takes = wrong
+        raise UsageError(f"{name} cannot be {shortened(options[name])}; it takes {takes}")
+    try:
+        return operation(*values, **options)
+    except TypeError:
+        _refuse(operation, values, options)
+        raise
+
+
+def _refuse(operation: Callable[..., Any], values: tuple[Any, ...], options: Mapping[str, Any]) -> None:
+    """Say which option is unknown or missing, if that is why the call failed."""
+    parameters = inspect.signature(operation).parameters
+    takes_any = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+    unknown = [] if takes_any else sorted(set(options) - set(parameters))
+    name = getattr(operation, "__name__", "it")
+    if unknown:
+        known = [name for name, one in parameters.items() if one.kind is one.KEYWORD_ONLY or not values]
+        there = meant(unknown[0], known, "it has")
+        raise UsageError(f"{name} has no option {unknown[0]!r} here; {there}") from None
+    missing = [
+        name
+        for name, one in list(parameters.items())[len(values) :]
+        if one.default is one.empty and one.kind is not one.VAR_KEYWORD and name not in options
+    ]
+    if missing:
+        raise UsageError(f"{name} needs {', '.join(missing)}") from None

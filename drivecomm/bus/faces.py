@@ -1,0 +1,96 @@
+"""A verb is declared once, as the job that it gives the bus; `Drive` waits for that job, and `AsyncDrive` awaits it."""
+
+from __future__ import annotations
+
+from functools import wraps
+from inspect import signature
+from typing import TYPE_CHECKING, Any, Concatenate, Generic, NamedTuple, ParamSpec, TypeVar, overload
+
+from drivecomm.bus.priority_lock import Rank
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine, Iterator
+
+    from drivecomm.link import CommandCall, Party
+    from drivecomm.protocol import Exchange
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class Job(NamedTuple, Generic[T]):
+    """An exchange with a drive, or with all drives of a protocol, that the bus carries out.
+
+    command: what a later stop cancels. insists: ask also a drive that is known not to answer.
+    """
+
+    peer: Party
+    exchange: Exchange[T]
+    rank: Rank = Rank.READ
+    command: CommandCall | None = None
+    insists: bool = False
+
+
+class Verb(Generic[P, T]):
+    """A method that returns a job; `Blocking` and `Awaited` classes have it run instead, and return its result."""
+
+    def __init__(self, job_of: Callable[Concatenate[Any, P], Job[T]]) -> None:
+        self.job_of = job_of
+        self.__doc__ = job_of.__doc__
+
+    @overload
+    def __get__(self, drive: None, owner: type) -> Callable[..., Any]: ...
+    @overload
+    def __get__(self, drive: Blocking, owner: type) -> Callable[P, T]: ...
+    @overload
+    def __get__(self, drive: Awaited, owner: type) -> Callable[P, Coroutine[Any, Any, T]]: ...
+    def __get__(self, drive: object, owner: type) -> Any:
+        """Return the method that declares the job; on a face, a method of the same name stands in front of this."""
+        return self.job_of.__get__(drive, owner)
+
+
+class Blocking:
+    """A face whose verbs return when their job is done."""
+
+    def __init_subclass__(cls) -> None:
+        for name, job_of in _declared(cls):
+            setattr(cls, name, _blocking(job_of))
+
+
+class Awaited:
+    """A face whose verbs are awaited."""
+
+    def __init_subclass__(cls) -> None:
+        for name, job_of in _declared(cls):
+            setattr(cls, name, _awaited(job_of))
+
+
+def _declared(face: type) -> Iterator[tuple[str, Callable[..., Job[Any]]]]:
+    for base in face.__mro__:
+        yield from ((name, each.job_of) for name, each in vars(base).items() if isinstance(each, Verb))
+
+
+def _blocking(job_of: Callable[..., Job[T]]) -> Callable[..., T]:
+    @wraps(job_of)
+    def verb(self: Any, *values: Any, **options: Any) -> T:
+        result: T = self._bus.run(job_of(self, *values, **options))
+        return result
+
+    return _returning_result(verb)
+
+
+def _awaited(job_of: Callable[..., Job[T]]) -> Callable[..., Coroutine[Any, Any, T]]:
+    @wraps(job_of)
+    async def verb(self: Any, *values: Any, **options: Any) -> T:
+        result: T = await self._bus.run(job_of(self, *values, **options))
+        return result
+
+    return _returning_result(verb)
+
+
+def _returning_result(verb: Callable[P, T]) -> Callable[P, T]:
+    """Let a verb tell that it returns what its job results in, to those who look at its signature."""
+    result = verb.__annotations__["return"].removeprefix("Job[").removesuffix("]")
+    verb.__annotations__ = {**verb.__annotations__, "return": result}
+    verb.__signature__ = signature(verb).replace(return_annotation=result)  # type: ignore[attr-defined]
+    return verb

@@ -1,0 +1,183 @@
+"""What a bus does without waiting, for `Bus` and `AsyncBus` alike: its drives, its clock, and what it takes note of."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from drivecomm.bus.priority_lock import Rank
+from drivecomm.bus.scanning import scanning
+from drivecomm.errors import LinkDownError, UsageError
+from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff
+from drivecomm.protocol import Reading
+
+if TYPE_CHECKING:
+    from collections import Counter
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from pathlib import Path
+
+    from drivecomm.bus.faces import Job
+    from drivecomm.bus.roster import Member, Roster
+    from drivecomm.bus.scanning import Asking, Found, Question, Search
+    from drivecomm.link import CommandCall, Health, Party, Port, Statistics, Steps
+    from drivecomm.polling import PollItem
+    from drivecomm.protocol import Model
+
+T = TypeVar("T")
+D = TypeVar("D")
+E = TypeVar("E")
+
+
+class SharedBus(Generic[D, E]):
+    """The master's side of one line. D: its drives. E: all drives of a protocol at once.
+
+    open_port: opens the port, at once and again after it was lost. roster: the drives and what holds for all of them.
+    on_close: called when the bus has been closed.
+    """
+
+    _drive: Callable[..., D]
+    _broadcast: Callable[..., E]
+    _opened_with: str
+
+    def __init__(
+        self, open_port: Callable[[], Port], roster: Roster, on_close: Callable[[], None] | None = None
+    ) -> None:
+        self._open_port = open_port
+        self._roster = roster
+        self._on_close = on_close
+        self._closed = False
+        self._reopening = Backoff(REOPEN_FIRST_S, REOPEN_LONGEST_S)
+        self._port: Port | None = None
+        self._clock: Port | None = None
+
+    def drive(
+        self,
+        protocol: str,
+        address: int,
+        *,
+        model: str | Path | Model | None = None,
+        set_up: Mapping[str, Any] | None = None,
+        read_only: str = "",
+        **options: Any,
+    ) -> D:
+        """Return the drive at an address; nothing is sent.
+
+        model: a model of the protocol's package by name, or a TOML file. set_up: parameters and the values that are
+        written to it, without storing them, before anything else is sent, and again whenever it or the line was away;
+        such as its control watchdog. read_only: why this drive may not be written or commanded, as the sentence of the
+        UsageError that is raised then; it can be asked, and stopped. options: line facts of this drive (baudrate,
+        parity, reply_timeout_s, attempts, ...) and the protocol's own drive options. Raises UsageError for anything
+        that cannot be.
+        """
+        member = self._roster.member(protocol, address, model, set_up, options, read_only=read_only)
+        self._roster.add(member.party.name)
+        return self._drive(self, *member)
+
+    def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> E:
+        """Return all drives of a protocol at once; what is sent to them is never answered."""
+        member = self._roster.all_drives(protocol, model, options)
+        return self._broadcast(self, member.party, member.operations)
+
+    def command(self, party: Party) -> CommandCall:
+        """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that."""
+        return self._roster.commands.called(party.name)
+
+    def watched(self, party: Party, silence_s: float | None) -> None:
+        """Take note how long a drive's watchdog waits; None when it is off, or not known."""
+        self._roster.commands.watch(party.name, silence_s)
+        self._roster.link.repeat_within(party, float("inf") if silence_s is None else silence_s)
+
+    def storing(self, party: Party, parameter: str) -> None:
+        """Count a write that may end in EEPROM. Raises UsageError for one too many within an hour."""
+        self._roster.stored_writes.count(party.name, parameter, self.now())
+
+    def now(self) -> float:
+        """Return the time on the line's clock, in seconds; its beginning means nothing."""
+        self._check_open()
+        if self._clock is None:
+            raise UsageError("this bus is not open; use it in `async with`")
+        return self._clock.now()
+
+    @property
+    def real_time(self) -> bool:
+        """Whether time passes by itself, as it does everywhere but on a virtual line."""
+        return self._clock is None or self._clock.real_time
+
+    def wall_time(self) -> float:
+        """Return the time in seconds since 1970 (on a virtual line: since its start), also while the line is down.
+
+        0 before the line was opened.
+        """
+        return 0.0 if self._clock is None else self._clock.wall_time()
+
+    @property
+    def counters(self) -> Mapping[str, Counter[str]]:
+        """What happened so far, by drive: requests, replies, retries, timeouts, and each kind of error."""
+        return self._roster.link.counters
+
+    @property
+    def statistics(self) -> Mapping[str, Statistics]:
+        """The counters and the reply times, by drive."""
+        return self._roster.link.statistics
+
+    @property
+    def health(self) -> Mapping[str, Health]:
+        """Whether the drives answer, by name."""
+        return self._roster.link.health
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise UsageError(f"this bus is closed; open it again with {self._opened_with}")
+
+    def _called(self, job: Job[Any]) -> float:
+        """Take note of a job that is called for, of which a stop cancels commands, and return when its time is over."""
+        deadline = self.now() + job.peer.facts.timing.deadline_s
+        if job.rank is Rank.STOP:
+            self._roster.commands.stop_called(job.peer.name)
+        return deadline
+
+    def _begin(self, job: Job[T], deadline: float) -> Callable[[float], Steps[T]]:
+        """Return what begins to carry out a job on the link, once it is told the time."""
+        link = self._roster.link
+        if job.rank is Rank.STOP:
+            return partial(link.stop, job.peer, self._roster.stopping(job.peer, job.exchange), deadline=deadline)
+        if job.insists:
+            return partial(link.insist, job.peer, job.exchange, deadline=deadline)
+        return partial(link.run, job.peer, job.exchange, deadline=deadline, command=job.command)
+
+    def _timed(self, result: T) -> T:
+        """Return what a job has resulted in; a reading gets its time."""
+        return result.at(self.wall_time()) if isinstance(result, Reading) else result  # type: ignore[return-value]
+
+    def _check_backoff(self) -> None:
+        """Raise LinkDownError as long as a port that was lost is not to be opened again."""
+        self._check_open()
+        if self._clock is not None and (left_s := self._reopening.over_at - self._clock.now()) > 0:
+            raise LinkDownError(f"the port was lost; it is opened again in {left_s:.1f} s")
+
+    def _opening_failed(self) -> None:
+        if self._clock is not None:
+            self._reopening.failed(self._clock.now())
+
+    def _was_opened(self, port: Port) -> None:
+        self._reopening.succeeded()
+        self._roster.link.paced = port.paced
+        if self._clock is not None:
+            self._roster.link.reopened()
+        self._port = self._clock = port
+
+    def _scan(
+        self, search: Search, progress: Callable[[str, int, int], None] | None, options: Mapping[str, Any]
+    ) -> Iterator[Question | Found]:
+        def member(asking: Asking) -> Member:
+            return self._roster.member(asking.protocol, asking.address, None, None, {**asking.options, **options})
+
+        return scanning(search, member, progress)
+
+    def _on_this_bus(self, items: Iterable[PollItem[Any]], elsewhere: str) -> list[PollItem[Any]]:
+        """Return the items of a poll plan. Raises UsageError for a drive on another bus."""
+        plan = list(items)
+        for item in plan:
+            if item.drive.bus is not self:
+                raise UsageError(f"{item.drive.name} is not on this bus; poll it with {elsewhere}")
+        return plan

@@ -1,0 +1,255 @@
+"""The models commands: which drive series are known, what is known of them, and whether a model file is in order."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drivecomm.cli.options import Json
+from drivecomm.cli.output import complain, emit, say
+from drivecomm.errors import FileFormatError, ParameterAddressError, UsageError
+from drivecomm.models import (
+    check_model,
+    link_loss_of,
+    load_model,
+    model_paths,
+    open_model_file,
+    packaged_models,
+    parameter_at,
+    quantities,
+)
+from drivecomm.protocol import installed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from drivecomm.protocol import Model, ParameterInfo, Protocol
+
+_Protocol = Annotated[str | None, typer.Option("--protocol", help="If several protocols have a model of that name.")]
+
+
+def list_models(
+    protocol: Annotated[str | None, typer.Argument(metavar="[PROTOCOL]", help="Default: all installed ones.")] = None,
+    json: Json = False,
+) -> int:
+    """List the models by protocol: name, title, number of parameters, and where each comes from."""
+    code = 0
+    rows = []
+    for plugin in [installed[protocol]] if protocol else installed.working():
+        own = set(packaged_models(plugin.package))
+        for name, path in model_paths(plugin.package, plugin.name).items():
+            try:
+                model = load_model(plugin.package, plugin.name, path)
+            except FileFormatError as error:
+                complain(error, as_json=json)
+                code = error.exit_code
+                continue
+            origin = plugin.package if path in own else str(path)
+            number = len(model.parameters)
+            if json:
+                emit(protocol=plugin.name, model=name, title=model.title, parameters=number, origin=origin)
+            rows.append((f"{plugin.name}/{name}", model.title, f"{number} parameters", origin))
+    if not json:
+        _print_columns(rows)
+    return code
+
+
+def show(
+    model: Annotated[str, typer.Argument(metavar="MODEL", help="NAME, PROTOCOL/NAME, or a .toml file.")],
+    parameters: Annotated[
+        list[str] | None, typer.Argument(metavar="[PARAM...]", help="Only these, in full detail.")
+    ] = None,
+    protocol: _Protocol = None,
+    common: Annotated[bool, typer.Option("--quantities", help="Only its common names.")] = False,
+    json: Json = False,
+) -> int:
+    """Show what is known of a drive series: its parameters, common names, watchdog, and how sure each fact is."""
+    known = _found(model, protocol)
+    if parameters:
+        for number, info in enumerate([_parameter(each, known) for each in parameters]):
+            if json:
+                emit(parameter=info)
+            else:
+                _print_parameter(info, known, apart=number > 0)
+    elif json:
+        _emit(known, common=common)
+    elif common:
+        _print_columns(_common_rows(known))
+    else:
+        _print_model(known)
+    return 0
+
+
+def check(
+    files: Annotated[
+        list[Path] | None, typer.Argument(metavar="[FILE...]", help="Default: all that drivecomm finds by name.")
+    ] = None,
+    json: Json = False,
+) -> int:
+    """Check model files and list everything that is wrong. Exit code 2 when anything is."""
+    paths = files or [path for plugin in installed.working() for path in _paths(plugin)]
+    wrong = 0
+    for path in paths:
+        findings = check_model(path)
+        wrong += bool(findings)
+        for finding in findings:
+            if json:
+                emit(file=str(path), line=finding.line, key=finding.key, text=finding.text)
+            else:
+                say(str(finding))
+        if json:
+            emit(file=str(path), findings=len(findings))
+        elif not findings:
+            say(f"{path}: in order")
+    return UsageError.exit_code if wrong else 0
+
+
+def names(json: Json = False) -> int:
+    """List the common names: what each means on every drive, and its unit."""
+    if json:
+        for quantity in quantities().values():
+            emit(**asdict(quantity))
+    else:
+        _print_columns((each.name, each.unit, each.meaning) for each in quantities().values())
+    return 0
+
+
+def _paths(plugin: Protocol) -> list[Path]:
+    """Return the files of a protocol's models, those that a user's file of the same name hides too."""
+    found = model_paths(plugin.package, plugin.name).values()
+    return [*found, *(path for path in packaged_models(plugin.package) if path not in found)]
+
+
+def _found(text: str, protocol: str | None) -> Model:
+    """Return the model that the command line names. Raises UsageError."""
+    if text.endswith(".toml"):
+        given = protocol or open_model_file(Path(text)).content.get("protocol")
+        if not isinstance(given, str):
+            raise UsageError(f"{text} does not say which protocol it is for; name one with --protocol")
+        return load_model(installed[given].package, given, text)
+    before, slash, name = text.rpartition("/")
+    if slash and protocol not in (None, before):
+        raise UsageError(f"{text} is a model of {before}, and --protocol says {protocol}; leave one of them out")
+    if slash or protocol:
+        plugin = installed[before or str(protocol)]
+        return load_model(plugin.package, plugin.name, name)
+    having = [plugin for plugin in installed.working() if name in model_paths(plugin.package, plugin.name)]
+    if not having:
+        raise UsageError(f"no protocol has a model {name!r}; drivecomm models list shows them, or name a .toml file")
+    if len(having) > 1:
+        named = " and ".join(f"{plugin.name}/{name}" for plugin in having)
+        raise UsageError(f"{name!r} is the name of several models: say {named}")
+    return load_model(having[0].package, having[0].name, name)
+
+
+def _parameter(text: str, model: Model) -> ParameterInfo:
+    """Return what a model knows of an address, a name of its own or a common name. Raises ParameterAddressError."""
+    info = parameter_at(model.quantities.get(text, text), model)
+    if info is None:
+        raise ParameterAddressError(f"model {model.name} knows no parameter {text!r}; drivecomm models show lists them")
+    return info
+
+
+def _print_parameter(info: ParameterInfo, model: Model, *, apart: bool) -> None:
+    if apart:
+        say()
+    say(f"{info.address}  {info.title}")
+    common = [name for name, address in model.quantities.items() if parameter_at(address, model) is info]
+    about = {
+        "name": info.name,
+        "common name": ", ".join(common),
+        "type": info.type,
+        "unit": info.unit,
+        "factor": "" if info.factor == 1 else str(info.factor),
+        "limits": _limits(info),
+        "access": info.access,
+        "storage": info.storage,
+        "values": ", ".join(f"{code} {text}" for code, text in info.values.items()),
+        "counts with": ", ".join(
+            f"{address} = {' or '.join(map(str, codes))}" for address, codes in info.only_with.items()
+        ),
+        **{key: str(value) for key, value in info.extra.items()},
+        "source": info.source or model.source,
+        "sure": info.sure,
+    }
+    _print_columns((f"  {key}", text) for key, text in about.items() if text)
+
+
+def _limits(info: ParameterInfo) -> str:
+    low, high = info.minimum, info.maximum
+    return " ".join([*([f"{low}"] if low is not None else []), *([f"to {high}"] if high is not None else [])])
+
+
+def _emit(model: Model, *, common: bool) -> None:
+    emit(
+        protocol=model.protocol,
+        model=model.name,
+        title=model.title,
+        source=model.source,
+        options=dict(model.options),
+        quantities=dict(model.quantities),
+        watchdog=model.watchdog,
+        link_loss=link_loss_of(model),
+        identified_by=dict(model.identified_by),
+        faults=len(model.faults),
+        warnings=len(model.warnings),
+    )
+    for info in [] if common else model.parameters.values():
+        emit(parameter=info)
+
+
+def _print_model(model: Model) -> None:
+    say(f"{model.protocol}/{model.name}  {model.title}")
+    about = {
+        "source": model.source,
+        "options": ", ".join(f"{name}={value}" for name, value in model.options.items()),
+        "identified by": ", ".join(f"{key} = {pattern}" for key, pattern in model.identified_by.items()),
+        "watchdog": _watchdog(model),
+        "link loss": "" if model.watchdog else link_loss_of(model),
+        "texts": ", ".join(_counts(model)),
+    }
+    _print_columns((f"  {key}", text) for key, text in about.items() if text)
+    common: dict[str, str] = {}
+    for name, address in model.quantities.items():
+        common.setdefault(address, name)
+    say()
+    _print_columns(_parameter_row(info, common.get(info.address, "")) for info in model.parameters.values())
+
+
+def _counts(model: Model) -> Iterator[str]:
+    for name, texts in (("fault", model.faults), ("warning", model.warnings)):
+        if texts:
+            yield f"{len(texts)} {name}{'' if len(texts) == 1 else 's'}"
+
+
+def _watchdog(model: Model) -> str:
+    watchdog = model.watchdog
+    if watchdog is None:
+        return ""
+    policies = [f"{policy} {code}" if watchdog.action else policy for policy, code in watchdog.actions.items()]
+    action = f"action {watchdog.action} ({', '.join(policies)})" if watchdog.action else f"always {policies[0]}"
+    return f"time {watchdog.time}, {action}, {watchdog.sure}" + (f"; {watchdog.note}" if watchdog.note else "")
+
+
+def _parameter_row(info: ParameterInfo, common: str) -> tuple[str, ...]:
+    other = f" [{common}]" if common and common != info.name else ""
+    return (info.address, info.name + other, info.unit, _limits(info), info.access, info.storage, info.sure, info.title)
+
+
+def _common_rows(model: Model) -> Iterator[tuple[str, ...]]:
+    for name, quantity in quantities().items():
+        address = model.quantities.get(name)
+        info = parameter_at(address, model) if address else None
+        if address and info:
+            yield name, quantity.unit, address, info.title, info.sure
+
+
+def _print_columns(rows: Iterable[tuple[str, ...]]) -> None:
+    """Print rows under each other, every column as wide as its longest text."""
+    lines = list(rows)
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        say("  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip())

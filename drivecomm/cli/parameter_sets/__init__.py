@@ -1,0 +1,1 @@
+"""The commands for parameter sets: backup, compare, restore."""

@@ -1,0 +1,120 @@
+"""The compare command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.output import emit, say
+from drivecomm.cli.parameter_sets.drive_of_set import Communication, SetModel, drive_of_set
+from drivecomm.cli.progress import progress_bar
+from drivecomm.commissioning.parameter_sets import back_up, compare as compared, factory_set, read_set
+from drivecomm.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from drivecomm.commissioning.parameter_sets import Comparison, Difference, Entry, ParameterSet, Part
+
+FACTORY = "factory"
+
+
+def compare(
+    left: Annotated[str, typer.Argument(metavar="A", help="A drive, PROTOCOL:ADDRESS, or a file written by backup.")],
+    right: Annotated[str, typer.Argument(metavar="B", help="As A, or factory: the drive's own default values.")],
+    line: LineOptions,
+    model: SetModel = None,
+    communication: Communication = False,
+    everything: Annotated[bool, typer.Option("--all", help="Everything, including measured values.")] = False,
+) -> int:
+    """List the parameters in which two drives or files differ. Exit code 1 when they do.
+
+    What one of them lacks is listed and counted separately, and is not a difference.
+    """
+    parts: list[Part] = ["settings"]
+    if communication or everything:
+        parts.append("communication")
+    if everything:
+        parts.append("measured")
+    if FACTORY in (left, right) and (left == right or _file(left) or _file(right)):
+        raise UsageError("factory means the default values that a drive reports; compare a drive with it")
+    if _file(left) and _file(right):
+        line.refuse("both are files, so no drive is asked")
+        if model is not None:
+            raise UsageError("both are files, which say their models, so --model has no effect; leave it out")
+    files = {word: read_set(path) for word in (left, right) if (path := _file(word))}
+    read = _Operands(files, model, parts, line)
+    ours, theirs = read(left, right), read(right, left)
+    found = compared(ours, theirs, parts)
+    _show_comparison(found, left, right, as_json=line.json)
+    return 0 if found.same else 1
+
+
+def _file(word: str) -> Path | None:
+    """Return the file that a word names, None for a drive; a drive may be named with the file of its model."""
+    path = Path(word)
+    is_drive = word == FACTORY or ":" in word.partition(",")[0]
+    return path if not is_drive and (path.suffix or path.exists()) else None
+
+
+class _Operands:
+    """What is compared, read from drives where it is in no file."""
+
+    def __init__(self, files: dict[str, ParameterSet], model: str | None, parts: list[Part], line: LineOptions) -> None:
+        self._files, self._model, self._parts, self._line = files, model, parts, line
+
+    def __call__(self, word: str, other: str) -> ParameterSet:
+        """Return the parameters of a file or a drive, or the factory values of the other drive."""
+        if word in self._files:
+            return self._files[word]
+        read, drive = (factory_set, other) if word == FACTORY else (back_up, word)
+        with (
+            drive_of_set(self._line, drive, self._model, self._files.get(other)) as one,
+            progress_bar("reading", shown=not self._line.json) as progress,
+        ):
+            return read(one, self._parts, progress=progress)
+
+
+def _show_comparison(found: Comparison, left: str, right: str, *, as_json: bool) -> None:
+    if as_json:
+        for difference in (*found.differences, *found.missing):
+            emit(kind=difference.kind, parameter=difference.address, name=difference.name,
+                 left=_told(difference.left), right=_told(difference.right), reason=difference.reason)  # fmt: skip
+        emit(same=found.same, differences=len(found.differences), equal=found.equal, missing=len(found.missing),
+             by=found.by, remarks=list(found.remarks))  # fmt: skip
+        return
+    if found.differences:
+        rows = [(_called(each), _shown(each.left), _shown(each.right), each.reason) for each in found.differences]
+        for line in _in_columns([("", left, right, ""), *rows]):
+            say(line)
+    for side, absent in ((left, [each for each in found.missing if each.right is None]),
+                         (right, [each for each in found.missing if each.left is None])):  # fmt: skip
+        if absent:
+            say(f"  only in {side}: {', '.join(map(_called, absent))}")
+    for remark in found.remarks:
+        say(f"  {remark}")
+    count = len(found.differences)
+    apart = f", {len(found.missing)} in one only" if found.missing else ""
+    say(f"{count} difference{'' if count == 1 else 's'}, {found.equal} equal{apart}, by {found.by}")
+
+
+def _called(difference: Difference) -> str:
+    return f"{difference.address} {difference.name}".rstrip()
+
+
+def _in_columns(rows: list[tuple[str, str, str, str]]) -> Iterator[str]:
+    """Yield rows as lines: a name, two values that end under each other, and a remark."""
+    name, left, right = (max(len(row[place]) for row in rows) for place in range(3))
+    for row in rows:
+        yield f"{row[0]:<{name}}  {row[1]:>{left}}  {row[2]:>{right}}  {row[3]}".rstrip()
+
+
+def _shown(entry: Entry | None) -> str:
+    return "-" if entry is None else str(entry) or '""'
+
+
+def _told(entry: Entry | None) -> Any:
+    return None if entry is None else {"value": entry.value, "unit": entry.unit, "raw": entry.raw}

@@ -1,0 +1,166 @@
+"""The restore command."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.options import Drive
+from drivecomm.cli.output import complain, emit, plain, say
+from drivecomm.cli.parameter_sets.drive_of_set import Communication, SetModel, drive_of_set
+from drivecomm.cli.progress import progress_bar
+from drivecomm.commissioning.parameter_sets import (
+    RestoreOptions,
+    carry_out_plan,
+    found_journal,
+    journal_path,
+    new_journal,
+    plan_restore,
+    read_set,
+)
+from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from drivecomm.commissioning.parameter_sets import Journal, Plan, Planned, Restored
+    from drivecomm.protocol import DriveConfig
+
+INCOMPLETE = 1
+"""Exit code of a restore that did all it could, but left out parameters that it should have restored."""
+
+
+def restore(
+    drive: Drive,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A file written by backup.")],
+    line: LineOptions,
+    model: SetModel = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would be written.")] = False,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", metavar="PARAM", help="Only this parameter; repeatable.")
+    ] = None,
+    communication: Communication = False,
+    another_drive: Annotated[
+        bool, typer.Option("--another-drive", help="Accept a set from another drive, model or maker.")
+    ] = False,
+    volatile: Annotated[bool, typer.Option("--volatile", help="Write to RAM instead of EEPROM.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted restore.")] = False,
+) -> int:
+    """Write the parameters in a file to a drive and read each back; equal values are not written.
+
+    Exit code 5 when the drive refuses some, 1 when some of its own settings cannot be restored, 2 when nothing can be
+    written, for example to a read-only drive.
+    """
+    if resume and dry_run:
+        raise UsageError("--dry-run writes nothing, so --resume has no effect; leave one of them out")
+    known = read_set(file)
+    _, name = line.reaching(drive)
+    at = journal_path(file, str(name))
+    journal = None
+    if not dry_run:
+        journal = (found_journal if resume else new_journal)(at, known, str(name))
+    options = RestoreOptions(
+        only=frozenset(only or []), communication=communication, another_drive=another_drive, volatile=volatile
+    )
+    with drive_of_set(line, drive, model, known) as one:
+        with progress_bar("reading", shown=not line.json) as progress:
+            plan = plan_restore(one, known, options, progress=progress)
+        if journal is None:
+            _show_plan(plan, name, as_json=line.json)
+            return INCOMPLETE if plan.missed else 0
+        with _said_how_to_go_on(journal, line), progress_bar("writing", shown=not line.json) as progress:
+            done = carry_out_plan(one, plan, journal, progress=progress)
+    _show_restored(done, name, as_json=line.json)
+    if done.refused:
+        return DriveError.exit_code
+    if done.unconfirmed or done.left:
+        return ReplyError.exit_code
+    return 0 if done.complete else INCOMPLETE
+
+
+@contextmanager
+def _said_how_to_go_on(journal: Journal, line: LineOptions) -> Iterator[None]:
+    """Say of a restore that is cut off that it can go on."""
+    try:
+        yield
+    except (LinkError, ReplyError) as error:
+        error.args = (f"{error}; {_how_to_go_on(journal)}", *error.args[1:])
+        raise
+    except KeyboardInterrupt:
+        complain(_how_to_go_on(journal), as_json=line.json)
+        raise
+
+
+def _how_to_go_on(journal: Journal) -> str:
+    if not journal.written:
+        return "nothing was written"
+    count = len(journal.written)
+    return f"{count} parameter{'s were' if count > 1 else ' was'} written, the same command with --resume goes on"
+
+
+def _show_plan(plan: Plan, drive: DriveConfig, *, as_json: bool) -> None:
+    if as_json:
+        for item in plan.items:
+            told = {**plain(item), "stage": item.stage.name.lower(), "quantity": item.name}
+            emit(**{**drive.labels, **told, "name": drive.name})
+        emit(**drive.labels, write=len(plan.to("write")), equal=len(plan.to("equal")), skip=len(plan.to("skip")),
+             missed=len(plan.missed), stored=plan.store, remarks=list(plan.remarks))  # fmt: skip
+        return
+    _show_changes(plan.to("write"), drive)
+    _show_skipped(plan, drive)
+    counts = f"{len(plan.to('write'))} to write, {len(plan.to('equal'))} equal{_left_alone(plan)}"
+    say(f"{drive.name}  {counts}; nothing was written")
+
+
+def _show_changes(items: list[Planned], drive: DriveConfig) -> None:
+    """Say what each of these was before and what it is to be."""
+    names = [f"{item.address} {item.name}" for item in items]
+    width = max(map(len, names), default=0)
+    for name, item in zip(names, items, strict=True):
+        before = "?" if item.current is None else item.current
+        say(f"{drive.name}  {name:<{width}}  {before} -> {item.value} {item.unit}".rstrip())
+
+
+def _left_alone(plan: Plan) -> str:
+    """Return how much of a set is not restored, of that first what should have been."""
+    missed, as_meant = len(plan.missed), len(plan.to("skip")) - len(plan.missed)
+    told = f", {missed} not restored" if missed else ""
+    return told + (f", {as_meant} left alone" if as_meant else "")
+
+
+def _show_skipped(plan: Plan, drive: DriveConfig) -> None:
+    for remark in plan.remarks:
+        say(f"{drive.name}  {remark}")
+    by_reason: dict[tuple[bool, str], list[Planned]] = {}
+    for item in plan.to("skip"):
+        by_reason.setdefault((item.missed, item.reason), []).append(item)
+    for (missed, reason), items in by_reason.items():
+        names = ", ".join(f"{item.address} {item.name}".rstrip() for item in items)
+        say(f"{drive.name}  {'not restored' if missed else 'left alone'}, {reason}: {names}")
+
+
+def _show_restored(done: Restored, drive: DriveConfig, *, as_json: bool) -> None:
+    plan = done.plan
+    if as_json:
+        emit(**drive.labels, written=list(done.written), equal=len(plan.to("equal")), stored=plan.store,
+             skipped={item.address: item.reason for item in plan.to("skip")}, refused=dict(done.refused),
+             missed=[item.address for item in plan.missed], unconfirmed=list(done.unconfirmed), left=list(done.left),
+             complete=done.complete)  # fmt: skip
+        return
+    planned = {item.address: item for item in plan.items}
+    _show_changes([planned[address] for address in done.written], drive)
+    _show_skipped(plan, drive)
+    for address, reason in done.refused.items():
+        say(f"{drive.name}  {address} does not hold what it should: {reason}")
+    if done.unconfirmed:
+        names = ", ".join(done.unconfirmed)
+        left = f", and {', '.join(done.left)} not written" if done.left else ""
+        say(f"{drive.name}  {names} written{left}: it does not answer as before; use its new settings and --resume")
+    kept = "and stored" if plan.store else "without asking for storage"
+    refused = f", {len(done.refused)} refused by the drive" if done.refused else ""
+    equal = f"{len(plan.to('equal'))} equal before"
+    say(f"{drive.name}  {len(done.written)} written {kept}, {equal}{refused}{_left_alone(plan)}")

@@ -1,0 +1,151 @@
+"""The state of one line: its time and settings, when it is free, what was sent and heard on it last."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.link.echo import Echo, EchoFilter
+from drivecomm.link.effects import Configure, Receive, Send, Steps, Wait
+from drivecomm.link.health import LONGEST_PAUSE_S, UsualDelays
+from drivecomm.link.party import TraceEvent
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.link.party import Party, PartyState, What
+    from drivecomm.protocol import LineSettings, Message
+
+
+class LineState:
+    """One line, whichever drive it is used for.
+
+    now: the time of the last effect. settings: of the port, None when not known. free_at: when somebody may speak.
+    sent_at: when the last request is out. heard_at: when something came last. unclean: an exchange was cut off, so
+    that the line is drained first. delays: how soon the drives answer. probed: the drive that was probed last, without
+    a whole reply time, and did not answer. trace, away: see `Link`.
+    """
+
+    def __init__(
+        self,
+        trace: Callable[[TraceEvent], None] | None,
+        away: Callable[[str], None] | None,
+        echo: Echo,
+        guard_s: float,
+    ) -> None:
+        self.trace = trace
+        self.away = away or _nobody
+        self.echo = EchoFilter(echo)
+        self.now = 0.0
+        self.settings: LineSettings | None = None
+        self.free_at = 0.0
+        self.sent_at = 0.0
+        self.heard_at = float("-inf")
+        self.unclean = False
+        self.delays = UsualDelays()
+        self.probed: PartyState | None = None
+        self._guard_s = guard_s
+        self._patient_at = float("-inf")
+
+    def reopened(self) -> None:
+        """Forget what held for the port before it was opened anew."""
+        self.settings = None
+        self.unclean = False
+
+    def note(
+        self, party: Party, what: What, data: bytes = b"", message: Message | None = None, detail: str = ""
+    ) -> None:
+        """Tell the trace function, if there is one."""
+        if self.trace is not None:
+            self.trace(
+                TraceEvent(time=self.now, what=what, drive=party.name, data=data, message=message, detail=detail)
+            )
+
+    def send(self, party: Party, partner: PartyState, data: bytes, message: Message) -> Steps[None]:
+        """Send a telegram as soon as the line is free and quiet."""
+        facts = party.facts
+        if self.settings != facts.settings:
+            yield from self.settle(party)
+        if self.now < self.free_at:
+            self.now = (yield Wait(self.free_at)).time
+        self.now, came, _ = yield Receive(self.now)
+        if came and self.echo.looking:
+            # Of what was told, and not answered.
+            came = self.without_echo(party, partner, came)
+        if came:
+            # Something speaks out of turn (a repeated or late reply): let it finish before we add to it.
+            self.heard_at = self.now
+            self._unasked(party, partner, came, "unasked")
+            yield from self.drain(party, partner)
+        # Whatever comes of it, nobody may speak, or change the line settings, before it is on the wire.
+        self.free_at = self.sent_at = self.now + facts.settings.wire_s(len(data))
+        self.now = (yield Send(data)).time
+        if self.echo.looking:
+            self.echo.sent(data)
+        if self.trace is not None:
+            self.note(party, "sent", data, message)
+
+    def settle(self, party: Party) -> Steps[None]:
+        """Bring the port to the drive's line settings."""
+        if self.now < self.free_at:
+            self.now = (yield Wait(self.free_at)).time
+        # Whoever is interrupted in the middle of this no longer knows how the port stands.
+        before, self.settings = self.settings, None
+        arrival = yield Configure(party.facts.settings)
+        self.now = arrival.time
+        if arrival.note:
+            self.note(party, "note", detail=arrival.note)
+        if before is not None:
+            self.free_at = max(self.free_at, self.now + self._guard_s)
+        self.settings = party.facts.settings
+
+    def drain(self, party: Party, partner: PartyState) -> Steps[None]:
+        """Read until the line has been quiet for the drive's gap, at most for one reply time."""
+        gap = party.gap_s
+        limit = self.now + max(party.facts.timing.reply_timeout_s, gap)
+        while (quiet_at := min(limit, self.heard_at + gap)) > self.now:
+            self.now, came, _ = yield Receive(quiet_at)
+            if came:
+                self.heard_at = self.now
+                partner.count["drained bytes"] += len(came)
+                self.note(party, "noise", came, detail="drained")
+                self.heard_out_of_turn()
+
+    def early(self, party: Party, partner: PartyState, came: bytes, *, is_echo: bool) -> bool:
+        """Drop what came while the request was on its way; return whether that is the request itself, unexpected."""
+        if self.echo.looking:
+            rest = self.without_echo(party, partner, came)
+            self.echo.excused = max(0, self.echo.excused - len(came))
+            if not rest:
+                return False
+            came = rest
+        if is_echo:
+            partner.count["echo bytes"] += len(came)
+            self.note(party, "echo", came)
+            return True
+        self._unasked(party, partner, came, "came before the request was out")
+        return False
+
+    def without_echo(self, party: Party, partner: PartyState, came: bytes) -> bytes:
+        """Return what came beside the echo. Nothing came: what was held back was the beginning of one."""
+        echo, rest = self.echo.take(came) if came else (self.echo.give_up(), b"")
+        if echo:
+            partner.count["echo bytes"] += len(echo)
+            self.note(party, "echo", echo)
+        return rest
+
+    def heard_out_of_turn(self) -> None:
+        """See whether it was the drive that was probed last, and that answers more slowly than was waited for."""
+        if self.probed is not None and self.now >= self._patient_at:
+            self.probed.health.heard_late()
+            # Noise must not make every probe a long one.
+            self._patient_at = self.now + LONGEST_PAUSE_S
+        self.probed = None
+
+    def _unasked(self, party: Party, partner: PartyState, came: bytes, detail: str) -> None:
+        partner.count["unasked bytes"] += len(came)
+        self.note(party, "noise", came, detail=detail)
+        self.heard_out_of_turn()
+
+
+def _nobody(_drive: str) -> None:
+    pass

@@ -1,0 +1,92 @@
+"""A drive as the link sees it, what the link remembers of it, and what happens with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+from drivecomm.link.health import Health
+from drivecomm.link.statistics import Statistics
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.protocol import Codec, Exchange, LineFacts, LineSettings, Message
+
+What: TypeAlias = Literal["sent", "received", "echo", "stray", "damaged", "noise", "note"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TraceEvent:
+    """Something that happened on the line.
+
+    what: sent and received telegrams of an exchange; echo: our own bytes; stray: a sound telegram that does not answer
+    the request; damaged and noise: bytes that are no telegram; note: something about the line itself.
+    drive: the drive that the exchange is with. detail: why, for strays and damage; the text of a note.
+    """
+
+    time: float
+    what: What
+    drive: str
+    data: bytes = b""
+    message: Message | None = None
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Party:
+    """A drive as the link sees it: who it is, how its telegrams look, what holds on the line for it.
+
+    mismatch: names the first field in which a sound reply does not belong to the request. probe: asks whether it is
+    there, moving nothing; None for all drives at once. set_up: what must be done after it was away, before anything
+    else is.
+    """
+
+    name: str
+    codec: Codec
+    facts: LineFacts
+    mismatch: Callable[[Message, Message], str]
+    probe: Callable[[], Exchange[None]] | None = None
+    set_up: Callable[[], Exchange[None]] | None = None
+    protocol: str = field(init=False)
+    gap_s: float = field(init=False)
+    turnaround_s: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        # Asked for in every exchange.
+        object.__setattr__(self, "protocol", self.name.partition(":")[0])
+        object.__setattr__(self, "gap_s", self.facts.gap_s)
+        object.__setattr__(self, "turnaround_s", self.facts.turnaround_s)
+
+
+class PartyState:
+    """What the link remembers of one drive.
+
+    asked_at, commanded_at: when it was last asked, and sent a command from which its watchdog counts. late_until: how
+    long the reply to the request `unanswered` may still come. surplus: that one was answered, and sent more than once.
+    """
+
+    __slots__ = (
+        "asked_at",
+        "commanded_at",
+        "count",
+        "health",
+        "late_until",
+        "settings",
+        "statistics",
+        "surplus",
+        "unanswered",
+        "watchdog_s",
+    )
+
+    def __init__(self, settings: LineSettings) -> None:
+        self.settings = settings
+        self.statistics = Statistics()
+        self.count = self.statistics.counters
+        self.health = Health()
+        self.asked_at = float("-inf")
+        self.commanded_at = float("-inf")
+        self.watchdog_s = float("inf")
+        self.late_until = 0.0
+        self.unanswered = b""
+        self.surplus = False

@@ -1,0 +1,130 @@
+"""Waiting for the reply to one request: what comes is framed, held against the request, and believed or not."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import DamagedReplyError, DeadlineError, NoReplyError, OvertakenError
+from drivecomm.link.echo import in_place_of_echo
+from drivecomm.link.effects import Receive, Steps
+from drivecomm.protocol import Damaged, Framed, Framer, Noise
+
+if TYPE_CHECKING:
+    from drivecomm.link.call import Call
+    from drivecomm.protocol import Ask, Message
+
+# The longest one that exists has 257 bytes (Danfoss FC with LGE 255); a line that never falls silent is not waited for.
+_LONGEST_TELEGRAM = 257
+_ECHO = "the adapter hands back what it sends, and no other reply came; open the port with echo on"
+_IN_PLACE_OF_ECHO = "what came may be a disturbed echo; if this adapter has none, open the port with echo off"
+
+
+def await_reply(call: Call, ask: Ask, data: bytes) -> Steps[Message]:
+    """Return the reply to a request that was just sent as these bytes. Raises ReplyError."""
+    line, party, partner = call.line, call.party, call.partner
+    settings, timing, gap_s, echo = party.facts.settings, party.facts.timing, party.gap_s, line.echo
+    timeout = timing.reply_timeout_s if ask.reply_timeout_s is None else ask.reply_timeout_s
+    sent_at = line.sent_at
+    if call.listen_until is not None:
+        timeout = min(timeout, max(line.delays.least_ear_s(party.protocol), call.listen_until - sent_at))
+    limit = deadline = sent_at + settings.character_s + timeout
+    if limit > call.deadline:
+        limit = deadline = max(call.deadline, sent_at)
+        timeout = 0.0
+    latest = limit + settings.wire_s(_LONGEST_TELEGRAM) + gap_s
+    # A reply's first character cannot be over before this.
+    earliest = sent_at + settings.character_s / 2 if call.paced else 0.0
+    framer = Framer(party.codec, "reply")
+    damage, stray, early, first = "", "", b"", b""
+    taken = 0
+    in_haste, gives_way = False, call.gives_way
+    while True:
+        line.now, came, _ = yield Receive(deadline, framer.missing + echo.missing, gives_way)
+        if gives_way and call.stop_waits():
+            # Whoever has begun to answer is heard to the end; others have no longer than their like need to begin.
+            in_haste, gives_way = True, False
+            limit = min(limit, max(line.now, sent_at + line.delays.least_ear_s(party.protocol)))
+            if not framer.begun:
+                deadline = min(deadline, limit)
+        if not came and line.now < deadline:
+            continue
+        if came:
+            line.heard_at = line.now
+            if line.now < earliest:
+                # While the request is still on its way nothing can answer it: an echo, or a late reply.
+                early += came
+                stray = _ECHO if line.early(party, partner, came, is_echo=data.startswith(early)) else ""
+                continue
+        quiet = not came
+        if echo.looking:
+            came = line.without_echo(party, partner, came)
+            quiet = quiet and not came
+        elif len(first) < len(data):
+            first += came
+        place = taken - framer.held
+        taken += len(came)
+        for find in framer.flush() if quiet else framer.feed(came):
+            if isinstance(find, Framed):
+                in_place = in_place_of_echo(find.data, place, echo.excused)
+                is_echo = in_place or find.data == data
+                reason = "echo" if is_echo else party.mismatch(ask.message, find.message)
+                if not reason:
+                    _answered(call, find, alone=not place)
+                    return find.message
+                place += len(find.data)
+                _count_stray(call, find, reason)
+                if reason != "echo":
+                    stray = f"the reply that came differs in {reason}"
+                else:
+                    stray = _IN_PLACE_OF_ECHO if in_place else _ECHO
+            else:
+                wrong = _count_garbage(call, find)
+                if taken > echo.excused:
+                    damage = wrong or damage
+                place += len(find.data) if isinstance(find, Noise) else 0
+        # Once a reply has begun only the gap limit counts; before that, the reply time keeps running.
+        begun = framer.begun or damage
+        deadline = line.now + settings.wire_s(framer.missing) + gap_s if begun else limit
+        if (quiet and damage) or line.now >= min(deadline, latest):
+            break
+    if first.startswith(data):
+        damage, stray = "", _ECHO
+    if damage and not in_haste:
+        raise DamagedReplyError(f"{party.name} answered with a damaged telegram ({damage})")
+    why = f": {stray}" if stray else ""
+    if in_haste:
+        raise OvertakenError(f"{party.name} was not waited for any longer, because a stop went first{why}")
+    if not timeout:
+        raise DeadlineError(
+            f"{party.name} did not answer before the call's time ({timing.deadline_s:g} s) was over{why}"
+        )
+    raise NoReplyError(f"{party.name} did not answer within {timeout * 1000:.0f} ms{why}")
+
+
+def _answered(call: Call, find: Framed, *, alone: bool) -> None:
+    line, party = call.line, call.party
+    line.free_at = line.now + party.turnaround_s
+    took_s = line.now - line.sent_at
+    call.partner.statistics.reply_times.add(took_s)
+    line.delays.answered(party.protocol, took_s - party.facts.settings.wire_s(len(find.data)))
+    if line.echo.looking and line.echo.answered(alone=alone):
+        call.partner.count["echoes missing"] += 1
+    if line.trace is not None:
+        line.note(party, "received", find.data, find.message)
+
+
+def _count_stray(call: Call, find: Framed, reason: str) -> None:
+    call.partner.count["echoes" if reason == "echo" else "strays"] += 1
+    call.line.note(call.party, "echo" if reason == "echo" else "stray", find.data, find.message, detail=reason)
+    call.line.heard_out_of_turn()
+
+
+def _count_garbage(call: Call, find: Damaged | Noise) -> str:
+    """Return what is wrong with a damaged telegram, nothing for noise that was never one."""
+    if isinstance(find, Noise):
+        call.partner.count["noise bytes"] += len(find.data)
+        call.line.note(call.party, "noise", find.data)
+        return ""
+    call.partner.count[f"{find.error.category} errors"] += 1
+    call.line.note(call.party, "damaged", find.data, detail=str(find.error))
+    return str(find.error)

@@ -1,0 +1,221 @@
+"""What goes wrong in a plant of virtual drives, and when: noise on lines, and a script of faults.
+
+All times are seconds of the plant's process, from its start.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from math import inf
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+
+from drivecomm.errors import UsageError, meant
+from drivecomm.plant.line_faults import TRANSMISSION_FAULTS, Fault, FaultPlan
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+Of: TypeAlias = Literal["request", "reply", "reply to a read", "reply to a write", "reply to a command"]
+"""Which telegrams a fault is for."""
+
+LARGEST_CODE = 0xFFFF
+"""Fault codes have 16 bits at most."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Noise:
+    """What disturbs a line all the time, by chance; the fields are those of a `FaultPlan`."""
+
+    rate: float
+    seed: int = 0
+    kinds: tuple[Fault, ...] = TRANSMISSION_FAULTS
+    requests: bool = True
+    replies: bool = True
+    delay_s: float = 1.0
+    bits: int = 8
+
+    def __post_init__(self) -> None:
+        _share(self.rate)
+        _not_negative("delay_s", self.delay_s)
+        if not self.kinds or Fault.FOREIGN in self.kinds:
+            raise UsageError(f"invalid kinds; write one or more of {_names(_NOISE)}")
+        if not 1 <= self.bits <= 8:
+            raise UsageError(f"bits = {self.bits} is not between 1 and 8")
+
+    def plan(self) -> FaultPlan:
+        """Return a plan that begins with the seed."""
+        return FaultPlan(**{each.name: getattr(self, each.name) for each in fields(self)})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Window:
+    """The time in which something holds, from from_s up to until_s."""
+
+    from_s: float = 0.0
+    until_s: float = inf
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.from_s < self.until_s:
+            raise UsageError(f"until_s = {self.until_s:g} is not after from_s = {self.from_s:g}, or that is below 0")
+
+    def holds(self, time_s: float) -> bool:
+        """Whether this time is inside."""
+        return self.from_s <= time_s < self.until_s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TelegramFault:
+    """Telegrams on a line that are lost, changed, cut, late or doubled.
+
+    line or drive: for all telegrams of a line, or for the replies of one drive. kind: what happens to them. of: which
+    ones; None for all. to: fields that the request must have, for a reply to it, as `drivecomm decode` shows them.
+    every: every n-th of these; rate: this share of them, by chance with the seed; neither: each one. delay_s: how
+    late a delayed one is.
+    """
+
+    kind: Fault
+    line: str = ""
+    drive: str = ""
+    of: Of | None = None
+    to: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    every: int | None = None
+    rate: float | None = None
+    seed: int = 0
+    delay_s: float = 1.0
+    window: Window = field(default_factory=Window)
+
+    def __post_init__(self) -> None:
+        if bool(self.line) == bool(self.drive):
+            raise UsageError("a fault of telegrams needs either line or drive")
+        if self.kind not in TRANSMISSION_FAULTS:
+            raise UsageError(
+                f"invalid kind {self.kind.value!r} for telegrams; write one of {_names(TRANSMISSION_FAULTS)}"
+            )
+        if self.of is not None and self.of not in get_args(Of):
+            raise UsageError(f"invalid of = {self.of!r}; write one of {', '.join(get_args(Of))}")
+        if self.drive and self.of == "request":
+            raise UsageError("requests are disturbed for everybody on a line; name the line in place of the drive")
+        if self.to and (self.of is None or not self.of.startswith("reply")):
+            raise UsageError('to says which requests are answered; write of = "reply" with it')
+        if self.every is not None and self.rate is not None:
+            raise UsageError("every and rate exclude each other; write one of them")
+        if self.every is not None and self.every < 1:
+            raise UsageError(f"invalid every = {self.every}; write 1 or more")
+        if self.rate is not None:
+            _share(self.rate)
+        _not_negative("delay_s", self.delay_s)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PowerCutStep:
+    """A drive without power from off_at_s to back_at_s; for ever if that is None.
+
+    factory: it comes back with its factory settings: those of its line, and all parameters of its model.
+    """
+
+    drive: str
+    off_at_s: float
+    back_at_s: float | None = None
+    factory: bool = False
+
+    def __post_init__(self) -> None:
+        _not_negative("off_at_s", self.off_at_s)
+        if self.back_at_s is not None and self.back_at_s <= self.off_at_s:
+            raise UsageError(f"back_at_s = {self.back_at_s:g} is not after off_at_s = {self.off_at_s:g}")
+        if self.factory and self.back_at_s is None:
+            raise UsageError("a drive that does not come back has no factory settings; write back_at_s")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Condition:
+    """A parameter's value, as a master reads it, above or below a limit for some time without a break."""
+
+    parameter: str
+    above: float = inf
+    below: float = -inf
+    for_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if (self.above == inf) == (self.below == -inf):
+            raise UsageError("a condition says above or below; write one of them")
+        _not_negative("for_s", self.for_s)
+
+    def met_by(self, value: float) -> bool:
+        """Whether the value is beyond the limit."""
+        return value > self.above or value < self.below
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TripStep:
+    """A drive trips with a fault code: at a time, or each time a condition begins to be true."""
+
+    drive: str
+    code: int
+    at_s: float | None = None
+    when: Condition | None = None
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.code <= LARGEST_CODE:
+            raise UsageError(f"invalid fault code {str(self.code)[:12]}; write a number from 1 to {LARGEST_CODE}")
+        if (self.at_s is None) == (self.when is None):
+            raise UsageError("a trip comes at_s or when; write one of them")
+        if self.at_s is not None:
+            _not_negative("at_s", self.at_s)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StuckStep:
+    """A drive that answers reads of a parameter with the same value, whatever it holds or measures.
+
+    value: a number as a master reads it, or a text as its `Reading.raw` is.
+    """
+
+    drive: str
+    parameter: str
+    value: float | str
+    window: Window = field(default_factory=Window)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InjectStep:
+    """Bytes that nobody on the line has sent: noise, or the telegram of somebody else."""
+
+    line: str
+    data: bytes
+    at_s: float
+
+    def __post_init__(self) -> None:
+        _not_negative("at_s", self.at_s)
+        if not self.data:
+            raise UsageError("no bytes to inject")
+
+
+Step: TypeAlias = TelegramFault | PowerCutStep | TripStep | StuckStep | InjectStep
+"""What goes wrong on a plant, once or for a time."""
+
+
+def kind_named(name: str) -> Fault:
+    """Return the kind of fault with this name, such as drop. Raises UsageError."""
+    try:
+        return Fault(name)
+    except ValueError:
+        known = meant(name, [kind.value for kind in _NOISE], "write one of")
+        raise UsageError(f"unknown kind of fault {name!r}; {known}") from None
+
+
+# Foreign traffic needs bytes, which a script says with inject.
+_NOISE = tuple(kind for kind in Fault if kind is not Fault.FOREIGN)
+
+
+def _names(kinds: Iterable[Fault]) -> str:
+    return ", ".join(kind.value for kind in kinds)
+
+
+def _share(rate: float) -> None:
+    if not 0 <= rate <= 1:
+        raise UsageError(f"invalid rate = {rate:g}; write a share from 0 to 1")
+
+
+def _not_negative(key: str, seconds: float) -> None:
+    if not 0 <= seconds < inf:
+        raise UsageError(f"invalid {key} = {seconds:g}; write seconds, 0 or more")

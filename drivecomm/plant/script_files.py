@@ -1,0 +1,120 @@
+"""The [[fault]] tables of plant files; `drivecomm.plant.files` shows what they look like."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import DriveCommError, FileFormatError, UsageError
+from drivecomm.plant.script import (
+    Condition,
+    InjectStep,
+    PowerCutStep,
+    Step,
+    StuckStep,
+    TelegramFault,
+    TripStep,
+    Window,
+    kind_named,
+)
+from drivecomm.tomlfile import CHOICE, NUMBER, SECONDS, TABLE, TEXT, WHOLE, Kind, Table, parse_toml
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+RAW = Kind((int, str), "a whole number, or a text in quotes")
+_VALUE = Kind((int, float, str), "a number as it is read, or its raw text in quotes")
+_WINDOW = {"from_s": SECONDS, "until_s": SECONDS}
+_TELEGRAMS = {
+    "line": TEXT,
+    "drive": TEXT,
+    "kind": TEXT,
+    "of": TEXT,
+    "to": TABLE,
+    "every": WHOLE,
+    "rate": NUMBER,
+    "seed": WHOLE,
+    "delay_s": SECONDS,
+    **_WINDOW,
+}
+_POWER = {"off_at_s": SECONDS, "back_at_s": SECONDS, "factory": CHOICE}
+_TRIP = {"code": WHOLE, "at_s": SECONDS, "when": TABLE}
+_WHEN = {"parameter": TEXT, "above": NUMBER, "below": NUMBER, "for_s": SECONDS}
+_STUCK = {"parameter": TEXT, "value": _VALUE, **_WINDOW}
+_INJECT = {"data": TEXT, "at_s": SECONDS}
+
+
+def read_fault(text: str) -> Step:
+    """Read what stands behind one [[fault]]. Raises FileFormatError."""
+    return fault_of(Table(parse_toml(text, "the text cannot be read as a fault"), "the fault"))
+
+
+def fault_of(table: Table) -> Step:
+    """Return the step that a [[fault]] says. Raises FileFormatError."""
+    ways = {"kind": _telegram_fault, "power": _power, "trip": _trip, "stuck": _stuck, "inject": _inject}
+    named = [way for way in ways if way in table.content]
+    if len(named) != 1:
+        raise table.error(f"a fault is one of {', '.join(ways)}; write one of them")
+    with errors_in(table):
+        return ways[named[0]](table)
+
+
+@contextmanager
+def errors_in(table: Table) -> Iterator[None]:
+    """Let the errors of the block name this table, its file and its line."""
+    try:
+        yield
+    except FileFormatError:
+        raise
+    except DriveCommError as error:
+        raise table.error(str(error)) from error
+
+
+def bytes_of(text: str) -> bytes:
+    """Return the bytes that a text of hexadecimal digits stands for. Raises UsageError."""
+    try:
+        return bytes.fromhex(text)
+    except ValueError:
+        raise UsageError(f'invalid bytes {text!r}; write two hexadecimal digits for each, such as "04 41 FF"') from None
+
+
+def _telegram_fault(table: Table) -> Step:
+    given = table.take(_TELEGRAMS)
+    window = _window(given)
+    return TelegramFault(**{**given, "kind": kind_named(given["kind"])}, window=window)
+
+
+def _power(table: Table) -> Step:
+    drive, inner = _inner(table, "drive", "power")
+    return PowerCutStep(drive=drive, **inner.take(_POWER, "off_at_s"))
+
+
+def _trip(table: Table) -> Step:
+    drive, inner = _inner(table, "drive", "trip")
+    given = inner.take(_TRIP, "code")
+    if "when" in given:
+        given["when"] = Condition(**inner.table("when").take(_WHEN, "parameter"))
+    return TripStep(drive=drive, **given)
+
+
+def _stuck(table: Table) -> Step:
+    drive, inner = _inner(table, "drive", "stuck")
+    given = inner.take(_STUCK, "parameter", "value")
+    window = _window(given)
+    return StuckStep(drive=drive, **given, window=window)
+
+
+def _inject(table: Table) -> Step:
+    line, inner = _inner(table, "line", "inject")
+    given = inner.take(_INJECT, "data", "at_s")
+    return InjectStep(line=line, data=bytes_of(given["data"]), at_s=given["at_s"])
+
+
+def _inner(table: Table, whose: str, key: str) -> tuple[Any, Table]:
+    """Return whose fault it is, and the table behind its key; nothing else stands beside it."""
+    return table.take({whose: TEXT, key: TABLE}, whose)[whose], table.table(key)
+
+
+def _window(given: dict[str, Any]) -> Window:
+    """Take the times of a window out of what is given."""
+    return Window(**{key: float(given.pop(key)) for key in _WINDOW if key in given})

@@ -1,0 +1,63 @@
+"""What requests are for: whether they read or write a parameter, and whether they command."""
+
+import pytest
+
+from drivecomm.models import load_model
+from drivecomm.protocol import Intent, installed
+from drivecomm.testing import packaged_vectors
+
+PLUGINS = list(installed.working())
+each_protocol = pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
+
+# Enough to see that the protocol's own words are taken for what they are.
+KNOWN = {
+    "vabus": [({"kind": "enquiry"}, "read"), ({"kind": "select"}, "write"), ({"kind": "eot"}, "")],
+    "danfoss-fc": [
+        ({"kind": "process"}, ""),
+        ({"kind": "parameter", "ak": 0}, ""),
+        ({"kind": "parameter", "ak": 1}, "read"),
+        ({"kind": "parameter", "ak": 4}, "read"),
+        ({"kind": "parameter", "ak": 2}, "write"),
+        ({"kind": "parameter", "ak": 14}, "write"),
+    ],
+    "vlt3500": [
+        ({"kind": "update"}, "write"),
+        ({"kind": "read"}, "read"),
+        ({"kind": "read_index"}, "read"),
+        ({"kind": "control"}, ""),
+    ],
+    "fuji": [
+        ({"frame": "standard", "command": "R"}, "read"),
+        ({"frame": "standard", "command": "W"}, "write"),
+        ({"frame": "standard", "command": "E"}, ""),
+        ({"frame": "select", "command": "m"}, ""),
+        ({"frame": "select", "command": "f"}, "write"),
+        ({"frame": "poll"}, "read"),
+    ],
+}
+
+
+@each_protocol
+def test_every_request_of_the_vectors_has_its_intent(plugin):
+    seen = set()
+    for vector in packaged_vectors(plugin).vectors:
+        if vector.direction != "request" or not vector.valid:
+            continue
+        intent = plugin.intent(plugin.message(vector.fields, "request"))
+        for fields, wanted in KNOWN[plugin.name]:
+            if all(
+                vector.fields.get(name, "standard" if name == "frame" else None) == value
+                for name, value in fields.items()
+            ):
+                assert intent.access == wanted, vector
+                seen.add(str(fields))
+    assert len(seen) >= 2
+
+
+@each_protocol
+def test_the_verbs_do_what_their_requests_are_for(plugin):
+    operations = plugin.operations(
+        plugin.addresses[1], plugin.options(), load_model(plugin.package, plugin.name, plugin.default_model)
+    )
+    for parameter in plugin.parameter_examples[:2]:
+        assert plugin.intent(next(operations.read(parameter)).message) == Intent(access="read")
