@@ -22,7 +22,6 @@ from drivecomm.tomlfile import no_such_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from types import TracebackType
 
     from drivecomm.capture.pieces import Capture, Piece, Provenance
 
@@ -115,9 +114,7 @@ class CaptureWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

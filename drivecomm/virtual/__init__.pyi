@@ -15,7 +15,7 @@ from .medium import _MOST_AUDIBLE as _MOST_AUDIBLE, _ROOM as _ROOM, Medium as Me
 from .plant_server import PlantServer as PlantServer
 from .port import VirtualPort as VirtualPort
 from .rfc2217_listener import PretendedPort as PretendedPort, Rfc2217Listener as Rfc2217Listener
-from .serving import ServedLine as ServedLine, Server as Server, serve as serve
+from .serving import ServedLine as ServedLine, Server as Server
 from .station import Station as Station
 from .tcp_listener import TcpListener as TcpListener
 from .uart import _sampled as _sampled, heard as heard, received as received

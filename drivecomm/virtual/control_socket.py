@@ -15,7 +15,6 @@ from drivecomm.virtual.control_orders import answer_order
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from types import TracebackType
 
     from drivecomm.virtual.virtual_plant import VirtualPlant
 
@@ -243,7 +242,5 @@ class ControlClient:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

@@ -11,7 +11,6 @@ from drivecomm.virtual.serving import LineServer, ServedLine
 
 if TYPE_CHECKING:
     from threading import Event
-    from types import TracebackType
 
     from drivecomm.virtual.virtual_plant import VirtualPlant
 
@@ -58,10 +57,8 @@ class PlantServer:
         self._server.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._server.__exit__(kind, error, traceback)
+    def __exit__(self, *error: object) -> None:
+        self._server.__exit__(*error)
 
     def _be_now(self) -> None:
         now = self._server.now()

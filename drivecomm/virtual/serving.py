@@ -14,12 +14,10 @@ from math import inf
 from typing import TYPE_CHECKING, Self
 
 from drivecomm.virtual.line import VirtualLine
-from drivecomm.virtual.listeners import parse_listen
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Iterable, Sequence
     from threading import Event
-    from types import TracebackType
 
     from drivecomm.protocol import LineSettings, VirtualDrive
     from drivecomm.virtual.control_socket import ControlServer
@@ -125,9 +123,7 @@ class LineServer:
         self._watch_control()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._selector = None
         self._open.close()
 
@@ -220,27 +216,5 @@ class Server:
         self._server.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._server.__exit__(kind, error, traceback)
-
-
-def serve(
-    drives: Iterable[VirtualDrive],
-    listen: str,
-    *,
-    stop: Event,
-    echo: bool = False,
-    paced: bool = False,
-    ready: Callable[[str], None] | None = None,
-) -> None:
-    """Serve virtual drives at `pty:PATH`, `tcp:HOST:PORT` or `rfc2217:HOST:PORT` until the event is set.
-
-    ready: told the address when a master may connect. Raises UsageError for a listen text that is none of these, and
-    PortError when the place is taken.
-    """
-    with Server(drives, parse_listen(listen), echo=echo, paced=paced) as server:
-        if ready is not None:
-            ready(server.address)
-        server.run(stop)
+    def __exit__(self, *error: object) -> None:
+        self._server.__exit__(*error)

@@ -365,7 +365,7 @@ def test_wrong_blocks_are_named(tmp_path):
     fails(wrong, "invalid length 13")
     wrong = Foreign()
     wrong.content += struct.pack("<II", 1, 2**30) + bytes(8)
-    fails(wrong, "length of 1073741824")
+    fails(wrong, "invalid length 1073741824")
     wrong = Foreign()
     wrong.content += struct.pack("<III", 1, 12, 16)
     fails(wrong, "12 at the beginning and 16 at the end")

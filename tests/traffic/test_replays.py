@@ -228,7 +228,7 @@ def test_too_much_and_too_little_are_differences():
     with replayed(capture) as line, drivecomm.open_bus(line.port) as bus:
         read_everybody(bus)
         drive = bus.drive("vabus", 1)
-        with pytest.raises(ReplayError, match="the capture is over, and 04 41"):
+        with pytest.raises(ReplayError, match="the capture has ended, but 04 41"):
             drive.read("481")
 
 
@@ -377,7 +377,7 @@ def test_line_settings_are_those_of_the_capture_or_others():
 
 @pytest.mark.parametrize("faster", [0, -1, float("nan"), float("inf")])
 def test_speeds_that_are_none(faster):
-    with pytest.raises(UsageError, match="is no speed"):
+    with pytest.raises(UsageError, match="is not a valid speed factor"):
         ReplayMaster([], EVERYBODY, faster=faster)
 
 

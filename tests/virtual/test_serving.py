@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 
 from drivecomm.errors import PortError, UsageError
-from drivecomm.virtual import PretendedPort, Rfc2217Listener, Server, TcpListener, parse_listen, serve, virtual_drive
+from drivecomm.virtual import PretendedPort, Rfc2217Listener, Server, TcpListener, parse_listen, virtual_drive
 
 ENQUIRY = bytes.fromhex("04 41 30 30 34 38 31 05")
 VALUE = bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03")
@@ -302,16 +302,18 @@ class TestTcp:
             time.sleep(0.3)
             assert time.process_time() - before < 0.05
 
-    def test_serve_in_one_call(self):
-        stop, ready = threading.Event(), []
+    def test_the_address_is_known_once_it_is_entered(self):
+        with Server([virtual_drive("vabus", 1)], parse_listen("tcp::0")) as server:
+            assert server.address.startswith("socket://127.0.0.1:")
+            server.run(set_event())
+        with Server([], parse_listen("tcp::0")) as server:
+            server.run(set_event())
 
-        def started(address):
-            ready.append(address)
-            stop.set()
 
-        serve([virtual_drive("vabus", 1)], "tcp::0", stop=stop, ready=started)
-        assert ready[0].startswith("socket://127.0.0.1:")
-        serve([], "tcp::0", stop=stop)
+def set_event():
+    stop = threading.Event()
+    stop.set()
+    return stop
 
 
 class TestTiming:

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from drivecomm.traffic.cohabitation.traffic import Sightings
     from drivecomm.traffic.cohabitation.verdicts import PairVerdict, Proof
 
+_TRIED = 12
+"""Other addresses of a drive that are looked at, spread over all that it can have."""
+
 
 def safe(sightings: Sightings, *, whole: bool) -> str:
     """Say what keeps the telegrams apart."""
@@ -76,10 +79,6 @@ def _meaning(outline: Outline, place: int) -> str:
 
 def _listed(words: set[str]) -> str:
     return ", ".join(sorted(words))
-
-
-_TRIED = 12
-"""Other addresses of a drive that are looked at, spread over all that it can have."""
 
 
 def advice(

@@ -16,7 +16,6 @@ from drivecomm.virtual import VirtualPort
 
 if TYPE_CHECKING:
     from pathlib import Path
-    from types import TracebackType
 
     from drivecomm.protocol import LineSettings
 
@@ -108,8 +107,6 @@ class Replayed:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        if error is None:
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
             self.finish()
