@@ -70,6 +70,9 @@ def _serve():
     jobs, answers = os.fdopen(os.dup(0), "r"), os.fdopen(os.dup(1), "w")
     with contextlib.redirect_stdout(io.StringIO()):
         run(["encode", "vabus", "kind=enquiry", "address=1", "parameter=481", "--json"])
+    for each in app.commands.values():
+        for command in getattr(each, "commands", {"": each}).values():
+            assert command.loaded
     # What is there is not looked through again by each fork.
     gc.freeze()
     for text in jobs:

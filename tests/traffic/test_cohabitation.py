@@ -8,6 +8,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
+from extents import extents
 from hypothesis import given, strategies as st
 
 from drivecomm.errors import AddressError, UnknownProtocolError
@@ -148,14 +149,15 @@ def _options(drive):
     [*((pair, Safety.SAFE) for pair in SAFE), *((pair, Safety.UNHEARD) for pair in UNHEARD)],
     ids=lambda value: named(value) if isinstance(value, tuple) else "",
 )
-def test_what_is_safe_stays_silent_under_attack(pair, outcome, partner, verdict):
+@extents(20, 100)
+def test_what_is_safe_stays_silent_under_attack(pair, outcome, partner, verdict, extent):
     speaker, listener = map(partner, pair)
     assert verdict(*pair).outcome is outcome
     related = pair[0].protocol == pair[1].protocol
     spoken = [each for each in speaker.spoken if not (related and each.to_all)]
     bystander = Bystander(pair[1], speaker)
     chance = Random(7)
-    for _ in range(100):
+    for _ in range(extent):
         bystander.play(each.data for each in arbitrary_telegrams(spoken, speaker, listener.settings, chance, 20))
         bystander.line.advance(1.0)
     assert not bystander.took(listener)

@@ -4,6 +4,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
+from extents import extents
 from traffic import PROTOCOLS, plant
 
 from drivecomm.capture import Piece
@@ -49,16 +50,17 @@ def unknown_line(seed):
     return protocol, settings, traffic.sent
 
 
-def test_forty_nine_of_fifty_unknown_lines_are_identified_within_two_hundred_telegrams():
+@extents(12, 50)
+def test_forty_nine_of_fifty_unknown_lines_are_identified_within_two_hundred_telegrams(extent):
     failed = []
-    for seed in range(50):
+    for seed in range(extent):
         protocol, settings, sent = unknown_line(seed)
         line = Passing(sent)
         found = detect(line, PROTOCOLS)
         assert line.passed <= 200
         if found is None or (found.protocols[:1], found.settings) != ((protocol,), settings):
             failed.append((seed, protocol, settings, found))
-    assert len(failed) <= 1, failed
+    assert len(failed) <= extent // 50, failed
 
 
 def test_all_protocols_of_a_line_are_named_and_the_stop_bits_stay_open():

@@ -6,6 +6,7 @@ import tracemalloc
 from math import inf
 
 import pytest
+from extents import extents
 
 import drivecomm
 from drivecomm.plant import Condition as When, Fault, Noise, Plant, PlantLine, PowerCutStep, TelegramFault, TripStep
@@ -257,7 +258,8 @@ def an_hour(plant, requests):
         port.wait(port.now() + 20)
 
 
-def test_hours_of_traffic_take_no_memory():
+@extents(3, 5)
+def test_hours_of_traffic_take_no_memory(extent):
     plant = plant_with_everything()
     line = plant.line("hall")
     requests = []
@@ -269,7 +271,7 @@ def test_hours_of_traffic_take_no_memory():
     tracemalloc.start()
     try:
         taken, objects = [], []
-        for _ in range(5):
+        for _ in range(extent):
             an_hour(plant, requests)
             assert all(len(station._known) <= 512 for station in line._stations)
             assert _sampled.cache_info().maxsize
@@ -285,8 +287,8 @@ def test_hours_of_traffic_take_no_memory():
             assert len(line._medium._present) < 20
     finally:
         tracemalloc.stop()
-    assert line.time > 5 * 3600
-    assert sum(disturbance.happened for disturbance in plant.disturbances) > 100
+    assert line.time > extent * 3600
+    assert sum(disturbance.happened for disturbance in plant.disturbances) > 20 * extent
     assert objects[-1] - objects[1] < 50, objects
     if sys.gettrace() is None:
         # Whoever measures which lines are run keeps notes of it.
