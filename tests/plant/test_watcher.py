@@ -26,7 +26,7 @@ def test_states_values_and_counters():
     assert 0 < pump.reply_s < 0.1
     assert 0 <= pump.age_s <= 1
     assert 4 < board.elapsed_s <= 5
-    assert (board.faults, board.silent, board.happenings) == (0, 0, ())
+    assert (board.faults, board.silent, board.events) == (0, 0, ())
     assert board.view("fan") == fan
 
 
@@ -66,11 +66,11 @@ def test_a_fault_with_its_text_and_its_end():
     during, after = asyncio.run(watch())
     assert during.view("fan").fault == "14 earth fault"
     assert during.faults == 1
-    (happened,) = during.happenings
+    (happened,) = during.events
     assert (happened.drive, happened.kind, happened.text) == ("fan", "fault", "fault: 14 earth fault")
     assert 2.4 < happened.time_s < 4
     assert after.view("fan").fault == ""
-    assert "the fault is gone" in [one.text for one in after.happenings]
+    assert "the fault is gone" in [one.text for one in after.events]
 
 
 @pytest.mark.parametrize(("protocol", "code"), [("vabus", 5), ("danfoss-fc", 14), ("vlt3500", 14), ("fuji", 7)])
@@ -88,7 +88,7 @@ def test_a_dead_drive_is_shown_and_holds_up_no_other():
     board = watcher.board()
     assert board.view("pump").counters["replies"] >= alone - 4
     assert board.view("fan").condition == "answers"
-    silent, again = reversed([one for one in board.happenings if one.drive == "fan"])
+    silent, again = reversed([one for one in board.events if one.drive == "fan"])
     assert silent.kind == "silent"
     assert "did not answer within" in silent.text
     assert "danfoss-fc:3" not in silent.text
@@ -148,7 +148,7 @@ def test_a_line_that_cannot_be_opened_is_tried_again(monkeypatch):
     assert after.view("well").condition == "answers"
     assert after.view("pump").condition == "answers"
     assert len(tries) == 3
-    (happened,) = after.happenings[:-1]
+    (happened,) = after.events[:-1]
     assert (happened.drive, happened.text) == ("well", "answers again")
     assert happened.time_s >= 2 * 0.02
 

@@ -11,7 +11,7 @@ from drivecomm.models import quantities
 from drivecomm.plant.watching import state_words
 
 if TYPE_CHECKING:
-    from drivecomm.plant.watching import Board, DriveView, Happening, WatchedValue
+    from drivecomm.plant.watching import Board, DriveEvent, DriveView, WatchedValue
 
 FAULT, WARNING, DEAD, RUNNING, ASIDE = "bold red", "yellow", "dim", "green", "dim"
 
@@ -31,7 +31,7 @@ _SHORT = {
     "drive_thermal_load": "drive",
 }
 _UNITS = {"degC": "°C"}
-_HAPPENED = {"fault": FAULT, "silent": WARNING, "warning": WARNING, "change": "", "command": "bold"}
+_EVENT_STYLES = {"fault": FAULT, "silent": WARNING, "warning": WARNING, "change": "", "command": "bold"}
 
 
 def unit_of(unit: str) -> str:
@@ -97,12 +97,12 @@ def in_full(value: WatchedValue) -> Text:
     return text
 
 
-def happening_of(happening: Happening, began_s: float | None) -> Text:
+def event_line(event: DriveEvent, began_s: float | None) -> Text:
     """Return what happened, on one line with its time of day; in virtual time with that since the beginning."""
     text = Text(no_wrap=True, overflow="ellipsis")
-    at = clock(happening.time_s) if began_s is None else time_of_day(began_s + happening.time_s)
-    text.append(f"{at}  ", style=ASIDE).append(happening.drive, style="bold")
-    return text.append(f"  {happening.text}", style=_HAPPENED[happening.kind])
+    at = clock(event.time_s) if began_s is None else time_of_day(began_s + event.time_s)
+    text.append(f"{at}  ", style=ASIDE).append(event.drive, style="bold")
+    return text.append(f"  {event.text}", style=_EVENT_STYLES[event.kind])
 
 
 def summary_of(board: Board) -> Text:

@@ -1,7 +1,7 @@
 from .board import (
     Board as Board,
+    DriveEvent as DriveEvent,
     DriveView as DriveView,
-    Happening as Happening,
     WatchedValue as WatchedValue,
     state_words as state_words,
 )

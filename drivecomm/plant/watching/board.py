@@ -57,12 +57,12 @@ class DriveView:
 class Board:
     """All drives at one moment.
 
-    elapsed_s: since watching began. happenings: what changed, the latest first. began_s: when watching began, in
+    elapsed_s: since watching began. events: what changed, the latest first. began_s: when watching began, in
     seconds since 1970; None on virtual lines, which have no time of day.
     """
 
     drives: tuple[DriveView, ...]
-    happenings: tuple[Happening, ...] = ()
+    events: tuple[DriveEvent, ...] = ()
     elapsed_s: float = 0.0
     began_s: float | None = None
 
@@ -88,7 +88,7 @@ Kind: TypeAlias = Literal["fault", "silent", "warning", "change", "command"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Happening:
+class DriveEvent:
     """Something that a person wants to know later. time_s: since watching began."""
 
     time_s: float
@@ -97,7 +97,7 @@ class Happening:
     text: str
 
 
-def changes(before: DriveView, after: DriveView, time_s: float) -> list[Happening]:
+def changes(before: DriveView, after: DriveView, time_s: float) -> list[DriveEvent]:
     """Return what happened to a drive between two looks at it."""
     found: list[tuple[Kind, str]] = []
     if after.condition == "silent" != before.condition:
@@ -106,7 +106,7 @@ def changes(before: DriveView, after: DriveView, time_s: float) -> list[Happenin
         found.append(("change", "answers again"))
     if after.condition == "answers":
         found += _by_status(before, after)
-    return [Happening(time_s=time_s, drive=after.name, kind=kind, text=text) for kind, text in found]
+    return [DriveEvent(time_s=time_s, drive=after.name, kind=kind, text=text) for kind, text in found]
 
 
 def _by_status(before: DriveView, after: DriveView) -> list[tuple[Kind, str]]:

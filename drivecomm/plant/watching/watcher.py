@@ -19,7 +19,7 @@ from drivecomm.bus import open_bus_async
 from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
 from drivecomm.link import REOPEN_LONGEST_S, Statistics
 from drivecomm.models import quantities
-from drivecomm.plant.watching.board import Board, DriveView, Happening, WatchedValue, changes
+from drivecomm.plant.watching.board import Board, DriveEvent, DriveView, WatchedValue, changes
 from drivecomm.plant.watching.history import Trend
 from drivecomm.polling import PollItem, poll_async
 from drivecomm.protocol import Reading
@@ -51,7 +51,7 @@ USUAL_NAMES = (
 
 _REOPENING_S = REOPEN_LONGEST_S
 _KEPT_TELEGRAMS = 400
-_KEPT_HAPPENINGS = 200
+_KEPT_EVENTS = 200
 _KEPT_PERIODS = 3
 _TREND_PERIODS = 60
 
@@ -162,7 +162,7 @@ class Watcher:
         self.told = told
         """Hears every result; may be set while watching."""
         self._began_s: float | None = None
-        self._happenings: deque[Happening] = deque(maxlen=_KEPT_HAPPENINGS)
+        self._events: deque[DriveEvent] = deque(maxlen=_KEPT_EVENTS)
         self._seen: dict[str, _Seen] = {}
         self._lines = [self._made(line) for line in lines]
         if not self._lines:
@@ -210,7 +210,7 @@ class Watcher:
         """Return what is known at the moment."""
         return Board(
             drives=tuple(self._view(seen) for seen in self._seen.values()),
-            happenings=tuple(sorted(self._happenings, key=lambda one: one.time_s, reverse=True)),
+            events=tuple(sorted(self._events, key=lambda one: one.time_s, reverse=True)),
             elapsed_s=max(line.elapsed_s for line in self._lines),
             began_s=self._began_s,
         )
@@ -239,7 +239,7 @@ class Watcher:
     def note(self, drive: str, text: str) -> None:
         """Add what somebody did to what happened."""
         at = self._seen[drive].line.elapsed_s
-        self._happenings.append(Happening(time_s=at, drive=drive, kind="command", text=text))
+        self._events.append(DriveEvent(time_s=at, drive=drive, kind="command", text=text))
 
     def _traced(self, line: WatchedLine, event: TraceEvent) -> None:
         for one in line.drives:
@@ -329,7 +329,7 @@ class Watcher:
         self._update(seen, view)
 
     def _update(self, seen: _Seen, view: DriveView) -> None:
-        self._happenings.extend(changes(seen.view, view, seen.line.elapsed_s))
+        self._events.extend(changes(seen.view, view, seen.line.elapsed_s))
         seen.view = view
 
     def _view(self, seen: _Seen) -> DriveView:
