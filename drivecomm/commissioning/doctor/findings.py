@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from drivecomm.commissioning.doctor.examination import Examination, Listening, Replies, Sought
+    from drivecomm.commissioning.doctor.measurements import Listening, Measurements, Replies, Sought
     from drivecomm.transport import PortReport
 
 Weight: TypeAlias = Literal["fine", "note", "problem"]
@@ -33,18 +33,18 @@ class Finding:
     remedy: str = ""
 
 
-def judge(examination: Examination, report: PortReport | None) -> list[Finding]:
+def judge(measurements: Measurements, report: PortReport | None) -> list[Finding]:
     """Return what was found, in the order in which a line is best looked after. report: None where nothing is known."""
     return [
-        *_port(report, examination),
-        *_noise(examination),
-        *_echo(examination),
-        *_drives(examination),
-        *_times(examination, report),
+        *_port(report, measurements),
+        *_noise(measurements),
+        *_echo(measurements),
+        *_drives(measurements),
+        *_times(measurements, report),
     ]
 
 
-def _port(report: PortReport | None, examination: Examination) -> Iterator[Finding]:
+def _port(report: PortReport | None, measurements: Measurements) -> Iterator[Finding]:
     if report is None:
         yield Finding(weight="note", about="port", text="nothing is known of this port but what was measured")
         return
@@ -78,15 +78,15 @@ def _port(report: PortReport | None, examination: Examination) -> Iterator[Findi
         # What the timer does stands above, with its remedy.
         if "low-latency" not in note:
             yield Finding(weight="note", about="port", text=note)
-    if examination.replies and report.stable_name != report.url:
+    if measurements.replies and report.stable_name != report.url:
         text = f"after it was unplugged it is opened again as {report.stable_name}"
         yield Finding(weight="fine", about="port", text=text)
 
 
-def _noise(examination: Examination) -> Iterator[Finding]:
-    heard = [one for one in examination.noise if one.data]
+def _noise(measurements: Measurements) -> Iterator[Finding]:
+    heard = [one for one in measurements.noise if one.data]
     if not heard:
-        seconds = sum(one.seconds for one in examination.noise)
+        seconds = sum(one.seconds for one in measurements.noise)
         yield Finding(weight="fine", about="noise", text=f"the line is quiet: nothing came unasked in {seconds:g} s")
     for one in heard:
         shown = one.data[:_SHOWN_BYTES].hex(" ").upper() + (" ..." if len(one.data) > _SHOWN_BYTES else "")
@@ -106,8 +106,8 @@ def _source_of(heard: Listening) -> tuple[str, str]:
     return "", remedy
 
 
-def _echo(examination: Examination) -> Iterator[Finding]:
-    trials, said = examination.echo, examination.echo_said
+def _echo(measurements: Measurements) -> Iterator[Finding]:
+    trials, said = measurements.echo, measurements.echo_said
     if not trials:
         return
     kinds = [trial.kind for trial in trials]
@@ -135,35 +135,37 @@ def _echo(examination: Examination) -> Iterator[Finding]:
         yield Finding(weight="fine", about="echo", text="the adapter hands nothing back of what it sends")
 
 
-def _drives(examination: Examination) -> Iterator[Finding]:
-    for each in examination.sought:
+def _drives(measurements: Measurements) -> Iterator[Finding]:
+    for each in measurements.sought:
         yield _expected(each)
-    for one in examination.found:
+    for one in measurements.found:
         if one.sound:
             told = ", ".join(f"{name} {value}" for name, value in one.identity.items())
-            text = f"{one.name} answers at {examination.asked[one.protocol]}" + (f": {told}" if told else "")
-            if examination.sought:
+            text = f"{one.name} answers at {measurements.asked[one.protocol]}" + (f": {told}" if told else "")
+            if measurements.sought:
                 text += "; it is not in the plant file"
-            yield Finding(weight="note" if examination.sought else "fine", about="drives", text=text)
+            yield Finding(weight="note" if measurements.sought else "fine", about="drives", text=text)
         else:
             text = f"{one.name} answers, but damaged: {one.detail}"
             remedy = "check baud rate and parity, termination, and whether two drives have the same address"
             yield Finding(weight="problem", about="drives", text=text, remedy=remedy)
-    for found, settings in examination.elsewhere:
-        text = f"{found.name} answers at {settings}, not at {examination.asked[found.protocol]}"
-        remedy = f"use --baudrate {settings.baudrate}, or set the drive to {examination.asked[found.protocol].baudrate}"
+    for found, settings in measurements.elsewhere:
+        text = f"{found.name} answers at {settings}, not at {measurements.asked[found.protocol]}"
+        remedy = (
+            f"use --baudrate {settings.baudrate}, or set the drive to {measurements.asked[found.protocol].baudrate}"
+        )
         yield Finding(weight="problem", about="drives", text=text, remedy=remedy)
-    if examination.unclear_bytes:
-        text = f"{_bytes(examination.unclear_bytes)} came while drives were asked, and were part of no answer"
+    if measurements.unclear_bytes:
+        text = f"{_bytes(measurements.unclear_bytes)} came while drives were asked, and were part of no answer"
         remedy = "check baud rate and parity of the drives, and look at the bytes with --trace"
         yield Finding(weight="problem", about="drives", text=text, remedy=remedy)
-    if examination.found or examination.elsewhere or examination.sought:
+    if measurements.found or measurements.elsewhere or measurements.sought:
         return
-    at = ", ".join(f"{name} at {settings}" for name, settings in examination.asked.items())
+    at = ", ".join(f"{name} at {settings}" for name, settings in measurements.asked.items())
     yield Finding(
         weight="problem",
         about="drives",
-        text=f"nobody answers at {examination.addresses} addresses ({at})",
+        text=f"nobody answers at {measurements.addresses} addresses ({at})",
         remedy="check that the drives have power, their address, protocol and baud rate (--baudrate, --parity), "
         "and whether the two signal wires are swapped",
     )
@@ -189,17 +191,17 @@ def _expected(sought: Sought) -> Finding:
     )
 
 
-def _times(examination: Examination, report: PortReport | None) -> Iterator[Finding]:
-    for one in examination.replies:
+def _times(measurements: Measurements, report: PortReport | None) -> Iterator[Finding]:
+    for one in measurements.replies:
         lost = one.asked - len(one.times_s)
         if lost:
             text = f"{one.drive} answered {len(one.times_s)} of {one.asked} times"
             remedy = "check termination, screen and the 0 V connection, or give it more time with --timeout"
             yield Finding(weight="problem", about="time", text=text, remedy=remedy)
         if one.times_s:
-            yield Finding(weight="fine", about="time", text=_reply_time(one, paced=examination.paced))
+            yield Finding(weight="fine", about="time", text=_reply_time(one, paced=measurements.paced))
             yield from _too_slow(one)
-            yield from _on_a_grid(one, report)
+            yield from _latency_timer(one, report)
 
 
 def _reply_time(one: Replies, *, paced: bool) -> str:
@@ -221,8 +223,8 @@ def _too_slow(one: Replies) -> Iterator[Finding]:
         yield Finding(weight="note", about="time", text=text, remedy=remedy)
 
 
-def _on_a_grid(one: Replies, report: PortReport | None) -> Iterator[Finding]:
-    step = arrival_grid_s(one.arrivals_s)
+def _latency_timer(one: Replies, report: PortReport | None) -> Iterator[Finding]:
+    step = latency_timer_s(one.arrivals_s)
     if step is None:
         return
     text = f"replies of {one.drive} come in steps of {step * 1000:.0f} ms, as from an adapter with a latency timer"
@@ -244,19 +246,21 @@ def _a(kind: str) -> str:
 
 
 _LEAST_INTERVALS = 7
-_OFF_GRID_S = 0.0008
+_OFF_TICK_S = 0.0008
+_USUAL_TIMERS_S = (0.016, 0.008)
 
 
-def arrival_grid_s(arrivals_s: Sequence[float], steps_s: Sequence[float] = (0.016, 0.008)) -> float | None:
-    """Return the step of time on which replies come that were asked for at uneven times; None where there is none.
+def latency_timer_s(arrivals_s: Sequence[float]) -> float | None:
+    """Return the latency timer, in seconds, at whose ticks replies came; None where they came at any time.
 
-    A USB adapter with a latency timer hands over what it received at the timer's ticks only.
+    A USB adapter with such a timer hands over what it received at its ticks only. The replies must have been asked for
+    at uneven times.
     """
     intervals = [later - earlier for earlier, later in pairwise(arrivals_s)]
     if len(intervals) < _LEAST_INTERVALS:
         return None
-    for step in steps_s:
-        off = sum(abs(interval - round(interval / step) * step) > _OFF_GRID_S for interval in intervals)
+    for timer in _USUAL_TIMERS_S:
+        off = sum(abs(interval - round(interval / timer) * timer) > _OFF_TICK_S for interval in intervals)
         if off <= len(intervals) // 10:
-            return step
+            return timer
     return None

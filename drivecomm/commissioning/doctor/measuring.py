@@ -10,7 +10,7 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import Found, open_bus, scan_plan
-from drivecomm.commissioning.doctor.examination import EchoTrial, Examination, Listening, Replies, Sought
+from drivecomm.commissioning.doctor.measurements import EchoTrial, Listening, Measurements, Replies, Sought
 from drivecomm.errors import DriveError, ReplyError
 from drivecomm.link import tell_all
 from drivecomm.protocol import DriveConfig, Framed, Framer, installed
@@ -29,14 +29,14 @@ _ECHO_TRIALS = 3
 # One lost telegram does not make a drive a silent one.
 _TRIES = 3
 _MOST_AT_ONCE = 4096
-# Uneven, so that replies which come on a grid of time show it.
+# Uneven, so that replies which come at the ticks of a latency timer show it.
 _PAUSES_S = (0.0, 0.005, 0.011, 0.003, 0.007, 0.013, 0.002, 0.009)
 _WAYS: tuple[Direction, Direction] = ("request", "reply")
 # Seven bits carry them, and neither noise nor a break looks like them.
 _PATTERNS = (b"U*U*", b"*U*U", b"\x55\x55\x55\x55", b"j5j5", b"?Z?Z")
 
 
-def examine(
+def measure(
     port: Port,
     *,
     only: Iterable[str] | None = None,
@@ -49,7 +49,7 @@ def examine(
     trace: Callable[[TraceEvent], None] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
     **facts: Any,
-) -> Examination:
+) -> Measurements:
     """Measure what an open port and its line do; takes some seconds, and longer the fewer drives answer.
 
     only, addresses, facts: as for `Bus.scan` and `open_bus`. expected: the drives that are said to be there, which are
@@ -95,7 +95,7 @@ def examine(
             replies.append(_ask_often(bus, drive, recorder, probes, other.name))
     looking = search and not found and not sought and "baudrate" not in facts
     elsewhere = list(_search(bus, plugins, wanted, step)) if looking else []
-    return Examination(
+    return Measurements(
         paced=port.paced,
         echo_said=echo,
         noise=noise,
