@@ -456,7 +456,7 @@ def test_a_full_disk_is_said_and_the_log_goes_on_when_there_is_room(tmp_path):
                 watch.message,
             )
             assert watch.text[0].endswith("log log.csv, 8 missing  00:00:04")
-            assert watch.screen.watcher.board().view("pump").condition == "answers"
+            assert watch.screen.watcher.board().view("pump").reachability == "answers"
             rows.write = write
             await watch.screen.watcher.run(duration_s=6)
             assert re.search(r"values are logged again from \d\d:\d\d:\d\d on; \d\d are missing$", watch.message)

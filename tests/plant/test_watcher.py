@@ -16,7 +16,7 @@ from drivecomm.protocol import DriveConfig, DriveState, LinkLossPolicy, installe
 def test_states_values_and_counters():
     board = watched(plant_of(PUMP, FAN), 5).board()
     pump, fan = board.drives
-    assert (pump.name, pump.line, pump.condition, pump.fault, pump.error) == ("pump", "hall", "answers", "", "")
+    assert (pump.name, pump.line, pump.reachability, pump.fault, pump.error) == ("pump", "hall", "answers", "", "")
     assert pump.status.state is DriveState.NOT_READY
     assert fan.status is not None
     frequency = pump.values["output_frequency"]
@@ -77,7 +77,7 @@ def test_a_fault_with_its_text_and_its_end():
 def test_every_protocol_tells_its_fault(protocol, code):
     drive = replace(PUMP, protocol=protocol, options={})
     pump = watched(plant_of(drive, script=[tripped("pump", code, 1)]), 4).board().view("pump")
-    assert pump.condition == "answers"
+    assert pump.reachability == "answers"
     assert pump.fault
 
 
@@ -87,7 +87,7 @@ def test_a_dead_drive_is_shown_and_holds_up_no_other():
     watcher = watched(plant, 30)
     board = watcher.board()
     assert board.view("pump").counters["replies"] >= alone - 4
-    assert board.view("fan").condition == "answers"
+    assert board.view("fan").reachability == "answers"
     silent, again = reversed([one for one in board.events if one.drive == "fan"])
     assert silent.kind == "silent"
     assert "did not answer within" in silent.text
@@ -100,7 +100,7 @@ def test_a_dead_drive_is_shown_and_holds_up_no_other():
 def test_a_drive_that_never_answers():
     board = watched(plant_of(PUMP, FAN, script=[dark("fan", 0)]), 10).board()
     fan = board.view("fan")
-    assert (fan.condition, fan.status, fan.age_s, fan.fault) == ("silent", None, None, "")
+    assert (fan.reachability, fan.status, fan.age_s, fan.fault) == ("silent", None, None, "")
     assert "not answer" in fan.error
     assert board.silent == 1
 
@@ -144,9 +144,9 @@ def test_a_line_that_cannot_be_opened_is_tried_again(monkeypatch):
             return before, watcher.board()
 
     before, after = asyncio.run(watch())
-    assert (before.condition, before.error) == ("silent", "port yard does not exist; plug the adapter in")
-    assert after.view("well").condition == "answers"
-    assert after.view("pump").condition == "answers"
+    assert (before.reachability, before.error) == ("silent", "port yard does not exist; plug the adapter in")
+    assert after.view("well").reachability == "answers"
+    assert after.view("pump").reachability == "answers"
     assert len(tries) == 3
     (happened,) = after.events[:-1]
     assert (happened.drive, happened.text) == ("well", "answers again")
@@ -165,7 +165,7 @@ def test_a_line_that_is_never_opened_ends_with_the_time():
             await asyncio.wait_for(watcher.run(duration_s=0.1), 5)
             return watcher.board()
 
-    assert asyncio.run(watch()).view("well").condition == "silent"
+    assert asyncio.run(watch()).view("well").reachability == "silent"
 
 
 def test_a_trend_goes_on_when_watching_is_taken_up_again():

@@ -46,9 +46,9 @@ def head_of(name: str) -> str:
 
 def state_of(view: DriveView) -> Text:
     """Return the state of a drive in at most nine characters."""
-    if view.condition == "silent":
+    if view.reachability == "silent":
         return Text("no answer", style=WARNING)
-    if view.condition == "asking" or view.status is None:
+    if view.reachability == "asking" or view.status is None:
         return Text("asking", style=ASIDE)
     if view.fault:
         return Text("FAULT", style=FAULT)
@@ -60,9 +60,9 @@ def state_of(view: DriveView) -> Text:
 
 def note_of(view: DriveView) -> Text:
     """Return what is to be known of a drive besides its state."""
-    if view.condition == "silent" and view.age_s is not None:
+    if view.reachability == "silent" and view.age_s is not None:
         return Text(f"silent for {view.age_s:.0f} s", style=WARNING)
-    if view.condition == "silent" or view.error:
+    if view.reachability == "silent" or view.error:
         return Text(view.error, style=WARNING)
     if view.fault:
         return Text(view.fault, style=FAULT)
@@ -82,7 +82,7 @@ def value_of(view: DriveView, name: str) -> Text:
         return Text("")
     if value.reading is None:
         return Text("-", style=DEAD)
-    if value.quality == "stale" or view.condition == "silent":
+    if value.quality == "stale" or view.reachability == "silent":
         return Text(f"{value.reading.value}?", style=DEAD)
     return Text(str(value.reading.value))
 

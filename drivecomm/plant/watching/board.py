@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig, DriveStatus, Reading
 
 
-Condition: TypeAlias = Literal["asking", "answers", "silent"]
+Reachability: TypeAlias = Literal["asking", "answers", "silent"]
 """asking: nothing has come of it yet. answers: it does, be it with a refusal. silent: it, or its line, does not."""
 
 
@@ -38,7 +38,7 @@ class DriveView:
 
     drive: DriveConfig
     line: str
-    condition: Condition = "asking"
+    reachability: Reachability = "asking"
     status: DriveStatus | None = None
     fault: str = ""
     values: Mapping[str, WatchedValue] = field(default_factory=dict)
@@ -74,7 +74,7 @@ class Board:
     @property
     def silent(self) -> int:
         """How many drives do not answer."""
-        return sum(view.condition == "silent" for view in self.drives)
+        return sum(view.reachability == "silent" for view in self.drives)
 
     def view(self, name: str) -> DriveView:
         """Return one drive by its name. Raises KeyError."""
@@ -100,11 +100,11 @@ class DriveEvent:
 def changes(before: DriveView, after: DriveView, time_s: float) -> list[DriveEvent]:
     """Return what happened to a drive between two looks at it."""
     found: list[tuple[Kind, str]] = []
-    if after.condition == "silent" != before.condition:
+    if after.reachability == "silent" != before.reachability:
         found.append(("silent", after.error or "does not answer"))
-    if after.condition == "answers" and before.condition == "silent":
+    if after.reachability == "answers" and before.reachability == "silent":
         found.append(("change", "answers again"))
-    if after.condition == "answers":
+    if after.reachability == "answers":
         found += _by_status(before, after)
     return [DriveEvent(time_s=time_s, drive=after.name, kind=kind, text=text) for kind, text in found]
 

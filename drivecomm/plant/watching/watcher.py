@@ -257,7 +257,9 @@ class Watcher:
             await line.bus.__aenter__()
         except LinkError as error:
             for seen in self._on(line):
-                self._update(seen, replace(seen.view, condition="silent", status=None, fault="", error=_words(error)))
+                self._update(
+                    seen, replace(seen.view, reachability="silent", status=None, fault="", error=_words(error))
+                )
             return error
         line.is_open = True
         line.now_s = line.bus.now()
@@ -312,9 +314,9 @@ class Watcher:
         view = seen.view
         cause = result.cause.removeprefix(f"{seen.drive.name}: ").removeprefix(f"{seen.drive.name} ")
         if silent:
-            view = replace(view, condition="silent", status=None, fault="", error=cause)
+            view = replace(view, reachability="silent", status=None, fault="", error=cause)
         else:
-            view = replace(view, condition="answers", error="" if view.condition == "silent" else view.error)
+            view = replace(view, reachability="answers", error="" if view.reachability == "silent" else view.error)
         if result.parameter == STATUS and not silent:
             view = replace(view, error=cause)
         if result.parameter == STATUS:
