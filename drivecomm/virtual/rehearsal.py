@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from drivecomm.bus import Bus, Drive
     from drivecomm.link import TraceEvent
-    from drivecomm.polling import Plan, PlannedRead, PollItem, PollResult
+    from drivecomm.polling import Plan, PollItem, PollResult
     from drivecomm.protocol import (
         DriveConfig,
         LineSettings,
@@ -216,7 +216,7 @@ def _double(plan: Plan, drive: DriveConfig, conditions: Conditions) -> PlantedDr
     return PlantedDrive(replace(drive, reply_delay_s=delay_s, values={}), model, for_all=conditions.facts)
 
 
-def _model(drive: DriveConfig, reads: Sequence[PlannedRead]) -> Model:
+def _model(drive: DriveConfig, reads: Sequence[PollItem[DriveConfig]]) -> Model:
     """Return the drive's model, with the parameters that it lacks: without them a drive would refuse, not answer."""
     plugin = installed[drive.protocol]
     model = load_model(plugin.package, drive.protocol, drive.options.get("model") or plugin.default_model)
@@ -246,7 +246,7 @@ def _can_hold(drive: DriveConfig, model: Model, parameter: ParameterInfo) -> boo
     return True
 
 
-def _type(readable: Sequence[ParameterInfo], read: PlannedRead) -> str:
+def _type(readable: Sequence[ParameterInfo], read: PollItem[DriveConfig]) -> str:
     """Return the type that a parameter is given which the model does not know: the one asked for, or the commonest."""
     given = read.options.get("type")
     if isinstance(given, str) and given:
