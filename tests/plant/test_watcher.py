@@ -126,7 +126,7 @@ def test_two_lines_with_drives_of_the_same_address():
 
 
 def test_a_line_that_cannot_be_opened_is_tried_again(monkeypatch):
-    monkeypatch.setattr("drivecomm.plant.watching.watcher._REOPENING_S", 0.02)
+    monkeypatch.setattr("drivecomm.plant.watching.watcher.REOPEN_LONGEST_S", 0.02)
     plant = plant_of(PUMP, WELL)
     hall, yard = virtual_lines(plant)
     tries = []

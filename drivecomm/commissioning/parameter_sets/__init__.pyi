@@ -31,5 +31,5 @@ from .parameter_set import (
     same as same,
 )
 from .planning import Plan as Plan, Planned as Planned, RestoreOptions as RestoreOptions
+from .reading_out import part_of as part_of
 from .restoring import Restored as Restored
-from .subject import part_of as part_of

@@ -8,9 +8,8 @@ from drivecomm.bus import carry_out, carry_out_async
 from drivecomm.commissioning.parameter_sets.journal import Forgetful
 from drivecomm.commissioning.parameter_sets.parameter_set import SETTINGS, WRITABLE
 from drivecomm.commissioning.parameter_sets.planning import RestoreOptions, planning
-from drivecomm.commissioning.parameter_sets.reading_out import factory_values, reading_out
+from drivecomm.commissioning.parameter_sets.reading_out import factory_values, reading_out, subject
 from drivecomm.commissioning.parameter_sets.restoring import restoring
-from drivecomm.commissioning.parameter_sets.subject import subject
 
 if TYPE_CHECKING:
     from collections.abc import Collection

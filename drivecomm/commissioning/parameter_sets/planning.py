@@ -6,17 +6,16 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.bus import check_write, read_parameter
-from drivecomm.commissioning.parameter_sets.carrying import (
+from drivecomm.commissioning.parameter_sets.effect import (
     carried_watchdog,
     common_entries,
     is_about_watchdog,
+    model_of,
     reason_not_to_count,
 )
-from drivecomm.commissioning.parameter_sets.effect import model_of
 from drivecomm.commissioning.parameter_sets.ordering import Stage, stage_of
 from drivecomm.commissioning.parameter_sets.parameter_set import in_order, in_unit, same
-from drivecomm.commissioning.parameter_sets.reading_out import identity_told
-from drivecomm.commissioning.parameter_sets.subject import of_another_drive, part_of
+from drivecomm.commissioning.parameter_sets.reading_out import identity_told, of_another_drive, part_of
 from drivecomm.errors import DriveError, NotSupported, ReadOnlyError, UsageError, ValueRefusedError
 
 if TYPE_CHECKING:
@@ -24,8 +23,7 @@ if TYPE_CHECKING:
 
     from drivecomm.bus import Procedure
     from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet
-    from drivecomm.commissioning.parameter_sets.reading_out import Progress
-    from drivecomm.commissioning.parameter_sets.subject import Subject
+    from drivecomm.commissioning.parameter_sets.reading_out import Progress, Subject
     from drivecomm.protocol import Model, ParameterInfo, Reading, Value
 
 Action: TypeAlias = Literal["write", "equal", "skip"]

@@ -19,8 +19,7 @@ from drivecomm.bus import open_bus_async
 from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
 from drivecomm.link import REOPEN_LONGEST_S, Statistics
 from drivecomm.models import quantities
-from drivecomm.plant.watching.board import Board, DriveEvent, DriveView, WatchedValue, changes
-from drivecomm.plant.watching.history import Trend
+from drivecomm.plant.watching.board import Board, DriveEvent, DriveView, Trend, WatchedValue, changes
 from drivecomm.polling import PollItem, poll_async
 from drivecomm.protocol import Reading
 
@@ -49,37 +48,41 @@ USUAL_NAMES = (
 )
 """What is watched of a drive unless told otherwise, as far as its model has it."""
 
-_REOPENING_S = REOPEN_LONGEST_S
 _KEPT_TELEGRAMS = 400
 _KEPT_EVENTS = 200
 _KEPT_PERIODS = 3
 _TREND_PERIODS = 60
 
 
-class _Asked:
-    """A drive as a poll plan asks it: its status under one name, its parameters under theirs."""
+@dataclass(slots=True, eq=False)
+class _Seen:
+    """A drive and what is known of it; a poll plan asks its status under one name, its parameters under theirs."""
 
-    def __init__(self, drive: AsyncDrive) -> None:
-        self._drive = drive
-        self.status: DriveStatus | None = None
-        self.fault = ""
+    line: _Line
+    drive: AsyncDrive
+    view: DriveView
+    status: DriveStatus | None = None
+    fault: str = ""
+    answered_s: float | None = None
+    trends: dict[str, Trend] = field(default_factory=dict)
+    telegrams: deque[TraceEvent] = field(default_factory=lambda: deque(maxlen=_KEPT_TELEGRAMS))
 
     @property
     def name(self) -> str:
-        return self._drive.name
+        return self.drive.name
 
     @property
     def bus(self) -> Any:
-        return self._drive.bus
+        return self.drive.bus
 
     def check_read(self, parameter: str, **options: Any) -> None:
         if parameter != STATUS:
-            self._drive.check_read(parameter, **options)
+            self.drive.check_read(parameter, **options)
 
     async def polled(self, parameter: str, **options: Any) -> Reading:
         if parameter != STATUS:
-            return await self._drive.polled(parameter, **options)
-        self.status = status = await self._drive.status()
+            return await self.drive.polled(parameter, **options)
+        self.status = status = await self.drive.status()
         self.fault = await self._fault_of(status) if status.fault else ""
         return Reading(
             parameter=STATUS,
@@ -87,16 +90,16 @@ class _Asked:
             value=status.state.value,
             raw=status.word,
             text=self.fault,
-            time_s=self._drive.bus.wall_time(),
+            time_s=self.drive.bus.wall_time(),
         )
 
     async def _fault_of(self, status: DriveStatus) -> str:
         """Return what the drive tripped with; where its status does not say it, a parameter may."""
-        code, text, model = status.fault_code, status.fault_text, self._drive.model
+        code, text, model = status.fault_code, status.fault_text, self.drive.model
         if code is None and not text and model is not None and "fault_code" in model.quantities:
             # A fault without a number is one all the same.
             with suppress(UsageError, DriveError):
-                reading = await self._drive.polled("fault_code")
+                reading = await self.drive.polled("fault_code")
                 text = reading.text
                 code = int(reading.value) if reading.value and not isinstance(reading.value, str) else None
         if code is not None and not text and model is not None:
@@ -104,19 +107,6 @@ class _Asked:
         if code is None:
             return text or "fault"
         return f"{code} {text}" if text else f"code {code}"
-
-
-@dataclass(slots=True, eq=False)
-class _Seen:
-    """What is known of one drive, as it grows."""
-
-    line: _Line
-    drive: AsyncDrive
-    asked: _Asked
-    view: DriveView
-    answered_s: float | None = None
-    trends: dict[str, Trend] = field(default_factory=dict)
-    telegrams: deque[TraceEvent] = field(default_factory=lambda: deque(maxlen=_KEPT_TELEGRAMS))
 
 
 @dataclass(slots=True, eq=False)
@@ -179,8 +169,7 @@ class Watcher:
         for one in watched.drives:
             if one.name in self._seen:
                 raise UsageError(f"two drives are named {one.name!r}; give each a name of its own")
-            drive = one.build(line.bus.drive)
-            self._seen[one.name] = _Seen(line, drive, _Asked(drive), DriveView(drive=one, line=watched.name))
+            self._seen[one.name] = _Seen(line, one.build(line.bus.drive), DriveView(drive=one, line=watched.name))
         return line
 
     async def __aenter__(self) -> Self:
@@ -238,8 +227,8 @@ class Watcher:
 
     def note(self, drive: str, text: str) -> None:
         """Add what somebody did to what happened."""
-        at = self._seen[drive].line.elapsed_s
-        self._events.append(DriveEvent(time_s=at, drive=drive, kind="command", text=text))
+        time_s = self._seen[drive].line.elapsed_s
+        self._events.append(DriveEvent(time_s=time_s, drive=drive, kind="command", text=text))
 
     def _traced(self, line: WatchedLine, event: TraceEvent) -> None:
         for one in line.drives:
@@ -257,9 +246,7 @@ class Watcher:
             await line.bus.__aenter__()
         except LinkError as error:
             for seen in self._on(line):
-                self._update(
-                    seen, replace(seen.view, reachability="silent", status=None, fault="", error=_words(error))
-                )
+                self._update(seen, _silent(seen.view, " ".join(str(error).split())))
             return error
         line.is_open = True
         line.now_s = line.bus.now()
@@ -284,21 +271,20 @@ class Watcher:
             left_s = None if duration_s is None else duration_s - late_s
             if left_s is not None and left_s <= 0:
                 return
-            await asyncio.sleep(_REOPENING_S if left_s is None else min(_REOPENING_S, left_s))
+            await asyncio.sleep(REOPEN_LONGEST_S if left_s is None else min(REOPEN_LONGEST_S, left_s))
             await self._opened(line, loop.time() - began_s)
         async for result in poll_async(self._plan(line), duration_s=left_s):
             self._take(self._seen[result.drive], result)
             if self.told is not None:
                 self.told(result)
 
-    def _plan(self, line: _Line) -> list[PollItem[_Asked]]:
+    def _plan(self, line: _Line) -> list[PollItem[_Seen]]:
         items = []
         for seen in self._on(line):
             known = seen.drive.model.quantities if seen.drive.model else {}
             asked = [STATUS, *(name for name in self.names if name in known)]
             items += [
-                PollItem(drive=seen.asked, parameter=name, period_s=self.period_s, name=seen.view.name)
-                for name in asked
+                PollItem(drive=seen, parameter=name, period_s=self.period_s, name=seen.view.name) for name in asked
             ]
             for name in asked[1:]:
                 seen.trends.setdefault(name, Trend(keeps_s=_KEPT_PERIODS * self.period_s))
@@ -314,14 +300,14 @@ class Watcher:
         view = seen.view
         cause = result.cause.removeprefix(f"{seen.drive.name}: ").removeprefix(f"{seen.drive.name} ")
         if silent:
-            view = replace(view, reachability="silent", status=None, fault="", error=cause)
+            view = _silent(view, cause)
         else:
             view = replace(view, reachability="answers", error="" if view.reachability == "silent" else view.error)
-        if result.parameter == STATUS and not silent:
-            view = replace(view, error=cause)
         if result.parameter == STATUS:
+            if not silent:
+                view = replace(view, error=cause)
             if not result.error:
-                view = replace(view, status=seen.asked.status, fault=seen.asked.fault)
+                view = replace(view, status=seen.status, fault=seen.fault)
         else:
             value = WatchedValue(
                 name=result.parameter, reading=result.reading, quality=result.quality, cause=result.cause
@@ -351,5 +337,5 @@ def _number(result: PollResult) -> float | None:
     return float(value) if isinstance(value, int | Decimal) else None
 
 
-def _words(error: Exception) -> str:
-    return " ".join(str(error).split())
+def _silent(view: DriveView, error: str) -> DriveView:
+    return replace(view, reachability="silent", status=None, fault="", error=error)
