@@ -60,7 +60,7 @@ def measure(
     plugins = list(dict.fromkeys(plugin for plugin, _ in scan_plan(only, None)))
     wanted = None if addresses is None else list(addresses)
     settings = {plugin.name: plugin.facts.override(facts).settings for plugin in plugins}
-    step = progress or _silently
+    step = progress or (lambda *_: None)
     noise = []
     for each in dict.fromkeys(settings.values()):
         step(f"listening at {each}", 0, 1)
@@ -83,16 +83,12 @@ def measure(
     # Those that answered are asked again below; what came from an address where nobody is needs an explanation.
     known = {one.name for one in found} | {f"{protocol}:{address}" for protocol, address in places}
     unclear = sum(number for name, number in recorder.unclear.items() if name not in known)
+    there = [(one.drive.name, one.drive.build(bus.drive)) for one in sought if not one.error]
+    there += [(one.name, bus.drive(one.protocol, one.address)) for one in found if one.sound]
     replies = []
-    for one in sought:
-        if not one.error:
-            step(f"asking {one.drive.name} {probes} times", 0, 1)
-            replies.append(_ask_often(bus, _drive(bus, one.drive), recorder, probes, one.drive.name))
-    for other in found:
-        if other.sound:
-            step(f"asking {other.name} {probes} times", 0, 1)
-            drive = bus.drive(other.protocol, other.address)
-            replies.append(_ask_often(bus, drive, recorder, probes, other.name))
+    for name, drive in there:
+        step(f"asking {name} {probes} times", 0, 1)
+        replies.append(_ask_often(bus, drive, recorder, probes, name))
     looking = search and not found and not sought and "baudrate" not in facts
     elsewhere = list(_search(bus, plugins, wanted, step)) if looking else []
     return Measurements(
@@ -116,19 +112,15 @@ def _others(plugin: Protocol, wanted: Sequence[int] | None, places: set[tuple[st
     return [one for one in addresses if (plugin.name, one) not in places]
 
 
-def _drive(bus: Bus, one: DriveConfig, **facts: Any) -> Drive:
-    return bus.drive(one.protocol, one.address, **{**one.options, **facts})
-
-
 def _sought(bus: Bus, one: DriveConfig, step: Callable[[str, int, int], None], *, search: bool) -> Sought:
     """Ask for a drive at its own settings, and where it does not answer, at the other usual baud rates."""
     step(f"asking {one.name}", 0, 1)
-    drive = _drive(bus, one)
+    drive = one.build(bus.drive)
     settings, error = drive.facts.settings, _no_answer(drive, _TRIES)
     rates = [rate for rate in OTHER_RATES if rate != settings.baudrate] if error and search else []
     for number, rate in enumerate(rates):
         step(f"asking {one.name} at {rate} baud", number, len(rates))
-        drive = _drive(bus, one, baudrate=rate)
+        drive = one.with_options(baudrate=rate).build(bus.drive)
         if not _no_answer(drive, 1):
             return Sought(drive=one, settings=settings, error=error, elsewhere=drive.facts.settings)
     return Sought(drive=one, settings=settings, error=error)
@@ -253,7 +245,3 @@ def _search(
             for found in bus.scan([plugin.name], [address], baudrate=rate):
                 if found.sound:
                     yield found, bus.drive(plugin.name, address, baudrate=rate).facts.settings
-
-
-def _silently(what: str, done: int, of: int) -> None:
-    """Show no progress."""

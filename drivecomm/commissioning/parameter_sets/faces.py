@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 from drivecomm.bus import carry_out, carry_out_async
 from drivecomm.commissioning.parameter_sets.journal import Forgetful
 from drivecomm.commissioning.parameter_sets.parameter_set import SETTINGS, WRITABLE
-from drivecomm.commissioning.parameter_sets.planning import RestoreOptions, planning
+from drivecomm.commissioning.parameter_sets.planning import planning
 from drivecomm.commissioning.parameter_sets.reading_out import factory_values, reading_out, subject
+from drivecomm.commissioning.parameter_sets.restore_plan import RestoreOptions
 from drivecomm.commissioning.parameter_sets.restoring import restoring
 
 if TYPE_CHECKING:
@@ -17,8 +18,8 @@ if TYPE_CHECKING:
     from drivecomm.bus import AsyncDrive, Drive
     from drivecomm.commissioning.parameter_sets.journal import Remembers
     from drivecomm.commissioning.parameter_sets.parameter_set import ParameterSet, Part
-    from drivecomm.commissioning.parameter_sets.planning import Plan
     from drivecomm.commissioning.parameter_sets.reading_out import Progress
+    from drivecomm.commissioning.parameter_sets.restore_plan import Plan
     from drivecomm.commissioning.parameter_sets.restoring import Restored
 
 
