@@ -9,32 +9,27 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter, deque
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from decimal import Decimal
 from functools import partial
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 from drivecomm.bus import open_bus_async
-from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
+from drivecomm.errors import LinkError, ReplyError, UsageError
 from drivecomm.link import REOPEN_LONGEST_S, Statistics
 from drivecomm.models import quantities
+from drivecomm.plant.watching.asked import STATUS, OpenLine, SeenDrive
 from drivecomm.plant.watching.board import Board, DriveEvent, DriveView, Trend, WatchedValue, changes
 from drivecomm.polling import PollItem, poll_async
-from drivecomm.protocol import Reading
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
     from types import TracebackType
 
-    from drivecomm.bus import AsyncBus, AsyncDrive
+    from drivecomm.bus import AsyncDrive
     from drivecomm.link import TraceEvent
     from drivecomm.plant.watching.watched import WatchedLine
     from drivecomm.polling import PollResult
-    from drivecomm.protocol import DriveStatus
-
-STATUS = "status"
-"""What results call the status word: their value is the state, raw the word, text the fault."""
 
 USUAL_NAMES = (
     "output_frequency",
@@ -48,82 +43,9 @@ USUAL_NAMES = (
 )
 """What is watched of a drive unless told otherwise, as far as its model has it."""
 
-_KEPT_TELEGRAMS = 400
 _KEPT_EVENTS = 200
 _KEPT_PERIODS = 3
 _TREND_PERIODS = 60
-
-
-@dataclass(slots=True, eq=False)
-class _Seen:
-    """A drive and what is known of it; a poll plan asks its status under one name, its parameters under theirs."""
-
-    line: _Line
-    drive: AsyncDrive
-    view: DriveView
-    status: DriveStatus | None = None
-    fault: str = ""
-    answered_s: float | None = None
-    trends: dict[str, Trend] = field(default_factory=dict)
-    telegrams: deque[TraceEvent] = field(default_factory=lambda: deque(maxlen=_KEPT_TELEGRAMS))
-
-    @property
-    def name(self) -> str:
-        return self.drive.name
-
-    @property
-    def bus(self) -> Any:
-        return self.drive.bus
-
-    def check_read(self, parameter: str, **options: Any) -> None:
-        if parameter != STATUS:
-            self.drive.check_read(parameter, **options)
-
-    async def polled(self, parameter: str, **options: Any) -> Reading:
-        if parameter != STATUS:
-            return await self.drive.polled(parameter, **options)
-        self.status = status = await self.drive.status()
-        self.fault = await self._fault_of(status) if status.fault else ""
-        return Reading(
-            parameter=STATUS,
-            name=STATUS,
-            value=status.state.value,
-            raw=status.word,
-            text=self.fault,
-            time_s=self.drive.bus.wall_time(),
-        )
-
-    async def _fault_of(self, status: DriveStatus) -> str:
-        """Return what the drive tripped with; where its status does not say it, a parameter may."""
-        code, text, model = status.fault_code, status.fault_text, self.drive.model
-        if code is None and not text and model is not None and "fault_code" in model.quantities:
-            # A fault without a number is one all the same.
-            with suppress(UsageError, DriveError):
-                reading = await self.drive.polled("fault_code")
-                text = reading.text
-                code = int(reading.value) if reading.value and not isinstance(reading.value, str) else None
-        if code is not None and not text and model is not None:
-            text = model.faults.get(code, "")
-        if code is None:
-            return text or "fault"
-        return f"{code} {text}" if text else f"code {code}"
-
-
-@dataclass(slots=True, eq=False)
-class _Line:
-    """A line and its bus. began_s: its clock when watching began. now_s: its clock when it was last open."""
-
-    watched: WatchedLine
-    bus: AsyncBus
-    is_open: bool = False
-    began_s: float = 0.0
-    now_s: float = 0.0
-
-    @property
-    def elapsed_s(self) -> float:
-        if self.is_open:
-            self.now_s = self.bus.now()
-        return self.now_s - self.began_s
 
 
 class Watcher:
@@ -153,7 +75,7 @@ class Watcher:
         """Hears every result; may be set while watching."""
         self._began_s: float | None = None
         self._events: deque[DriveEvent] = deque(maxlen=_KEPT_EVENTS)
-        self._seen: dict[str, _Seen] = {}
+        self._seen: dict[str, SeenDrive] = {}
         self._lines = [self._made(line) for line in lines]
         if not self._lines:
             raise UsageError("there is nothing to watch; name drives, or a plant with some")
@@ -164,12 +86,12 @@ class Watcher:
         known = {name for seen in self._seen.values() if seen.drive.model for name in seen.drive.model.quantities}
         return [name for name in self.names if name not in known]
 
-    def _made(self, watched: WatchedLine) -> _Line:
-        line = _Line(watched, open_bus_async(watched.port, trace=partial(self._traced, watched), **watched.options))
+    def _made(self, watched: WatchedLine) -> OpenLine:
+        line = OpenLine(watched, open_bus_async(watched.port, trace=partial(self._traced, watched), **watched.options))
         for one in watched.drives:
             if one.name in self._seen:
                 raise UsageError(f"two drives are named {one.name!r}; give each a name of its own")
-            self._seen[one.name] = _Seen(line, one.build(line.bus.drive), DriveView(drive=one, line=watched.name))
+            self._seen[one.name] = SeenDrive(line, one.build(line.bus.drive), DriveView(drive=one, line=watched.name))
         return line
 
     async def __aenter__(self) -> Self:
@@ -240,7 +162,7 @@ class Watcher:
         if (first := errors[0]) is not None and all(errors):
             raise first
 
-    async def _opened(self, line: _Line, late_s: float = 0.0) -> LinkError | None:
+    async def _opened(self, line: OpenLine, late_s: float = 0.0) -> LinkError | None:
         """Open a line, so much later than watching began; a failure is shown with its drives."""
         try:
             await line.bus.__aenter__()
@@ -262,7 +184,7 @@ class Watcher:
             line.is_open = False
             await line.bus.close()
 
-    async def _watch(self, line: _Line, duration_s: float | None) -> None:
+    async def _watch(self, line: OpenLine, duration_s: float | None) -> None:
         # What a line that is not open has to do with time is that of the event loop.
         loop = asyncio.get_running_loop()
         began_s, left_s = loop.time(), duration_s
@@ -278,7 +200,7 @@ class Watcher:
             if self.told is not None:
                 self.told(result)
 
-    def _plan(self, line: _Line) -> list[PollItem[_Seen]]:
+    def _plan(self, line: OpenLine) -> list[PollItem[SeenDrive]]:
         items = []
         for seen in self._on(line):
             known = seen.drive.model.quantities if seen.drive.model else {}
@@ -290,10 +212,10 @@ class Watcher:
                 seen.trends.setdefault(name, Trend(keeps_s=_KEPT_PERIODS * self.period_s))
         return items
 
-    def _on(self, line: _Line) -> list[_Seen]:
+    def _on(self, line: OpenLine) -> list[SeenDrive]:
         return [seen for seen in self._seen.values() if seen.line is line]
 
-    def _take(self, seen: _Seen, result: PollResult) -> None:
+    def _take(self, seen: SeenDrive, result: PollResult) -> None:
         silent = isinstance(result.error, ReplyError | LinkError)
         if not silent:
             seen.answered_s = seen.line.elapsed_s
@@ -316,11 +238,11 @@ class Watcher:
             seen.trends[result.parameter].add(seen.line.elapsed_s, _number(result))
         self._update(seen, view)
 
-    def _update(self, seen: _Seen, view: DriveView) -> None:
+    def _update(self, seen: SeenDrive, view: DriveView) -> None:
         self._events.extend(changes(seen.view, view, seen.line.elapsed_s))
         seen.view = view
 
-    def _view(self, seen: _Seen) -> DriveView:
+    def _view(self, seen: SeenDrive) -> DriveView:
         counted = seen.line.bus.statistics.get(seen.drive.name, Statistics())
         return replace(
             seen.view,
