@@ -11,7 +11,7 @@ from report import Figure, Section
 
 import drivecomm
 from drivecomm.models import load_model
-from drivecomm.polling import Plan, PlannedRead
+from drivecomm.polling import Plan, PollItem
 from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import VirtualLine, forecast, virtual_drive
 
@@ -65,7 +65,7 @@ def _plan(baudrate: int) -> Plan:
         for address in addresses:
             options = {"baudrate": baudrate, "bytesize": 8, "parity": "N", "stopbits": 1, "model": plugin.default_model}
             drive = DriveConfig(protocol=protocol, address=address, options=options, reply_delay_s=_DELAY_S)
-            reads += [PlannedRead(drive=drive, parameter=parameter) for parameter in _readable(protocol, address)]
+            reads += [PollItem(drive=drive, parameter=parameter) for parameter in _readable(protocol, address)]
     return Plan(reads=tuple(reads))
 
 

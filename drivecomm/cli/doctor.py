@@ -12,12 +12,12 @@ from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Addresses, OnlyProtocols, addresses_of
 from drivecomm.cli.output import emit, say, sentence
 from drivecomm.cli.progress import progress_bar
-from drivecomm.commissioning.doctor import Finding, examine, judge
+from drivecomm.commissioning.doctor import Finding, judge, measure
 from drivecomm.errors import LinkError
 from drivecomm.transport import SerialPort
 
 if TYPE_CHECKING:
-    from drivecomm.commissioning.doctor import Examination
+    from drivecomm.commissioning.doctor import Measurements
     from drivecomm.link import Echo, Port
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig
@@ -113,11 +113,11 @@ def _of_the_plant(each: PlantLine, known: Plant, line: LineOptions) -> _Examined
 
 def _examined(
     line: _ExaminedLine, *, only: list[str] | None, addresses: list[int] | None, quick: bool
-) -> tuple[PortReport | None, Examination]:
+) -> tuple[PortReport | None, Measurements]:
     options = line.options
     with options.opened() as opened, progress_bar("", shown=not options.json) as progress:
         report = _report(opened)
-        return report, examine(
+        return report, measure(
             opened,
             only=only,
             addresses=addresses,
@@ -144,12 +144,14 @@ def _say(findings: list[Finding]) -> None:
     say(f"{problems or 'no'} problem{'' if problems == 1 else 's'} found")
 
 
-def _emit(line: _ExaminedLine, measured: tuple[PortReport | None, Examination] | None, findings: list[Finding]) -> None:
+def _emit(
+    line: _ExaminedLine, measured: tuple[PortReport | None, Measurements] | None, findings: list[Finding]
+) -> None:
     for one in findings:
         emit(finding=one.about, weight=one.weight, text=one.text, remedy=one.remedy, line=line.name)
     if measured is None:
         return
-    report, examination = measured
+    report, found = measured
     emit(
         port=line.options.named_port,
         line=line.name,
@@ -163,19 +165,19 @@ def _emit(line: _ExaminedLine, measured: tuple[PortReport | None, Examination] |
                 "elsewhere": str(one.elsewhere or ""),
                 "error": one.error,
             }
-            for one in examination.sought
+            for one in found.sought
         ],
         noise=[
             {"settings": str(one.settings), "seconds": one.seconds, "data": one.data, "telegrams": one.telegrams}
-            for one in examination.noise
+            for one in found.noise
         ],
-        echo=[{"kind": one.kind, "sent": one.sent, "came": one.came, "took_s": one.took_s} for one in examination.echo],
-        asked={name: str(settings) for name, settings in examination.asked.items()},
+        echo=[{"kind": one.kind, "sent": one.sent, "came": one.came, "took_s": one.took_s} for one in found.echo],
+        asked={name: str(settings) for name, settings in found.asked.items()},
         drives=[
             {"drive": one.name, "sound": one.sound, "identity": dict(one.identity), "detail": one.detail}
-            for one in examination.found
+            for one in found.found
         ],
-        elsewhere=[{"drive": found.name, "settings": str(settings)} for found, settings in examination.elsewhere],
+        elsewhere=[{"drive": one.name, "settings": str(settings)} for one, settings in found.elsewhere],
         replies=[
             {
                 "drive": one.drive,
@@ -184,7 +186,7 @@ def _emit(line: _ExaminedLine, measured: tuple[PortReport | None, Examination] |
                 "times_ms": [round(time * 1000, 3) for time in one.times_s],
                 "wire_ms": [round(time * 1000, 3) for time in one.wire_s],
             }
-            for one in examination.replies
+            for one in found.replies
         ],
-        unclear_bytes=examination.unclear_bytes,
+        unclear_bytes=found.unclear_bytes,
     )

@@ -11,7 +11,7 @@ import typer
 
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.errors import UsageError
-from drivecomm.polling import Plan, PlannedRead
+from drivecomm.polling import Plan, PollItem
 from drivecomm.protocol import DriveConfig, installed, parse_drive, parse_options, unknown_protocol
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def parse_plan(words: list[str], *, period_s: float, known: Plant | None = None)
     """
     drive: DriveConfig | None = None
     drives: dict[str, DriveConfig] = {}
-    reads: list[PlannedRead] = []
+    reads: list[PollItem[DriveConfig]] = []
     for word in words:
         if _names_a_drive(word, known):
             drive = _drive(word, known)
@@ -113,7 +113,7 @@ def _drive(word: str, known: Plant | None) -> DriveConfig:
     return known.line(drive.line).reached(drive).with_options(**parse_options(settings))
 
 
-def _read(word: str, drive: DriveConfig, period_s: float) -> PlannedRead:
+def _read(word: str, drive: DriveConfig, period_s: float) -> PollItem[DriveConfig]:
     match = _PARAMETER.fullmatch(word)
     if match is None:
         raise UsageError(f"{word!r} is not a parameter; write PARAM[@SECONDS][!PRIORITY], such as 481@0.2!1")
@@ -124,6 +124,6 @@ def _read(word: str, drive: DriveConfig, period_s: float) -> PlannedRead:
         priority = 0 if match["priority"] is None else int(match["priority"])
     except ValueError:
         raise UsageError(f"invalid period or priority in {word!r}; write PARAM@SECONDS!PRIORITY") from None
-    return PlannedRead(
+    return PollItem(
         drive=drive, parameter=parameter, period_s=period, priority=priority, options=parse_options(settings)
     )

@@ -10,11 +10,12 @@ from .files import (
 )
 from .quantities import (
     CommonName as CommonName,
+    converted as converted,
+    factor_between as factor_between,
     not_said as not_said,
     parameter_at as parameter_at,
     quantities as quantities,
 )
 from .rules import link_loss_of as link_loss_of
 from .schema import PARAMETER_KEYS as PARAMETER_KEYS, TABLES as TABLES, TEXTS as TEXTS
-from .units import converted as converted, factor_between as factor_between
 from .writing import model_text as model_text

@@ -1,4 +1,4 @@
-"""Common names: quantities that drives of every maker have, each with its definition and its unit.
+"""Common names: quantities that drives of every maker have, each with its definition and its unit; and other units.
 
 The registry is `quantities.toml` beside this module. A model says under `[quantities]` which of its parameters each is.
 """
@@ -10,8 +10,7 @@ from decimal import Decimal
 from functools import cache
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import ParameterAddressError
-from drivecomm.models.units import converted
+from drivecomm.errors import ParameterAddressError, UsageError
 from drivecomm.protocol import exact
 
 if TYPE_CHECKING:
@@ -72,3 +71,39 @@ def not_said(name: str, model: Model | None) -> ParameterAddressError:
     """Return the error for a common name that a drive's model does not map."""
     whose = f"model {model.name} does" if model else "a drive without a model does"
     return ParameterAddressError(f"{whose} not say which parameter is the {name}; give its address")
+
+
+# Unit, unit that it is counted in, and how many of those it is. Only what a decimal number says exactly.
+_PARTS: dict[str, tuple[str, Decimal]] = {
+    "kHz": ("Hz", Decimal(1000)),
+    "mA": ("A", Decimal("0.001")),
+    "mV": ("V", Decimal("0.001")),
+    "kV": ("V", Decimal(1000)),
+    "W": ("kW", Decimal("0.001")),
+    "Wh": ("kWh", Decimal("0.001")),
+    "MWh": ("kWh", Decimal(1000)),
+    "ms": ("s", Decimal("0.001")),
+    "min": ("s", Decimal(60)),
+    "1/min": ("rpm", Decimal(1)),
+    "deg C": ("degC", Decimal(1)),
+    "°C": ("degC", Decimal(1)),
+}
+
+
+def factor_between(given: str, wanted: str) -> Decimal | None:
+    """Return what a number in one unit is multiplied by to be in another; None where that is not known exactly."""
+    if given == wanted:
+        return Decimal(1)
+    counted, parts = _PARTS.get(given, (given, Decimal(1)))
+    into, of = _PARTS.get(wanted, (wanted, Decimal(1)))
+    if counted != into:
+        return None
+    return (parts / of).normalize()
+
+
+def converted(value: Decimal, given: str, wanted: str) -> Decimal:
+    """Return a value in another unit, without zeros behind it that say nothing. Raises UsageError."""
+    factor = factor_between(given, wanted)
+    if factor is None:
+        raise UsageError(f"{given or 'a number without unit'} cannot be given in {wanted or 'a number without unit'}")
+    return value if factor == 1 else value * factor

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import near
-from drivecomm.models.quantities import parameter_at, quantities
+from drivecomm.models.quantities import factor_between, parameter_at, quantities
 from drivecomm.models.schema import Mistake
-from drivecomm.models.units import factor_between
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -175,17 +174,15 @@ _DOES: dict[LinkLoss, str] = {
     "coast": "it coasts",
     "trip": "it trips",
 }
-_NOTHING_KNOWN = "no watchdog is documented in our sources"
-_WITHOUT_MODEL = "no model is given, so what it does when its master falls silent is not known"
 
 
 def link_loss_of(model: Model | None) -> str:
     """Return what drives of this model do when their master falls silent, and which parameters decide it."""
     if model is None:
-        return _WITHOUT_MODEL
+        return "no model is given, so what it does when its master falls silent is not known"
     watchdog = model.watchdog
     if watchdog is None:
-        return model.link_loss or _NOTHING_KNOWN
+        return model.link_loss or "no watchdog is documented in our sources"
     never = "" if watchdog.off is None else f", never with {watchdog.off}"
     when = f"after the time in {watchdog.time}{never}"
     if not watchdog.action:

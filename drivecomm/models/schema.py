@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -71,15 +71,15 @@ def mistakes_in(content: Mapping[str, Any], protocol: str) -> Iterator[Mistake]:
     for name in TABLES:
         if not isinstance(content.get(name, {}), dict):
             yield Mistake(key=name, text=f"is no table; write [{name}] and its keys below")
-        else:
-            yield from _TABLE_RULES[name](name, content.get(name))
+        elif name in content and name in _TABLE_RULES:
+            yield from _TABLE_RULES[name](name, content[name])
     parameters = content.get("parameter", [])
     if not isinstance(parameters, list) or not all(isinstance(each, dict) for each in parameters):
         yield Mistake(key="parameter", text="parameters are tables; write [[parameter]] and its keys below")
         return
     for number, entry in enumerate(parameters):
         for mistake in _in_parameter(entry):
-            yield Mistake(text=mistake.text, key=mistake.key, table="parameter", number=number)
+            yield replace(mistake, table="parameter", number=number)
 
 
 def number_in(value: Any) -> Decimal | None:
@@ -99,36 +99,29 @@ def code_in(value: str) -> int | None:
         return None
 
 
-def _options(_: str, __: Mapping[str, Any] | None) -> Iterator[Mistake]:
-    """What options there are is for the protocol to say."""
-    yield from ()
-
-
-def _addresses(table: str, given: Mapping[str, Any] | None) -> Iterator[Mistake]:
-    for name, address in (given or {}).items():
+def _addresses(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
+    for name, address in given.items():
         if not isinstance(address, str):
             yield Mistake(table=table, key=name, text=f"{address!r} is no parameter address; write it as a text")
 
 
-def _texts_by_code(table: str, given: Mapping[str, Any] | None) -> Iterator[Mistake]:
-    for code, text in (given or {}).items():
+def _texts_by_code(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
+    for code, text in given.items():
         if code_in(code) is None:
             yield Mistake(table=table, key=code, text=f"{code!r} is no whole number")
         elif not isinstance(text, str):
             yield Mistake(table=table, key=code, text=f"{text!r} is no text")
 
 
-def _patterns(table: str, given: Mapping[str, Any] | None) -> Iterator[Mistake]:
-    for key, pattern in (given or {}).items():
+def _patterns(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
+    for key, pattern in given.items():
         try:
             re.compile(pattern)
         except (TypeError, re.error) as error:
             yield Mistake(table=table, key=key, text=f"{pattern!r} is no regular expression: {error}")
 
 
-def _watchdog(table: str, given: Mapping[str, Any] | None) -> Iterator[Mistake]:
-    if given is None:
-        return
+def _watchdog(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
     for key in sorted(set(given) - _WATCHDOG):
         yield Mistake(table=table, key=key, text=unknown_key(key, sorted(_WATCHDOG)))
     if not isinstance(given.get("time"), str):
@@ -141,12 +134,11 @@ def _watchdog(table: str, given: Mapping[str, Any] | None) -> Iterator[Mistake]:
     for key, kind in {"action": str, "source": str, "note": str, "off": int}.items():
         if key in given and type(given[key]) is not kind:
             yield Mistake(table=table, key=key, text=f"cannot be {given[key]!r}")
-    for mistake in _words(given):
-        yield Mistake(table=table, key=mistake.key, text=mistake.text)
+    yield from _words(given, table)
 
 
+# What options there are is for the protocol to say.
 _TABLE_RULES = {
-    "options": _options,
     "quantities": _addresses,
     "watchdog": _watchdog,
     "identified_by": _patterns,
@@ -175,22 +167,19 @@ def _in_parameter(entry: Mapping[str, Any]) -> Iterator[Mistake]:
         yield Mistake(key="values", text="is no table of numbers and texts")
     else:
         for mistake in _texts_by_code("", values):
-            yield Mistake(key="values", text=mistake.text)
-    yield from _only_with(entry.get("only_with", {}))
+            yield replace(mistake, key="values")
+    only_with = entry.get("only_with", {})
+    lists = list(only_with.values()) if isinstance(only_with, dict) else [only_with]
+    if not all(isinstance(codes, list) and codes and all(type(code) is int for code in codes) for codes in lists):
+        text = 'names other parameters, each with a list of the raw values that let this one count: { "8-04" = [2, 5] }'
+        yield Mistake(key="only_with", text=text)
     if "start" in entry:
         is_text = entry.get("type") in TEXT_TYPES
         if not isinstance(entry["start"], str) if is_text else number_in(entry["start"]) is None:
             yield Mistake(key="start", text=f"{entry['start']!r} is no {'text' if is_text else 'number'}")
 
 
-def _only_with(given: Any) -> Iterator[Mistake]:
-    lists = list(given.values()) if isinstance(given, dict) else [given]
-    if not all(isinstance(codes, list) and codes and all(type(code) is int for code in codes) for codes in lists):
-        text = 'names other parameters, each with a list of the raw values that let this one count: { "8-04" = [2, 5] }'
-        yield Mistake(key="only_with", text=text)
-
-
-def _words(entry: Mapping[str, Any]) -> Iterator[Mistake]:
+def _words(entry: Mapping[str, Any], table: str = "") -> Iterator[Mistake]:
     for key, words in _WORDS.items():
         if key in entry and entry[key] not in words:
-            yield Mistake(key=key, text=f"cannot be {entry[key]!r}; it is one of {', '.join(words)}")
+            yield Mistake(table=table, key=key, text=f"cannot be {entry[key]!r}; it is one of {', '.join(words)}")

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Model, Operations, ParameterInfo, Protocol
 
-_PLAIN_TEXTS = ("A",)
 _PLAIN_VALUES = (Decimal(0), Decimal(1), Decimal(100))
 _KINDS: dict[str, tuple[type, ...]] = {"bool": (bool,), "int": (int,), "str": (str,), "float": (int, float)}
 
@@ -132,7 +131,7 @@ class _Trial:
         start = info.start
         if start is None or "w" not in info.access or not starts_within_limits(info):
             return "", ""
-        plain = _PLAIN_TEXTS if isinstance(start, str) else (*_PLAIN_VALUES, info.minimum, info.maximum)
+        plain = ("A",) if isinstance(start, str) else (*_PLAIN_VALUES, info.minimum, info.maximum)
         refusal = self._refusal(info, start)
         # Where no value at all is taken, it is not about this one.
         if refusal and any(value is not None and not self._refusal(info, value) for value in plain):

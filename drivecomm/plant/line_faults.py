@@ -36,10 +36,6 @@ class Fault(Enum):
 TRANSMISSION_FAULTS = (Fault.DROP, Fault.CORRUPT, Fault.TRUNCATE, Fault.DELAY, Fault.DUPLICATE)
 """What can happen to a telegram on the wires."""
 
-_ECHO_FAULTS = (Fault.ECHO_PARTIAL, Fault.ECHO_NOISY)
-_FOREIGN_FAULTS = (Fault.FOREIGN,)
-_POWER_FAULTS = (Fault.POWER,)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PowerCut:
@@ -96,24 +92,24 @@ class FaultPlan:
 
     def echo(self, data: bytes) -> bytes:
         """Return what an adapter that echoes hands back of a master's transmission."""
-        fault = self._draw(_ECHO_FAULTS)
+        fault = self._draw(Fault.ECHO_PARTIAL, Fault.ECHO_NOISY)
         if fault is Fault.ECHO_PARTIAL:
             first = self._random.randrange(len(data))
             return data[:first] + data[self._random.randint(first + 1, len(data)) :]
         if fault is Fault.ECHO_NOISY:
             for _ in range(self._random.randint(1, 3)):
-                data = self._corrupted(data)
+                data = _corrupted(data, self._random, self.bits)
         return data
 
     def foreign(self) -> list[tuple[float, bytes]]:
         """Return what somebody else sends around a transmission, as delays from its beginning and bytes."""
-        if not self.traffic or self._draw(_FOREIGN_FAULTS) is None:
+        if not self.traffic or self._draw(Fault.FOREIGN) is None:
             return []
         return [(self._random.uniform(0, self.traffic_within_s), self._random.choice(self.traffic))]
 
     def power(self) -> PowerCut | None:
         """Return how the drive that now begins to answer loses power, None when it does not."""
-        if self._draw(_POWER_FAULTS) is None:
+        if self._draw(Fault.POWER) is None:
             return None
         return PowerCut(
             share=self._random.random(),
@@ -122,7 +118,7 @@ class FaultPlan:
             mismatch_s=self._random.uniform(0, self.mismatch_s),
         )
 
-    def _draw(self, possible: Sequence[Fault]) -> Fault | None:
+    def _draw(self, *possible: Fault) -> Fault | None:
         """Return which of these happens now; nothing when the plan chooses another kind."""
         if not self.rate or not any(kind in possible for kind in self.kinds) or self._random.random() >= self.rate:
             return None
@@ -133,15 +129,12 @@ class FaultPlan:
         return fault
 
     def _disturb(self, data: bytes) -> list[tuple[float, bytes]]:
-        fault = self._draw(TRANSMISSION_FAULTS)
+        fault = self._draw(*TRANSMISSION_FAULTS)
         if fault is None:
             return [(0.0, data)]
         if fault is Fault.DELAY:
             return [(self._random.uniform(0, self.delay_s), data)]
         return disturbed(fault, data, self._random, bits=self.bits)
-
-    def _corrupted(self, data: bytes) -> bytes:
-        return _corrupted(data, self._random, self.bits)
 
 
 def disturbed(

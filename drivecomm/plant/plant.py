@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm.errors import UsageError, meant
-from drivecomm.polling import Plan, PlannedRead
+from drivecomm.polling import Plan, PollItem
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -116,7 +116,7 @@ class Plant:
         for drive in self.drives:
             reached = self.line(drive.line).reached(drive)
             reads += [
-                PlannedRead(
+                PollItem(
                     drive=reached,
                     parameter=parameter,
                     period_s=group.period_s,

@@ -13,7 +13,7 @@ from drivecomm.errors import UsageError, meant
 from drivecomm.plant.line_faults import TRANSMISSION_FAULTS, Fault, FaultPlan
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
 
 Of: TypeAlias = Literal["request", "reply", "reply to a read", "reply to a write", "reply to a command"]
 """Which telegrams a fault is for."""
@@ -38,7 +38,7 @@ class Noise:
         _share(self.rate)
         _not_negative("delay_s", self.delay_s)
         if not self.kinds or Fault.FOREIGN in self.kinds:
-            raise UsageError(f"invalid kinds; write one or more of {_names(_NOISE)}")
+            raise UsageError(f"invalid kinds; write one or more of {', '.join(_NOISE)}")
         if not 1 <= self.bits <= 8:
             raise UsageError(f"bits = {self.bits} is not between 1 and 8")
 
@@ -88,9 +88,8 @@ class TelegramFault:
         if bool(self.line) == bool(self.drive):
             raise UsageError("a fault of telegrams needs either line or drive")
         if self.kind not in TRANSMISSION_FAULTS:
-            raise UsageError(
-                f"invalid kind {self.kind.value!r} for telegrams; write one of {_names(TRANSMISSION_FAULTS)}"
-            )
+            known = ", ".join(kind.value for kind in TRANSMISSION_FAULTS)
+            raise UsageError(f"invalid kind {self.kind.value!r} for telegrams; write one of {known}")
         if self.of is not None and self.of not in get_args(Of):
             raise UsageError(f"invalid of = {self.of!r}; write one of {', '.join(get_args(Of))}")
         if self.drive and self.of == "request":
@@ -199,16 +198,12 @@ def kind_named(name: str) -> Fault:
     try:
         return Fault(name)
     except ValueError:
-        known = meant(name, [kind.value for kind in _NOISE], "write one of")
+        known = meant(name, _NOISE, "write one of")
         raise UsageError(f"unknown kind of fault {name!r}; {known}") from None
 
 
 # Foreign traffic needs bytes, which a script says with inject.
-_NOISE = tuple(kind for kind in Fault if kind is not Fault.FOREIGN)
-
-
-def _names(kinds: Iterable[Fault]) -> str:
-    return ", ".join(kind.value for kind in kinds)
+_NOISE = tuple(kind.value for kind in Fault if kind is not Fault.FOREIGN)
 
 
 def _share(rate: float) -> None:

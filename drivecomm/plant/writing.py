@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import count
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
@@ -93,35 +93,33 @@ def there_already(file: Path) -> str:
 
 
 def _line(line: PlantLine) -> dict[str, Any]:
-    return {
-        "name": line.name,
-        **({"port": line.port} if line.port else {}),
-        **({"echo": True} if line.echo else {}),
-        **line.settings,
-    }
+    return {**_said({"name": line.name, "port": line.port, "echo": line.echo}), **line.settings}
 
 
 def _drive(drive: DriveConfig, *, with_line: bool) -> dict[str, Any]:
-    return {
-        **({"name": drive.name} if drive.name != str(drive) else {}),
-        "drive": str(drive),
-        **({"line": drive.line} if with_line else {}),
-        **({"title": drive.title} if drive.title else {}),
-        **({"options": dict(drive.options)} if drive.options else {}),
-        **({"armed": True} if drive.armed else {}),
-        **({} if drive.reply_delay_s is None else {"reply_delay_s": drive.reply_delay_s}),
-        **({"poll": [_read(each) for each in drive.poll]} if drive.poll else {}),
-        **(
-            {"link_loss": {"policy": drive.link_loss.policy, "watchdog_s": drive.link_loss.watchdog_s}}
-            if drive.link_loss
-            else {}
-        ),
-    }
+    return _said(
+        {
+            "name": "" if drive.name == str(drive) else drive.name,
+            "drive": str(drive),
+            "line": drive.line if with_line else "",
+            "title": drive.title,
+            "options": dict(drive.options),
+            "armed": drive.armed,
+            "reply_delay_s": drive.reply_delay_s,
+            "poll": [_poll_group(each) for each in drive.poll],
+            "link_loss": asdict(drive.link_loss) if drive.link_loss else {},
+        }
+    )
 
 
-def _read(read: PollGroup) -> dict[str, Any]:
-    options = {"options": dict(read.options)} if read.options else {}
-    return {"parameters": list(read.parameters), "period_s": read.period_s, "priority": read.priority, **options}
+def _poll_group(group: PollGroup) -> dict[str, Any]:
+    options = {"options": dict(group.options)} if group.options else {}
+    return {"parameters": list(group.parameters), "period_s": group.period_s, "priority": group.priority, **options}
+
+
+def _said(content: dict[str, Any]) -> dict[str, Any]:
+    """Return what says something; a number does, also 0."""
+    return {key: value for key, value in content.items() if value or type(value) in (int, float)}
 
 
 def _entry(kind: str, content: Mapping[str, Any], remark: str = "", name_hint: str = "") -> str:

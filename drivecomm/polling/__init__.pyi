@@ -1,5 +1,5 @@
 from .loops import poll as poll, poll_async as poll_async, poll_bus as poll_bus
-from .plan import Plan as Plan, PlannedRead as PlannedRead
+from .plan import Plan as Plan
 from .schedule import (
     FIRST_ROUND_S as FIRST_ROUND_S,
     PRIORITY_STEP_S as PRIORITY_STEP_S,

@@ -2,34 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
 from drivecomm.polling.schedule import D, PollItem
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from drivecomm.protocol import DriveConfig
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlannedRead:
-    """A parameter of a plan; period_s, priority and options are those of a `PollItem`."""
-
-    drive: DriveConfig
-    parameter: str
-    period_s: float = 1.0
-    priority: int = 0
-    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
     """What is read, in the order in which a round goes."""
 
-    reads: tuple[PlannedRead, ...]
+    reads: tuple[PollItem[DriveConfig], ...]
 
     def __post_init__(self) -> None:
         if not self.reads:
@@ -67,6 +56,7 @@ class Plan:
                 parameter=read.parameter,
                 period_s=read.period_s,
                 priority=read.priority,
+                stale_after_s=read.stale_after_s,
                 options=read.options,
                 name=read.drive.name,
             )

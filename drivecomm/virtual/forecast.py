@@ -1,6 +1,6 @@
 """How long a poll plan takes, before anything runs: the time of each read, of a round, and whether it all fits.
 
-    plan = Plan(reads=(PlannedRead(drive=DriveConfig(protocol="vabus", address=1), parameter="481"),))
+    plan = Plan(reads=(PollItem(drive=DriveConfig(protocol="vabus", address=1), parameter="481"),))
     forecast(plan).cycle_s
 
 The plan is rehearsed by virtual drives in virtual time; see `drivecomm.virtual.rehearsal` for what that is worth.

@@ -7,6 +7,7 @@ does on a real line. Where a drive answers earlier or later than its virtual dou
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import islice
 from typing import TYPE_CHECKING, Any
@@ -23,14 +24,10 @@ from drivecomm.virtual.planted_drive import PlantedDrive
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from drivecomm.bus import Bus, Drive
+    from drivecomm.bus import Bus
     from drivecomm.link import TraceEvent
-    from drivecomm.polling import Plan, PlannedRead, PollItem, PollResult
-    from drivecomm.protocol import (
-        DriveConfig,
-        LineSettings,
-        Model,
-    )
+    from drivecomm.polling import Plan, PollItem, PollResult
+    from drivecomm.protocol import DriveConfig, LineSettings, Model
 
 _ROUNDS = 3
 """Rounds until the line goes round as it will for ever: the first one begins on an idle line."""
@@ -131,24 +128,20 @@ class Course:
 def rehearse_round(plan: Plan, conditions: Conditions) -> Round:
     """Carry out the reads of a plan one after the other and measure a round, once the line has found its stride."""
     ledger = _Ledger()
-    with _line(plan, conditions, ledger.note) as bus:
+    with _line(plan, conditions, ledger.events.append) as bus:
         items = plan.items(lambda drive: drive.build(bus.drive))
         settings = {read.drive: item.drive.facts.settings for item, read in zip(items, plan.reads, strict=True)}
         for _ in range(_ROUNDS):
             shares, causes = [], []
             for item, read in zip(items, plan.reads, strict=True):
-                causes.append(_read(item))
+                cause = ""
+                try:
+                    item.drive.read(item.parameter, **item.options)
+                except DriveCommError as error:
+                    cause = " ".join(str(error).split())
+                causes.append(cause)
                 shares.append(ledger.close(settings[read.drive], bus.now()))
     return Round(shares=shares, causes=causes, settings=settings)
-
-
-def _read(item: PollItem[Drive]) -> str:
-    """Read once; return what is wrong, if anything."""
-    try:
-        item.drive.read(item.parameter, **item.options)
-    except DriveCommError as error:
-        return " ".join(str(error).split())
-    return ""
 
 
 def rehearse_periods(plan: Plan, conditions: Conditions) -> Course:
@@ -216,7 +209,7 @@ def _double(plan: Plan, drive: DriveConfig, conditions: Conditions) -> PlantedDr
     return PlantedDrive(replace(drive, reply_delay_s=delay_s, values={}), model, for_all=conditions.facts)
 
 
-def _model(drive: DriveConfig, reads: Sequence[PlannedRead]) -> Model:
+def _model(drive: DriveConfig, reads: Sequence[PollItem[DriveConfig]]) -> Model:
     """Return the drive's model, with the parameters that it lacks: without them a drive would refuse, not answer."""
     plugin = installed[drive.protocol]
     model = load_model(plugin.package, drive.protocol, drive.options.get("model") or plugin.default_model)
@@ -225,51 +218,33 @@ def _model(drive: DriveConfig, reads: Sequence[PlannedRead]) -> Model:
     for read in reads:
         address = read.parameter.partition("[")[0]
         if readable and model.find(read.parameter) is None and model.find(address) is None:
-            one = ParameterInfo(
-                address=address, name=f"planned_{len(added)}", title=address, type=_type(readable, read)
-            )
-            if _can_hold(drive, model, one):
+            given = read.options.get("type")
+            usual = Counter(info.type for info in readable).most_common(1)[0][0]
+            type_ = given if isinstance(given, str) and given else usual
+            one = ParameterInfo(address=address, name=f"planned_{len(added)}", title=address, type=type_)
+            # Addresses that are none are left to the read.
+            with suppress(ValueError, KeyError):
+                virtual_drive(drive.protocol, drive.address, model=_with(model, {address: one}))
                 added[address] = one
-    return _extended(model, added)
+    return _with(model, added)
 
 
-def _extended(model: Model, added: Mapping[str, ParameterInfo]) -> Model:
+def _with(model: Model, added: Mapping[str, ParameterInfo]) -> Model:
     return replace(model, parameters={**model.parameters, **added})
-
-
-def _can_hold(drive: DriveConfig, model: Model, parameter: ParameterInfo) -> bool:
-    """Tell whether a virtual drive can have this parameter; addresses that are none are left to the read."""
-    try:
-        virtual_drive(drive.protocol, drive.address, model=_extended(model, {parameter.address: parameter}))
-    except (ValueError, KeyError):
-        return False
-    return True
-
-
-def _type(readable: Sequence[ParameterInfo], read: PlannedRead) -> str:
-    """Return the type that a parameter is given which the model does not know: the one asked for, or the commonest."""
-    given = read.options.get("type")
-    if isinstance(given, str) and given:
-        return given
-    return Counter(info.type for info in readable).most_common(1)[0][0]
 
 
 class _Ledger:
     """Books what happens on a line to the items that cause it, from the bus's trace."""
 
     def __init__(self) -> None:
-        self._events: list[TraceEvent] = []
+        self.events: list[TraceEvent] = []
         self._quiet_s = 0.0
-
-    def note(self, event: TraceEvent) -> None:
-        """Take an event of the line."""
-        self._events.append(event)
 
     def close(self, settings: LineSettings, ended_s: float) -> Shares:
         """Return what the item took that has just ended; what it left on the wire is its own."""
         wire = delay = pause = rest = 0.0
         at, open_request = self._quiet_s, False
-        for event in self._events:
+        for event in self.events:
             length = settings.wire_s(len(event.data))
             if event.what == "sent":
                 if open_request:
@@ -283,7 +258,7 @@ class _Ledger:
             else:
                 continue
             wire += length
-        self._events.clear()
+        self.events.clear()
         rest += max(0.0, ended_s - at)
         self._quiet_s = max(at, ended_s)
         return Shares(wire_s=wire, delay_s=delay, pause_s=pause, rest_s=rest)

@@ -15,10 +15,10 @@ from drivecomm.bus import set_watchdog
 from drivecomm.cli.watch.log_switch import LogSwitch
 from drivecomm.cli.watch.question import Question
 from drivecomm.cli.watch.screen import WatchScreen
-from drivecomm.cli.watch.words import happening_of
+from drivecomm.cli.watch.words import event_line
 from drivecomm.errors import PortError
 from drivecomm.plant.value_log import read_rows
-from drivecomm.plant.watching import Happening, Watcher
+from drivecomm.plant.watching import DriveEvent, Watcher
 from drivecomm.protocol import LinkLossPolicy
 
 NAMES = ["output_frequency", "output_current", "output_power"]
@@ -179,10 +179,10 @@ def test_a_message_goes_away(monkeypatch):
 
 
 def test_what_happens_has_the_time_of_day_where_there_is_one():
-    happening = Happening(time_s=3661.0, drive="pump", kind="change", text="running")
-    assert happening_of(happening, None).plain == "01:01:01  pump  running"
+    event = DriveEvent(time_s=3661.0, drive="pump", kind="change", text="running")
+    assert event_line(event, None).plain == "01:01:01  pump  running"
     noon = datetime(2026, 5, 4, 12, 0, 0).astimezone().timestamp()
-    assert happening_of(happening, noon).plain == "13:01:01  pump  running"
+    assert event_line(event, noon).plain == "13:01:01  pump  running"
 
 
 def test_the_panel_follows_the_cursor_and_the_trend_the_key():
@@ -456,7 +456,7 @@ def test_a_full_disk_is_said_and_the_log_goes_on_when_there_is_room(tmp_path):
                 watch.message,
             )
             assert watch.text[0].endswith("log log.csv, 8 missing  00:00:04")
-            assert watch.screen.watcher.board().view("pump").condition == "answers"
+            assert watch.screen.watcher.board().view("pump").reachability == "answers"
             rows.write = write
             await watch.screen.watcher.run(duration_s=6)
             assert re.search(r"values are logged again from \d\d:\d\d:\d\d on; \d\d are missing$", watch.message)

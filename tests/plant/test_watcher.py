@@ -16,7 +16,7 @@ from drivecomm.protocol import DriveConfig, DriveState, LinkLossPolicy, installe
 def test_states_values_and_counters():
     board = watched(plant_of(PUMP, FAN), 5).board()
     pump, fan = board.drives
-    assert (pump.name, pump.line, pump.condition, pump.fault, pump.error) == ("pump", "hall", "answers", "", "")
+    assert (pump.name, pump.line, pump.reachability, pump.fault, pump.error) == ("pump", "hall", "answers", "", "")
     assert pump.status.state is DriveState.NOT_READY
     assert fan.status is not None
     frequency = pump.values["output_frequency"]
@@ -26,7 +26,7 @@ def test_states_values_and_counters():
     assert 0 < pump.reply_s < 0.1
     assert 0 <= pump.age_s <= 1
     assert 4 < board.elapsed_s <= 5
-    assert (board.faults, board.silent, board.happenings) == (0, 0, ())
+    assert (board.faults, board.silent, board.events) == (0, 0, ())
     assert board.view("fan") == fan
 
 
@@ -66,18 +66,18 @@ def test_a_fault_with_its_text_and_its_end():
     during, after = asyncio.run(watch())
     assert during.view("fan").fault == "14 earth fault"
     assert during.faults == 1
-    (happened,) = during.happenings
+    (happened,) = during.events
     assert (happened.drive, happened.kind, happened.text) == ("fan", "fault", "fault: 14 earth fault")
     assert 2.4 < happened.time_s < 4
     assert after.view("fan").fault == ""
-    assert "the fault is gone" in [one.text for one in after.happenings]
+    assert "the fault is gone" in [one.text for one in after.events]
 
 
 @pytest.mark.parametrize(("protocol", "code"), [("vabus", 5), ("danfoss-fc", 14), ("vlt3500", 14), ("fuji", 7)])
 def test_every_protocol_tells_its_fault(protocol, code):
     drive = replace(PUMP, protocol=protocol, options={})
     pump = watched(plant_of(drive, script=[tripped("pump", code, 1)]), 4).board().view("pump")
-    assert pump.condition == "answers"
+    assert pump.reachability == "answers"
     assert pump.fault
 
 
@@ -87,8 +87,8 @@ def test_a_dead_drive_is_shown_and_holds_up_no_other():
     watcher = watched(plant, 30)
     board = watcher.board()
     assert board.view("pump").counters["replies"] >= alone - 4
-    assert board.view("fan").condition == "answers"
-    silent, again = reversed([one for one in board.happenings if one.drive == "fan"])
+    assert board.view("fan").reachability == "answers"
+    silent, again = reversed([one for one in board.events if one.drive == "fan"])
     assert silent.kind == "silent"
     assert "did not answer within" in silent.text
     assert "danfoss-fc:3" not in silent.text
@@ -100,7 +100,7 @@ def test_a_dead_drive_is_shown_and_holds_up_no_other():
 def test_a_drive_that_never_answers():
     board = watched(plant_of(PUMP, FAN, script=[dark("fan", 0)]), 10).board()
     fan = board.view("fan")
-    assert (fan.condition, fan.status, fan.age_s, fan.fault) == ("silent", None, None, "")
+    assert (fan.reachability, fan.status, fan.age_s, fan.fault) == ("silent", None, None, "")
     assert "not answer" in fan.error
     assert board.silent == 1
 
@@ -126,7 +126,7 @@ def test_two_lines_with_drives_of_the_same_address():
 
 
 def test_a_line_that_cannot_be_opened_is_tried_again(monkeypatch):
-    monkeypatch.setattr("drivecomm.plant.watching.watcher._REOPENING_S", 0.02)
+    monkeypatch.setattr("drivecomm.plant.watching.watcher.REOPEN_LONGEST_S", 0.02)
     plant = plant_of(PUMP, WELL)
     hall, yard = virtual_lines(plant)
     tries = []
@@ -144,11 +144,11 @@ def test_a_line_that_cannot_be_opened_is_tried_again(monkeypatch):
             return before, watcher.board()
 
     before, after = asyncio.run(watch())
-    assert (before.condition, before.error) == ("silent", "port yard does not exist; plug the adapter in")
-    assert after.view("well").condition == "answers"
-    assert after.view("pump").condition == "answers"
+    assert (before.reachability, before.error) == ("silent", "port yard does not exist; plug the adapter in")
+    assert after.view("well").reachability == "answers"
+    assert after.view("pump").reachability == "answers"
     assert len(tries) == 3
-    (happened,) = after.happenings[:-1]
+    (happened,) = after.events[:-1]
     assert (happened.drive, happened.text) == ("well", "answers again")
     assert happened.time_s >= 2 * 0.02
 
@@ -165,7 +165,7 @@ def test_a_line_that_is_never_opened_ends_with_the_time():
             await asyncio.wait_for(watcher.run(duration_s=0.1), 5)
             return watcher.board()
 
-    assert asyncio.run(watch()).view("well").condition == "silent"
+    assert asyncio.run(watch()).view("well").reachability == "silent"
 
 
 def test_a_trend_goes_on_when_watching_is_taken_up_again():

@@ -8,7 +8,7 @@ import pytest
 import drivecomm
 from drivecomm.errors import AddressError, FileFormatError, UsageError
 from drivecomm.plant import read_plant
-from drivecomm.polling import Plan, PlannedRead
+from drivecomm.polling import Plan, PollItem
 from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import VirtualLine, forecast, virtual_drive
 
@@ -37,8 +37,7 @@ def drive(protocol="vabus", address=1, **facts):
 def plan_of(*parameters, period_s=1.0, one=None, **facts):
     return Plan(
         reads=tuple(
-            PlannedRead(drive=one or drive(), parameter=parameter, period_s=period_s, **facts)
-            for parameter in parameters
+            PollItem(drive=one or drive(), parameter=parameter, period_s=period_s, **facts) for parameter in parameters
         )
     )
 
@@ -47,7 +46,7 @@ def mixed_plan(period_s):
     """Forty parameters of eight drives of four protocols, no two neighbours with the same line settings."""
     return Plan(
         reads=tuple(
-            PlannedRead(drive=drive(protocol, address, options=options), parameter=parameter, period_s=period_s)
+            PollItem(drive=drive(protocol, address, options=options), parameter=parameter, period_s=period_s)
             for protocol, address, options in DRIVES
             for parameter in PARAMETERS[protocol]
         )
@@ -122,9 +121,7 @@ def test_line_facts_of_drive_and_of_call():
 def test_guard_time_is_counted_where_settings_change():
     alternating = Plan(
         reads=tuple(
-            PlannedRead(
-                drive=drive("vabus", 1 + number % 2, options={"baudrate": 9600 * (1 + number % 2)}), parameter=p
-            )
+            PollItem(drive=drive("vabus", 1 + number % 2, options={"baudrate": 9600 * (1 + number % 2)}), parameter=p)
             for number, p in enumerate(["480", "481", "482", "483"])
         )
     )
@@ -135,9 +132,9 @@ def test_guard_time_is_counted_where_settings_change():
 def test_a_parameter_that_the_model_does_not_know_has_the_length_of_its_type():
     plan = Plan(
         reads=(
-            PlannedRead(drive=drive(), parameter="481"),
-            PlannedRead(drive=drive(), parameter="1222", options={"type": "long"}),
-            PlannedRead(drive=drive(), parameter="1223", options={"type": "uint"}),
+            PollItem(drive=drive(), parameter="481"),
+            PollItem(drive=drive(), parameter="1222", options={"type": "long"}),
+            PollItem(drive=drive(), parameter="1223", options={"type": "uint"}),
         )
     )
     known, long, short = forecast(plan).items
@@ -205,8 +202,8 @@ def test_when_no_baud_rate_is_enough_delays_and_pauses_are_named():
 def test_a_line_of_its_own_for_the_drive_that_needs_most():
     plan = Plan(
         reads=(
-            *(PlannedRead(drive=drive(), parameter=p, period_s=0.1) for p in ("480", "481", "482")),
-            PlannedRead(drive=drive(address=2), parameter="481", period_s=0.1),
+            *(PollItem(drive=drive(), parameter=p, period_s=0.1) for p in ("480", "481", "482")),
+            PollItem(drive=drive(address=2), parameter="481", period_s=0.1),
         )
     )
     found = forecast(plan)
@@ -220,7 +217,7 @@ def test_drives_are_grouped_by_settings():
     def reads(order):
         return Plan(
             reads=tuple(
-                PlannedRead(
+                PollItem(
                     drive=drive(address=address, options={"baudrate": 9600 * (1 + address % 2)}),
                     parameter=parameter,
                     period_s=0.15,
@@ -241,8 +238,8 @@ def test_a_short_period_behind_a_long_read():
     slow = drive(address=2, options={"baudrate": 1200})
     plan = Plan(
         reads=(
-            PlannedRead(drive=drive(), parameter="481", period_s=0.1),
-            PlannedRead(drive=slow, parameter="481", period_s=10.0),
+            PollItem(drive=drive(), parameter="481", period_s=0.1),
+            PollItem(drive=slow, parameter="481", period_s=10.0),
         )
     )
     found = forecast(plan)
@@ -257,7 +254,7 @@ def test_a_short_period_behind_a_long_read():
 def test_one_line_at_a_time():
     two = Plan(
         reads=tuple(
-            PlannedRead(drive=drive(line=port, name=port), parameter="481", period_s=1.0) for port in ("east", "west")
+            PollItem(drive=drive(line=port, name=port), parameter="481", period_s=1.0) for port in ("east", "west")
         )
     )
     with pytest.raises(UsageError, match="the plan has 2 lines"):
@@ -319,9 +316,9 @@ def test_the_plan_of_a_plant_file(tmp_path):
     )
     assert (fan.name, fan.line, fan.options, fan.reply_delay_s) == ("fuji:7", "", {}, None)
     first, second, third = plan.reads
-    assert first == PlannedRead(drive=pump, parameter="481", period_s=0.2, priority=2, options={"dataset": 1})
+    assert first == PollItem(drive=pump, parameter="481", period_s=0.2, priority=2, options={"dataset": 1})
     assert second == replace(first, parameter="480")
-    assert third == PlannedRead(drive=fan, parameter="M09", period_s=1.0, priority=0)
+    assert third == PollItem(drive=fan, parameter="M09", period_s=1.0, priority=0)
     assert plan.lines == ("east", "")
 
 

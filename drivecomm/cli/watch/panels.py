@@ -13,7 +13,7 @@ from drivecomm.cli.watch.words import (
     ASIDE,
     WARNING,
     counters_of,
-    happening_of,
+    event_line,
     head_of,
     in_full,
     note_of,
@@ -71,8 +71,8 @@ def _heading(view: DriveView) -> Text:
     return text if view.error else text.append("  ").append_text(note_of(view))
 
 
-def happenings_panel(board: Board) -> Group:
+def events_panel(board: Board) -> Group:
     """Return what happened, the latest first."""
-    if not board.happenings:
+    if not board.events:
         return Group(Text("nothing has changed yet", style=ASIDE))
-    return Group(*(happening_of(each, board.began_s) for each in board.happenings))
+    return Group(*(event_line(each, board.began_s) for each in board.events))

@@ -15,7 +15,7 @@ from drivecomm.bus import keep_async
 from drivecomm.cli.output import sentence
 from drivecomm.cli.watch.arming import HOLD, why_not
 from drivecomm.cli.watch.columns import PADDING, columns_for
-from drivecomm.cli.watch.panels import drive_panel, happenings_panel
+from drivecomm.cli.watch.panels import drive_panel, events_panel
 from drivecomm.cli.watch.parameters_screen import ParametersScreen
 from drivecomm.cli.watch.question import Question
 from drivecomm.cli.watch.trace_screen import TraceScreen
@@ -100,7 +100,7 @@ class WatchScreen(App[Exception | None]):
         with Container(id="below"):
             yield Static(id="drive", markup=False)
             with VerticalScroll(id="happened", can_focus=False):
-                yield Static(id="happenings", markup=False)
+                yield Static(id="events", markup=False)
         yield Static(id="message", markup=False)
         yield Footer()
 
@@ -144,7 +144,7 @@ class WatchScreen(App[Exception | None]):
         # Where the panel has a height of its own, and does not make it by what it shows, there is room for a chart.
         height = panel.content_size.height if self.screen.has_class("-wide") else 0
         panel.update(drive_panel(self._view, self.watcher, shown=self._trend, width=width, height=height))
-        self.query_one("#happenings", Static).update(happenings_panel(board))
+        self.query_one("#events", Static).update(events_panel(board))
 
     def _show_title(self, summary: Text, time: str) -> None:
         right = Text(f"{self._value_log.words}  {time}")

@@ -11,7 +11,7 @@ from drivecomm.models import quantities
 from drivecomm.plant.watching import state_words
 
 if TYPE_CHECKING:
-    from drivecomm.plant.watching import Board, DriveView, Happening, WatchedValue
+    from drivecomm.plant.watching import Board, DriveEvent, DriveView, WatchedValue
 
 FAULT, WARNING, DEAD, RUNNING, ASIDE = "bold red", "yellow", "dim", "green", "dim"
 
@@ -31,7 +31,7 @@ _SHORT = {
     "drive_thermal_load": "drive",
 }
 _UNITS = {"degC": "°C"}
-_HAPPENED = {"fault": FAULT, "silent": WARNING, "warning": WARNING, "change": "", "command": "bold"}
+_EVENT_STYLES = {"fault": FAULT, "silent": WARNING, "warning": WARNING, "change": "", "command": "bold"}
 
 
 def unit_of(unit: str) -> str:
@@ -46,9 +46,9 @@ def head_of(name: str) -> str:
 
 def state_of(view: DriveView) -> Text:
     """Return the state of a drive in at most nine characters."""
-    if view.condition == "silent":
+    if view.reachability == "silent":
         return Text("no answer", style=WARNING)
-    if view.condition == "asking" or view.status is None:
+    if view.reachability == "asking" or view.status is None:
         return Text("asking", style=ASIDE)
     if view.fault:
         return Text("FAULT", style=FAULT)
@@ -60,9 +60,9 @@ def state_of(view: DriveView) -> Text:
 
 def note_of(view: DriveView) -> Text:
     """Return what is to be known of a drive besides its state."""
-    if view.condition == "silent" and view.age_s is not None:
+    if view.reachability == "silent" and view.age_s is not None:
         return Text(f"silent for {view.age_s:.0f} s", style=WARNING)
-    if view.condition == "silent" or view.error:
+    if view.reachability == "silent" or view.error:
         return Text(view.error, style=WARNING)
     if view.fault:
         return Text(view.fault, style=FAULT)
@@ -82,7 +82,7 @@ def value_of(view: DriveView, name: str) -> Text:
         return Text("")
     if value.reading is None:
         return Text("-", style=DEAD)
-    if value.quality == "stale" or view.condition == "silent":
+    if value.quality == "stale" or view.reachability == "silent":
         return Text(f"{value.reading.value}?", style=DEAD)
     return Text(str(value.reading.value))
 
@@ -97,12 +97,12 @@ def in_full(value: WatchedValue) -> Text:
     return text
 
 
-def happening_of(happening: Happening, began_s: float | None) -> Text:
+def event_line(event: DriveEvent, began_s: float | None) -> Text:
     """Return what happened, on one line with its time of day; in virtual time with that since the beginning."""
     text = Text(no_wrap=True, overflow="ellipsis")
-    at = clock(happening.time_s) if began_s is None else time_of_day(began_s + happening.time_s)
-    text.append(f"{at}  ", style=ASIDE).append(happening.drive, style="bold")
-    return text.append(f"  {happening.text}", style=_HAPPENED[happening.kind])
+    at = clock(event.time_s) if began_s is None else time_of_day(began_s + event.time_s)
+    text.append(f"{at}  ", style=ASIDE).append(event.drive, style="bold")
+    return text.append(f"  {event.text}", style=_EVENT_STYLES[event.kind])
 
 
 def summary_of(board: Board) -> Text:

@@ -1,3 +1,3 @@
-from .diagnosis import examine as examine, harmless_bytes as harmless_bytes
-from .examination import Examination as Examination
-from .findings import Finding as Finding, arrival_grid_s as arrival_grid_s, judge as judge
+from .findings import Finding as Finding, judge as judge, latency_timer_s as latency_timer_s
+from .measurements import Measurements as Measurements
+from .measuring import harmless_bytes as harmless_bytes, measure as measure

@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from drivecomm.commissioning.doctor.examination import Examination, Listening, Replies, Sought
+    from drivecomm.commissioning.doctor.measurements import Listening, Measurements, Replies, Sought
     from drivecomm.transport import PortReport
 
 Weight: TypeAlias = Literal["fine", "note", "problem"]
+_About: TypeAlias = Literal["port", "noise", "echo", "drives", "time"]
+_Found: TypeAlias = tuple[Weight, str, str]
+"""Weight, text and remedy."""
 
 # Beyond this share of the reply time a slow day of the drive becomes a timeout.
 _CLOSE_TO_TIMEOUT = 0.7
@@ -28,71 +31,72 @@ class Finding:
     """One thing that was found. weight: whether anything is to be done. remedy: what, empty when nothing is."""
 
     weight: Weight
-    about: Literal["port", "noise", "echo", "drives", "time"]
+    about: _About
     text: str
     remedy: str = ""
 
 
-def judge(examination: Examination, report: PortReport | None) -> list[Finding]:
+def judge(measurements: Measurements, report: PortReport | None) -> list[Finding]:
     """Return what was found, in the order in which a line is best looked after. report: None where nothing is known."""
+    found: dict[_About, Iterator[_Found]] = {
+        "port": _port(report, measurements),
+        "noise": _noise(measurements),
+        "echo": _echo(measurements),
+        "drives": _drives(measurements),
+        "time": _times(measurements, report),
+    }
     return [
-        *_port(report, examination),
-        *_noise(examination),
-        *_echo(examination),
-        *_drives(examination),
-        *_times(examination, report),
+        Finding(weight=weight, about=about, text=text, remedy=remedy)
+        for about, several in found.items()
+        for weight, text, remedy in several
     ]
 
 
-def _port(report: PortReport | None, examination: Examination) -> Iterator[Finding]:
+def _port(report: PortReport | None, measurements: Measurements) -> Iterator[_Found]:
     if report is None:
-        yield Finding(weight="note", about="port", text="nothing is known of this port but what was measured")
+        yield "note", "nothing is known of this port but what was measured", ""
         return
     if report.kind != "serial port":
         unknown = "what adapter there is, its latency and the direction of its transmitter cannot be known from here"
         remedy = "run this on the machine that has the adapter" if report.kind in ("raw TCP", "RFC 2217") else ""
-        yield Finding(weight="note", about="port", text=f"{report.url} is {_a(report.kind)}: {unknown}", remedy=remedy)
+        yield "note", f"{report.url} is {_a(report.kind)}: {unknown}", remedy
         if report.kind == "raw TCP":
-            yield Finding(
-                weight="note",
-                about="port",
-                text="the line settings are those of the server, whatever is asked for here",
-                remedy="set them at the server, or use rfc2217:// if it can",
-            )
+            text = "the line settings are those of the server, whatever is asked for here"
+            yield "note", text, "set them at the server, or use rfc2217:// if it can"
         return
     parts = [f"{report.url} is a serial port"]
     parts += [f"driver {report.driver}"] if report.driver else []
     parts += [f"USB {report.usb}"] if report.usb else []
     parts += [f"RS-485 direction control {report.rs485}"]
-    yield Finding(weight="fine", about="port", text=", ".join(parts))
+    yield "fine", ", ".join(parts), ""
     timer = report.latency_timer_ms
     if timer is not None and timer > 1:
         text = f"the adapter holds received bytes back for up to {timer} ms"
-        yield Finding(weight="problem", about="port", text=text, remedy=_LOW_LATENCY)
+        yield "problem", text, _LOW_LATENCY
     elif report.low_latency == "on":
-        yield Finding(weight="fine", about="port", text="low-latency mode is on")
+        yield "fine", "low-latency mode is on", ""
     elif report.usb is not None:
         text = "whether the adapter holds received bytes back does not show; see the reply times"
-        yield Finding(weight="note", about="port", text=text)
+        yield "note", text, ""
     for note in report.notes:
         # What the timer does stands above, with its remedy.
         if "low-latency" not in note:
-            yield Finding(weight="note", about="port", text=note)
-    if examination.replies and report.stable_name != report.url:
+            yield "note", note, ""
+    if measurements.replies and report.stable_name != report.url:
         text = f"after it was unplugged it is opened again as {report.stable_name}"
-        yield Finding(weight="fine", about="port", text=text)
+        yield "fine", text, ""
 
 
-def _noise(examination: Examination) -> Iterator[Finding]:
-    heard = [one for one in examination.noise if one.data]
+def _noise(measurements: Measurements) -> Iterator[_Found]:
+    heard = [one for one in measurements.noise if one.data]
     if not heard:
-        seconds = sum(one.seconds for one in examination.noise)
-        yield Finding(weight="fine", about="noise", text=f"the line is quiet: nothing came unasked in {seconds:g} s")
+        seconds = sum(one.seconds for one in measurements.noise)
+        yield "fine", f"the line is quiet: nothing came unasked in {seconds:g} s", ""
     for one in heard:
         shown = one.data[:_SHOWN_BYTES].hex(" ").upper() + (" ..." if len(one.data) > _SHOWN_BYTES else "")
         text = f"{_bytes(len(one.data))} came unasked in {one.seconds:g} s at {one.settings}: {shown}"
         what, remedy = _source_of(one)
-        yield Finding(weight="problem", about="noise", text=text + what, remedy=remedy)
+        yield "problem", text + what, remedy
 
 
 def _source_of(heard: Listening) -> tuple[str, str]:
@@ -106,8 +110,8 @@ def _source_of(heard: Listening) -> tuple[str, str]:
     return "", remedy
 
 
-def _echo(examination: Examination) -> Iterator[Finding]:
-    trials, said = examination.echo, examination.echo_said
+def _echo(measurements: Measurements) -> Iterator[_Found]:
+    trials, said = measurements.echo, measurements.echo_said
     if not trials:
         return
     kinds = [trial.kind for trial in trials]
@@ -117,9 +121,9 @@ def _echo(examination: Examination) -> Iterator[Finding]:
             text += f", though not always whole ({kinds.count('whole')} of {len(kinds)} times)"
         if said == "off":
             remedy = 'use --echo expect, in a program echo="expect"; or switch the echo off at the adapter'
-            yield Finding(weight="problem", about="echo", text=text, remedy=remedy)
+            yield "problem", text, remedy
         else:
-            yield Finding(weight="fine", about="echo", text=f"{text}, as --echo {said} says")
+            yield "fine", f"{text}, as --echo {said} says", ""
     elif "changed" in kinds:
         trial = trials[kinds.index("changed")]
         text = (
@@ -127,79 +131,74 @@ def _echo(examination: Examination) -> Iterator[Finding]:
             "noise, or an echo that is disturbed while it is sent"
         )
         remedy = "if the line is quiet otherwise, use --echo expect, and check whether two transmitters are on at once"
-        yield Finding(weight="problem", about="echo", text=text, remedy=remedy)
+        yield "problem", text, remedy
     elif said == "expect":
         text = "the adapter hands nothing back, though --echo expect says so"
-        yield Finding(weight="note", about="echo", text=text, remedy="leave --echo out")
+        yield "note", text, "leave --echo out"
     else:
-        yield Finding(weight="fine", about="echo", text="the adapter hands nothing back of what it sends")
+        yield "fine", "the adapter hands nothing back of what it sends", ""
 
 
-def _drives(examination: Examination) -> Iterator[Finding]:
-    for each in examination.sought:
+def _drives(measurements: Measurements) -> Iterator[_Found]:
+    for each in measurements.sought:
         yield _expected(each)
-    for one in examination.found:
+    for one in measurements.found:
         if one.sound:
             told = ", ".join(f"{name} {value}" for name, value in one.identity.items())
-            text = f"{one.name} answers at {examination.asked[one.protocol]}" + (f": {told}" if told else "")
-            if examination.sought:
+            text = f"{one.name} answers at {measurements.asked[one.protocol]}" + (f": {told}" if told else "")
+            if measurements.sought:
                 text += "; it is not in the plant file"
-            yield Finding(weight="note" if examination.sought else "fine", about="drives", text=text)
+            yield "note" if measurements.sought else "fine", text, ""
         else:
             text = f"{one.name} answers, but damaged: {one.detail}"
             remedy = "check baud rate and parity, termination, and whether two drives have the same address"
-            yield Finding(weight="problem", about="drives", text=text, remedy=remedy)
-    for found, settings in examination.elsewhere:
-        text = f"{found.name} answers at {settings}, not at {examination.asked[found.protocol]}"
-        remedy = f"use --baudrate {settings.baudrate}, or set the drive to {examination.asked[found.protocol].baudrate}"
-        yield Finding(weight="problem", about="drives", text=text, remedy=remedy)
-    if examination.unclear_bytes:
-        text = f"{_bytes(examination.unclear_bytes)} came while drives were asked, and were part of no answer"
+            yield "problem", text, remedy
+    for found, settings in measurements.elsewhere:
+        text = f"{found.name} answers at {settings}, not at {measurements.asked[found.protocol]}"
+        remedy = (
+            f"use --baudrate {settings.baudrate}, or set the drive to {measurements.asked[found.protocol].baudrate}"
+        )
+        yield "problem", text, remedy
+    if measurements.unclear_bytes:
+        text = f"{_bytes(measurements.unclear_bytes)} came while drives were asked, and were part of no answer"
         remedy = "check baud rate and parity of the drives, and look at the bytes with --trace"
-        yield Finding(weight="problem", about="drives", text=text, remedy=remedy)
-    if examination.found or examination.elsewhere or examination.sought:
+        yield "problem", text, remedy
+    if measurements.found or measurements.elsewhere or measurements.sought:
         return
-    at = ", ".join(f"{name} at {settings}" for name, settings in examination.asked.items())
-    yield Finding(
-        weight="problem",
-        about="drives",
-        text=f"nobody answers at {examination.addresses} addresses ({at})",
-        remedy="check that the drives have power, their address, protocol and baud rate (--baudrate, --parity), "
-        "and whether the two signal wires are swapped",
+    at = ", ".join(f"{name} at {settings}" for name, settings in measurements.asked.items())
+    remedy = (
+        "check that the drives have power, their address, protocol and baud rate (--baudrate, --parity), "
+        "and whether the two signal wires are swapped"
     )
+    yield "problem", f"nobody answers at {measurements.addresses} addresses ({at})", remedy
 
 
-def _expected(sought: Sought) -> Finding:
+def _expected(sought: Sought) -> _Found:
     if not sought.error:
-        return Finding(weight="fine", about="drives", text=f"{sought.drive.full_name} answers at {sought.settings}")
+        return "fine", f"{sought.drive.full_name} answers at {sought.settings}", ""
     if sought.elsewhere is not None:
         rates = sought.elsewhere.baudrate, sought.settings.baudrate
-        return Finding(
-            weight="problem",
-            about="drives",
-            text=f"{sought.drive.full_name} answers at {sought.elsewhere}, not at {sought.settings}",
-            remedy=f"write baudrate = {rates[0]} in its options in the plant file, or set the drive to {rates[1]}",
-        )
-    return Finding(
-        weight="problem",
-        about="drives",
-        text=f"{sought.drive.full_name} does not answer at {sought.settings}: {sought.error}",
-        remedy="check that it has power and its wires, and whether its address, protocol and line settings are those "
-        "of the plant file; drivecomm scan --wide finds it at others",
+        text = f"{sought.drive.full_name} answers at {sought.elsewhere}, not at {sought.settings}"
+        remedy = f"write baudrate = {rates[0]} in its options in the plant file, or set the drive to {rates[1]}"
+        return "problem", text, remedy
+    remedy = (
+        "check that it has power and its wires, and whether its address, protocol and line settings are those "
+        "of the plant file; drivecomm scan --wide finds it at others"
     )
+    return "problem", f"{sought.drive.full_name} does not answer at {sought.settings}: {sought.error}", remedy
 
 
-def _times(examination: Examination, report: PortReport | None) -> Iterator[Finding]:
-    for one in examination.replies:
+def _times(measurements: Measurements, report: PortReport | None) -> Iterator[_Found]:
+    for one in measurements.replies:
         lost = one.asked - len(one.times_s)
         if lost:
             text = f"{one.drive} answered {len(one.times_s)} of {one.asked} times"
             remedy = "check termination, screen and the 0 V connection, or give it more time with --timeout"
-            yield Finding(weight="problem", about="time", text=text, remedy=remedy)
+            yield "problem", text, remedy
         if one.times_s:
-            yield Finding(weight="fine", about="time", text=_reply_time(one, paced=examination.paced))
+            yield "fine", _reply_time(one, paced=measurements.paced), ""
             yield from _too_slow(one)
-            yield from _on_a_grid(one, report)
+            yield from _latency_timer(one, report)
 
 
 def _reply_time(one: Replies, *, paced: bool) -> str:
@@ -213,22 +212,22 @@ def _reply_time(one: Replies, *, paced: bool) -> str:
     return f"{text}; the characters alone would take {wire:.1f} ms on a line, so they take no time {where}"
 
 
-def _too_slow(one: Replies) -> Iterator[Finding]:
+def _too_slow(one: Replies) -> Iterator[_Found]:
     slowest = max(one.delays_s)
     if slowest > _CLOSE_TO_TIMEOUT * one.reply_timeout_s:
         text = f"{one.drive} takes up to {slowest * 1000:.0f} ms of the {one.reply_timeout_s * 1000:.0f} ms it is given"
         remedy = f"give it more: --timeout {2 * slowest:.2g}"
-        yield Finding(weight="note", about="time", text=text, remedy=remedy)
+        yield "note", text, remedy
 
 
-def _on_a_grid(one: Replies, report: PortReport | None) -> Iterator[Finding]:
-    step = arrival_grid_s(one.arrivals_s)
+def _latency_timer(one: Replies, report: PortReport | None) -> Iterator[_Found]:
+    step = latency_timer_s(one.arrivals_s)
     if step is None:
         return
     text = f"replies of {one.drive} come in steps of {step * 1000:.0f} ms, as from an adapter with a latency timer"
     remote = report is not None and report.kind in ("raw TCP", "RFC 2217")
     remedy = "set the latency timer of the server's adapter to 1 ms" if remote else _LOW_LATENCY
-    yield Finding(weight="problem", about="time", text=text, remedy=remedy)
+    yield "problem", text, remedy
 
 
 def _bytes(number: int) -> str:
@@ -244,19 +243,21 @@ def _a(kind: str) -> str:
 
 
 _LEAST_INTERVALS = 7
-_OFF_GRID_S = 0.0008
+_OFF_TICK_S = 0.0008
+_USUAL_TIMERS_S = (0.016, 0.008)
 
 
-def arrival_grid_s(arrivals_s: Sequence[float], steps_s: Sequence[float] = (0.016, 0.008)) -> float | None:
-    """Return the step of time on which replies come that were asked for at uneven times; None where there is none.
+def latency_timer_s(arrivals_s: Sequence[float]) -> float | None:
+    """Return the latency timer, in seconds, at whose ticks replies came; None where they came at any time.
 
-    A USB adapter with a latency timer hands over what it received at the timer's ticks only.
+    A USB adapter with such a timer hands over what it received at its ticks only. The replies must have been asked for
+    at uneven times.
     """
     intervals = [later - earlier for earlier, later in pairwise(arrivals_s)]
     if len(intervals) < _LEAST_INTERVALS:
         return None
-    for step in steps_s:
-        off = sum(abs(interval - round(interval / step) * step) > _OFF_GRID_S for interval in intervals)
+    for timer in _USUAL_TIMERS_S:
+        off = sum(abs(interval - round(interval / timer) * timer) > _OFF_TICK_S for interval in intervals)
         if off <= len(intervals) // 10:
-            return step
+            return timer
     return None

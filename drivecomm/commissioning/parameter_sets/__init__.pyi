@@ -30,6 +30,6 @@ from .parameter_set import (
     in_order as in_order,
     same as same,
 )
-from .planning import Plan as Plan, Planned as Planned, RestoreOptions as RestoreOptions
+from .reading_out import part_of as part_of
+from .restore_plan import Plan as Plan, Planned as Planned, RestoreOptions as RestoreOptions
 from .restoring import Restored as Restored
-from .subject import part_of as part_of

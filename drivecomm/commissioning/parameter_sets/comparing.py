@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivecomm.commissioning.parameter_sets.effect import common_values, model_of
 from drivecomm.commissioning.parameter_sets.parameter_set import SETTINGS, in_order, in_unit, same
-from drivecomm.commissioning.parameter_sets.subject import changes_told
+from drivecomm.commissioning.parameter_sets.reading_out import changes_told
 from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:

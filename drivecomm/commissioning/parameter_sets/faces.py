@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 from drivecomm.bus import carry_out, carry_out_async
 from drivecomm.commissioning.parameter_sets.journal import Forgetful
 from drivecomm.commissioning.parameter_sets.parameter_set import SETTINGS, WRITABLE
-from drivecomm.commissioning.parameter_sets.planning import RestoreOptions, planning
-from drivecomm.commissioning.parameter_sets.reading_out import factory_values, reading_out
+from drivecomm.commissioning.parameter_sets.planning import planning
+from drivecomm.commissioning.parameter_sets.reading_out import factory_values, reading_out, subject
+from drivecomm.commissioning.parameter_sets.restore_plan import RestoreOptions
 from drivecomm.commissioning.parameter_sets.restoring import restoring
-from drivecomm.commissioning.parameter_sets.subject import subject
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from drivecomm.bus import AsyncDrive, Drive
     from drivecomm.commissioning.parameter_sets.journal import Remembers
     from drivecomm.commissioning.parameter_sets.parameter_set import ParameterSet, Part
-    from drivecomm.commissioning.parameter_sets.planning import Plan
     from drivecomm.commissioning.parameter_sets.reading_out import Progress
+    from drivecomm.commissioning.parameter_sets.restore_plan import Plan
     from drivecomm.commissioning.parameter_sets.restoring import Restored
 
 

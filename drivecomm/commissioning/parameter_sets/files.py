@@ -1,27 +1,7 @@
-"""Parameter sets as files, in TOML, for people and for version control: one line a parameter, always in one order.
+"""Parameter sets as TOML files, for people and for version control: one line a parameter, always in one order.
 
-format = 1
-protocol = "vabus"
-drive = "vabus:1"                 # where it was read
-model = "agile"
-firmware = "5.11"                 # left out where the drive does not tell
-time = 2026-11-21T19:00:00Z
-
-[identity]                        # what the drive told of itself
-"serial number" = "012345G678"
-
-[settings]
-"372[1]" = { name = "rated_speed", value = 1450, unit = "1/min", raw = "05AA" }
-"481[1]" = { name = "fixed_frequency_2", value = 10.00, unit = "Hz", raw = "000003E8" }
-
-[communication]                   # address, baud rate and so on: not restored unless told
-
-[measured]                        # never restored
-
-[not_read]
-"18" = "it can only be written"
-
-Numbers are exact: what stands behind the point counts as a decimal number, never as a binary one.
+`docs/how-to/parameter-sets.md` shows one. Numbers are exact: what stands behind the point counts as a decimal number,
+never as a binary one.
 """
 
 from __future__ import annotations

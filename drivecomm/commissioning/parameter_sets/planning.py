@@ -2,85 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from drivecomm.bus import check_write, read_parameter
-from drivecomm.commissioning.parameter_sets.carrying import (
+from drivecomm.commissioning.parameter_sets.effect import (
     carried_watchdog,
     common_entries,
     is_about_watchdog,
+    model_of,
     reason_not_to_count,
 )
-from drivecomm.commissioning.parameter_sets.effect import model_of
-from drivecomm.commissioning.parameter_sets.ordering import Stage, stage_of
-from drivecomm.commissioning.parameter_sets.parameter_set import in_order, in_unit, same
-from drivecomm.commissioning.parameter_sets.reading_out import identity_told
-from drivecomm.commissioning.parameter_sets.subject import of_another_drive, part_of
+from drivecomm.commissioning.parameter_sets.parameter_set import WRITABLE, in_order, in_unit, same
+from drivecomm.commissioning.parameter_sets.reading_out import identity_told, of_another_drive, part_of
+from drivecomm.commissioning.parameter_sets.restore_plan import Plan, Planned, RestoreOptions, Stage, stage_of
 from drivecomm.errors import DriveError, NotSupported, ReadOnlyError, UsageError, ValueRefusedError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from drivecomm.bus import Procedure
     from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet
-    from drivecomm.commissioning.parameter_sets.reading_out import Progress
-    from drivecomm.commissioning.parameter_sets.subject import Subject
-    from drivecomm.protocol import Model, ParameterInfo, Reading, Value
-
-Action: TypeAlias = Literal["write", "equal", "skip"]
-"""write: its value is another one. equal: it has the value already. skip: it is left alone, and why."""
+    from drivecomm.commissioning.parameter_sets.reading_out import Progress, Subject
+    from drivecomm.protocol import Model, ParameterInfo
 
 _SHOWN = 3
 _NOT_TOLD = "communication settings are only written when that is said (--communication)"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Planned:
-    """What becomes of one entry of a parameter set.
-
-    address: on the drive, or a common name. value, unit: what it is to be, in the drive's unit. current: what it is
-    now, None where the drive does not tell. options: of reading and writing it, where the value is the plain number
-    because nobody knows its scale. missed: left alone although it should have been restored.
-    """
-
-    action: Action
-    address: str
-    name: str
-    value: Value
-    unit: str
-    stage: Stage
-    current: Value | None = None
-    reason: str = ""
-    options: Mapping[str, Any] = field(default_factory=dict)
-    missed: bool = False
-
-    def held_by(self, reading: Reading) -> Value:
-        """Return the value of a reading as this one's value is meant."""
-        return reading.raw if self.options else reading.value
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
-    """What a restore would do, in its order. store: whether writes are kept over power-off, as far as is known."""
-
-    drive: str
-    store: bool
-    items: tuple[Planned, ...]
-    remarks: tuple[str, ...] = ()
-
-    def to(self, action: Action) -> list[Planned]:
-        """Return the entries of which this becomes."""
-        return [item for item in self.items if item.action == action]
-
-    @property
-    def missed(self) -> list[Planned]:
-        """What is left alone although it should have been restored.
-
-        Of a set of the same model that is every setting, of what was named in the options all of it; communication
-        settings that were not asked for and what has no meaning for another model are left alone as they should be.
-        """
-        return [item for item in self.items if item.missed]
 
 
 def planning(to: Subject, known: ParameterSet, options: RestoreOptions, progress: Progress) -> Procedure[Plan]:
@@ -93,7 +38,12 @@ def planning(to: Subject, known: ParameterSet, options: RestoreOptions, progress
     remarks, own = yield from _looked_at(to, known, options)
     across = known.protocol != to.protocol
     model = _model_of(known) if across else to.model
-    entries, skipped = _entries(to, known, model, across=across)
+    if across:
+        # For a drive of another maker, what has a common name that its model maps.
+        entries, left = common_entries(to, known, model)
+        skipped = [_skipped(entry, reason) for entry, reason in left]
+    else:
+        entries, skipped = known.of(WRITABLE), []
     entries, skipped, without = _chosen(entries, skipped, options)
     items = list(skipped)
     wanted: list[Planned] = []
@@ -118,7 +68,12 @@ def planning(to: Subject, known: ParameterSet, options: RestoreOptions, progress
     else:
         _must_fit(items, wrong)
     of_same_model = not across and known.model == to.model.name
-    items = [replace(item, missed=_is_missed(item, options, of_same_model=of_same_model)) for item in items]
+    items = [
+        replace(
+            item, missed=item.action == "skip" and bool(options.only or (of_same_model and item.reason != _NOT_TOLD))
+        )
+        for item in items
+    ]
     order = {address: place for place, address in enumerate(in_order(item.address for item in items))}
     items.sort(key=lambda item: (item.stage, order[item.address]))
     if without:
@@ -155,14 +110,6 @@ def _model_of(known: ParameterSet) -> Model:
             f"for {known.protocol}; put its file where models are found; nothing was written"
         )
     return model
-
-
-def _entries(to: Subject, known: ParameterSet, model: Model, *, across: bool) -> tuple[list[Entry], list[Planned]]:
-    """Return what could be restored; for a drive of another maker, what has a common name that its model maps."""
-    if not across:
-        return known.of(["settings", "communication"]), []
-    entries, left = common_entries(to, known, model)
-    return entries, [_skipped(entry, reason) for entry, reason in left]
 
 
 def _chosen(
@@ -261,10 +208,6 @@ def _skipped(entry: Entry, reason: str, info: ParameterInfo | None = None) -> Pl
     )
 
 
-def _is_missed(item: Planned, options: RestoreOptions, *, of_same_model: bool) -> bool:
-    return item.action == "skip" and (bool(options.only) or (of_same_model and item.reason != _NOT_TOLD))
-
-
 def _checked(wanted: list[Planned], *, store: bool) -> Procedure[tuple[list[Planned], list[Planned], dict[str, str]]]:
     """Return what can be asked for, what cannot be sent by itself, and the values that do not fit, by address."""
     fit, unfit, wrong = [], [], {}
@@ -300,18 +243,3 @@ def _compared(item: Planned) -> Procedure[Planned]:
         return item
     held = item.held_by(reading)
     return replace(item, action="equal" if same(held, item.value) else "write", current=held)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RestoreOptions:
-    """What somebody who restores has said.
-
-    only: addresses, names or common names of the parameters to restore; empty for all. communication: also write
-    addresses, baud rates and the like, which can cut the line. another_drive: the set may be of another drive, of
-    another model or another maker. volatile: keep nothing over power-off, where the drive makes the difference.
-    """
-
-    only: frozenset[str] = frozenset()
-    communication: bool = False
-    another_drive: bool = False
-    volatile: bool = False

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from drivecomm.bus import ask_status, read_parameter, write_parameter
-from drivecomm.commissioning.parameter_sets.ordering import Stage
 from drivecomm.commissioning.parameter_sets.parameter_set import same
+from drivecomm.commissioning.parameter_sets.restore_plan import Stage
 from drivecomm.errors import DriveError, ReplyError, StateError, UsageError
 
 if TYPE_CHECKING:
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from drivecomm.bus import Procedure
     from drivecomm.commissioning.parameter_sets.journal import Remembers
-    from drivecomm.commissioning.parameter_sets.planning import Plan, Planned
     from drivecomm.commissioning.parameter_sets.reading_out import Progress
+    from drivecomm.commissioning.parameter_sets.restore_plan import Plan, Planned
     from drivecomm.protocol import DriveStatus, Reading
 
 _ROUNDS = 5

@@ -1,17 +1,20 @@
-"""Drawing a plot with matplotlib, which is loaded here and nowhere else."""
+"""Drawing a plot with matplotlib, loaded here and nowhere else, and a page with it and its figures as tables."""
 
 from __future__ import annotations
 
 import io
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.plant.value_plots.curves import FAULT, SILENT
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
     from drivecomm.plant.value_plots.curves import Picture, Stretch
+
 
 _WIDTH, _PANEL_HEIGHT, _STATE_HEIGHT, _MARGIN = 10.0, 2.4, 0.36, 0.9
 _MOST_IN_A_LEGEND = 12
@@ -49,8 +52,6 @@ def save(picture: Picture, title: str, path: Path) -> None:
     elif path.suffix == ".svg":
         content = draw_svg(picture, title).encode()
     elif path.suffix in (".html", ".htm"):
-        from drivecomm.plant.value_plots.page import page_of  # noqa: PLC0415 - most plots are pictures
-
         content = page_of(picture, title, draw_svg(picture, title)).encode()
     else:
         raise UsageError(f"{path}: a plot is .png, .svg or .html; give it one of these endings")
@@ -150,3 +151,55 @@ def _draw_time(panel: Any) -> None:
     panel.xaxis.set_major_locator(locator)
     panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))
     panel.set_xlabel("time, UTC")
+
+
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 75rem; padding: 0 1rem; color: #263238; }
+svg { width: 100%; height: auto; }
+table { border-collapse: collapse; margin: 1rem 0; }
+th, td { padding: 0.25rem 0.8rem; border-bottom: 1px solid #cfd8dc; text-align: left; }
+td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
+"""
+_NUMBER = ' class="number"'
+
+
+def page_of(picture: Picture, title: str, svg: str) -> str:
+    """Return the page. svg: the plot, as a document of its own."""
+    drawing = svg[svg.index("<svg") :]
+    parts = [f"<h1>{escape(title)}</h1>", drawing, *_curves(picture), *_faults(picture)]
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
+        + "\n".join(parts)
+        + "\n</body>\n</html>\n"
+    )
+
+
+def _curves(picture: Picture) -> list[str]:
+    rows = []
+    for curve in picture.curves:
+        numbers = curve.numbers
+        figures = (min(numbers), sum(numbers) / len(numbers), max(numbers), numbers[-1])
+        texts = [f"{figure:.6g}" for figure in figures]
+        rows.append([curve.drive, curve.name, curve.unit, *texts, str(len(numbers)), str(curve.gaps)])
+    heads = ["drive", "quantity", "unit", "lowest", "mean", "highest", "last", "values", "gaps"]
+    return ["<h2>Values</h2>", _table(heads, rows, numbers_from=3)] if rows else []
+
+
+def _faults(picture: Picture) -> list[str]:
+    rows = [
+        [each.drive, each.text or "fault", each.begin.isoformat(" ", "seconds"), each.end.isoformat(" ", "seconds")]
+        for each in picture.faults
+    ]
+    return ["<h2>Faults</h2>", _table(["drive", "fault", "from", "to"], rows, numbers_from=4)] if rows else []
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, numbers_from: int) -> str:
+    def line(cells: Sequence[str], tag: str) -> str:
+        drawn = (
+            f"<{tag}{_NUMBER if place >= numbers_from else ''}>{escape(cell)}</{tag}>"
+            for place, cell in enumerate(cells)
+        )
+        return f"<tr>{''.join(drawn)}</tr>"
+
+    return "\n".join(["<table>", line(heads, "th"), *(line(row, "td") for row in rows), "</table>"])

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from drivecomm.polling import Quality
     from drivecomm.protocol import DriveConfig, DriveStatus, Reading
 
-
-Condition: TypeAlias = Literal["asking", "answers", "silent"]
+Reachability: TypeAlias = Literal["asking", "answers", "silent"]
 """asking: nothing has come of it yet. answers: it does, be it with a refusal. silent: it, or its line, does not."""
 
 
@@ -38,7 +39,7 @@ class DriveView:
 
     drive: DriveConfig
     line: str
-    condition: Condition = "asking"
+    reachability: Reachability = "asking"
     status: DriveStatus | None = None
     fault: str = ""
     values: Mapping[str, WatchedValue] = field(default_factory=dict)
@@ -57,12 +58,12 @@ class DriveView:
 class Board:
     """All drives at one moment.
 
-    elapsed_s: since watching began. happenings: what changed, the latest first. began_s: when watching began, in
+    elapsed_s: since watching began. events: what changed, the latest first. began_s: when watching began, in
     seconds since 1970; None on virtual lines, which have no time of day.
     """
 
     drives: tuple[DriveView, ...]
-    happenings: tuple[Happening, ...] = ()
+    events: tuple[DriveEvent, ...] = ()
     elapsed_s: float = 0.0
     began_s: float | None = None
 
@@ -74,7 +75,7 @@ class Board:
     @property
     def silent(self) -> int:
         """How many drives do not answer."""
-        return sum(view.condition == "silent" for view in self.drives)
+        return sum(view.reachability == "silent" for view in self.drives)
 
     def view(self, name: str) -> DriveView:
         """Return one drive by its name. Raises KeyError."""
@@ -88,7 +89,7 @@ Kind: TypeAlias = Literal["fault", "silent", "warning", "change", "command"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Happening:
+class DriveEvent:
     """Something that a person wants to know later. time_s: since watching began."""
 
     time_s: float
@@ -97,16 +98,16 @@ class Happening:
     text: str
 
 
-def changes(before: DriveView, after: DriveView, time_s: float) -> list[Happening]:
+def changes(before: DriveView, after: DriveView, time_s: float) -> list[DriveEvent]:
     """Return what happened to a drive between two looks at it."""
     found: list[tuple[Kind, str]] = []
-    if after.condition == "silent" != before.condition:
+    if after.reachability == "silent" != before.reachability:
         found.append(("silent", after.error or "does not answer"))
-    if after.condition == "answers" and before.condition == "silent":
+    if after.reachability == "answers" and before.reachability == "silent":
         found.append(("change", "answers again"))
-    if after.condition == "answers":
+    if after.reachability == "answers":
         found += _by_status(before, after)
-    return [Happening(time_s=time_s, drive=after.name, kind=kind, text=text) for kind, text in found]
+    return [DriveEvent(time_s=time_s, drive=after.name, kind=kind, text=text) for kind, text in found]
 
 
 def _by_status(before: DriveView, after: DriveView) -> list[tuple[Kind, str]]:
@@ -128,3 +129,46 @@ def state_words(status: DriveStatus) -> str:
     """Return the state of a drive in words: running, running backwards, ready, not ready, stopping, fault."""
     words = status.state.value.replace("_", " ")
     return f"{words} backwards" if status.running and status.reverse else words
+
+
+ROOM = 1200
+"""How many samples a trend keeps: twenty minutes at one a second."""
+
+
+class Sample(NamedTuple):
+    """A value at a time; None where the drive was asked and gave none."""
+
+    time_s: float
+    value: float | None
+
+
+class Trend:
+    """A ring of samples. keeps_s: how long a value stands for what follows; after that there is a gap."""
+
+    def __init__(self, *, keeps_s: float, room: int = ROOM) -> None:
+        self._keeps_s = keeps_s
+        self._samples: deque[Sample] = deque(maxlen=room)
+
+    def add(self, time_s: float, value: float | None) -> None:
+        """Take the next sample; times do not go back."""
+        self._samples.append(Sample(time_s, value))
+
+    @property
+    def samples(self) -> Sequence[Sample]:
+        """All samples that are kept, the oldest first."""
+        return tuple(self._samples)
+
+    def cells(self, number: int, *, until_s: float, each_s: float) -> list[float | None]:
+        """Return what held at the end of each of so many stretches of time, the last of which ends at until_s.
+
+        None before the first sample, after a failed one, and when the last sample is older than a value keeps.
+        """
+        times = [sample.time_s for sample in self._samples]
+        return [self._at(times, until_s - each_s * back) for back in reversed(range(number))]
+
+    def _at(self, times: list[float], time_s: float) -> float | None:
+        # What is due at the end of a stretch may be a hair late.
+        place = bisect_right(times, time_s + 1e-9)
+        if not place or time_s - times[place - 1] > self._keeps_s:
+            return None
+        return self._samples[place - 1].value

@@ -9,10 +9,10 @@ from drivecomm.errors import UsageError
 from drivecomm.protocol import LINE_FACT_NAMES
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Mapping
 
     from drivecomm.link import Port
-    from drivecomm.plant import Plant
+    from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig
 
 
@@ -35,22 +35,19 @@ def lines_of(plant: Plant, options: Mapping[str, Any] | None = None) -> list[Wat
 
     Raises UsageError for a line without a port.
     """
-    return [_line_of(plant, name, options or {}) for name in _names(plant)]
-
-
-def _names(plant: Plant) -> Iterable[str]:
-    names = [line.name for line in plant.lines if plant.on_line(line.name)]
-    if not names:
+    lines = [_line_of(plant, line, options or {}) for line in plant.lines if plant.on_line(line.name)]
+    if not lines:
         raise UsageError("the plant has no drives to watch; write a [[drive]] for each")
-    return names
+    return lines
 
 
-def _line_of(plant: Plant, name: str, options: Mapping[str, Any]) -> WatchedLine:
-    line = next(line for line in plant.lines if line.name == name)
+def _line_of(plant: Plant, line: PlantLine, options: Mapping[str, Any]) -> WatchedLine:
     if not line.reached_at:
-        raise UsageError(f'line {name} has no port; write port = "/dev/ttyUSB0" or what a master opens to reach it')
+        raise UsageError(
+            f'line {line.name} has no port; write port = "/dev/ttyUSB0" or what a master opens to reach it'
+        )
     given = {key: value for key, value in options.items() if value is not None}
     facts = {key: value for key, value in given.items() if key in LINE_FACT_NAMES}
-    drives = tuple(drive.with_options(**facts) for drive in plant.on_line(name))
+    drives = tuple(drive.with_options(**facts) for drive in plant.on_line(line.name))
     echo = {"echo": True} if line.echo else {}
-    return WatchedLine(name=name, port=line.reached_at, drives=drives, options={**echo, **line.settings, **given})
+    return WatchedLine(name=line.name, port=line.reached_at, drives=drives, options={**echo, **line.settings, **given})

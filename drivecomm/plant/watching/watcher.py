@@ -9,33 +9,27 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter, deque
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from decimal import Decimal
 from functools import partial
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 from drivecomm.bus import open_bus_async
-from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
+from drivecomm.errors import LinkError, ReplyError, UsageError
 from drivecomm.link import REOPEN_LONGEST_S, Statistics
 from drivecomm.models import quantities
-from drivecomm.plant.watching.board import Board, DriveView, Happening, WatchedValue, changes
-from drivecomm.plant.watching.history import Trend
+from drivecomm.plant.watching.asked import STATUS, OpenLine, SeenDrive
+from drivecomm.plant.watching.board import Board, DriveEvent, DriveView, Trend, WatchedValue, changes
 from drivecomm.polling import PollItem, poll_async
-from drivecomm.protocol import Reading
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
     from types import TracebackType
 
-    from drivecomm.bus import AsyncBus, AsyncDrive
+    from drivecomm.bus import AsyncDrive
     from drivecomm.link import TraceEvent
     from drivecomm.plant.watching.watched import WatchedLine
     from drivecomm.polling import PollResult
-    from drivecomm.protocol import DriveStatus
-
-STATUS = "status"
-"""What results call the status word: their value is the state, raw the word, text the fault."""
 
 USUAL_NAMES = (
     "output_frequency",
@@ -49,91 +43,9 @@ USUAL_NAMES = (
 )
 """What is watched of a drive unless told otherwise, as far as its model has it."""
 
-_REOPENING_S = REOPEN_LONGEST_S
-_KEPT_TELEGRAMS = 400
-_KEPT_HAPPENINGS = 200
+_KEPT_EVENTS = 200
 _KEPT_PERIODS = 3
 _TREND_PERIODS = 60
-
-
-class _Asked:
-    """A drive as a poll plan asks it: its status under one name, its parameters under theirs."""
-
-    def __init__(self, drive: AsyncDrive) -> None:
-        self._drive = drive
-        self.status: DriveStatus | None = None
-        self.fault = ""
-
-    @property
-    def name(self) -> str:
-        return self._drive.name
-
-    @property
-    def bus(self) -> Any:
-        return self._drive.bus
-
-    def check_read(self, parameter: str, **options: Any) -> None:
-        if parameter != STATUS:
-            self._drive.check_read(parameter, **options)
-
-    async def polled(self, parameter: str, **options: Any) -> Reading:
-        if parameter != STATUS:
-            return await self._drive.polled(parameter, **options)
-        self.status = status = await self._drive.status()
-        self.fault = await self._fault_of(status) if status.fault else ""
-        return Reading(
-            parameter=STATUS,
-            name=STATUS,
-            value=status.state.value,
-            raw=status.word,
-            text=self.fault,
-            time_s=self._drive.bus.wall_time(),
-        )
-
-    async def _fault_of(self, status: DriveStatus) -> str:
-        """Return what the drive tripped with; where its status does not say it, a parameter may."""
-        code, text, model = status.fault_code, status.fault_text, self._drive.model
-        if code is None and not text and model is not None and "fault_code" in model.quantities:
-            # A fault without a number is one all the same.
-            with suppress(UsageError, DriveError):
-                reading = await self._drive.polled("fault_code")
-                text = reading.text
-                code = int(reading.value) if reading.value and not isinstance(reading.value, str) else None
-        if code is not None and not text and model is not None:
-            text = model.faults.get(code, "")
-        if code is None:
-            return text or "fault"
-        return f"{code} {text}" if text else f"code {code}"
-
-
-@dataclass(slots=True, eq=False)
-class _Seen:
-    """What is known of one drive, as it grows."""
-
-    line: _Line
-    drive: AsyncDrive
-    asked: _Asked
-    view: DriveView
-    answered_s: float | None = None
-    trends: dict[str, Trend] = field(default_factory=dict)
-    telegrams: deque[TraceEvent] = field(default_factory=lambda: deque(maxlen=_KEPT_TELEGRAMS))
-
-
-@dataclass(slots=True, eq=False)
-class _Line:
-    """A line and its bus. began_s: its clock when watching began. now_s: its clock when it was last open."""
-
-    watched: WatchedLine
-    bus: AsyncBus
-    is_open: bool = False
-    began_s: float = 0.0
-    now_s: float = 0.0
-
-    @property
-    def elapsed_s(self) -> float:
-        if self.is_open:
-            self.now_s = self.bus.now()
-        return self.now_s - self.began_s
 
 
 class Watcher:
@@ -162,8 +74,8 @@ class Watcher:
         self.told = told
         """Hears every result; may be set while watching."""
         self._began_s: float | None = None
-        self._happenings: deque[Happening] = deque(maxlen=_KEPT_HAPPENINGS)
-        self._seen: dict[str, _Seen] = {}
+        self._events: deque[DriveEvent] = deque(maxlen=_KEPT_EVENTS)
+        self._seen: dict[str, SeenDrive] = {}
         self._lines = [self._made(line) for line in lines]
         if not self._lines:
             raise UsageError("there is nothing to watch; name drives, or a plant with some")
@@ -174,13 +86,12 @@ class Watcher:
         known = {name for seen in self._seen.values() if seen.drive.model for name in seen.drive.model.quantities}
         return [name for name in self.names if name not in known]
 
-    def _made(self, watched: WatchedLine) -> _Line:
-        line = _Line(watched, open_bus_async(watched.port, trace=partial(self._traced, watched), **watched.options))
+    def _made(self, watched: WatchedLine) -> OpenLine:
+        line = OpenLine(watched, open_bus_async(watched.port, trace=partial(self._traced, watched), **watched.options))
         for one in watched.drives:
             if one.name in self._seen:
                 raise UsageError(f"two drives are named {one.name!r}; give each a name of its own")
-            drive = one.build(line.bus.drive)
-            self._seen[one.name] = _Seen(line, drive, _Asked(drive), DriveView(drive=one, line=watched.name))
+            self._seen[one.name] = SeenDrive(line, one.build(line.bus.drive), DriveView(drive=one, line=watched.name))
         return line
 
     async def __aenter__(self) -> Self:
@@ -210,7 +121,7 @@ class Watcher:
         """Return what is known at the moment."""
         return Board(
             drives=tuple(self._view(seen) for seen in self._seen.values()),
-            happenings=tuple(sorted(self._happenings, key=lambda one: one.time_s, reverse=True)),
+            events=tuple(sorted(self._events, key=lambda one: one.time_s, reverse=True)),
             elapsed_s=max(line.elapsed_s for line in self._lines),
             began_s=self._began_s,
         )
@@ -238,8 +149,8 @@ class Watcher:
 
     def note(self, drive: str, text: str) -> None:
         """Add what somebody did to what happened."""
-        at = self._seen[drive].line.elapsed_s
-        self._happenings.append(Happening(time_s=at, drive=drive, kind="command", text=text))
+        time_s = self._seen[drive].line.elapsed_s
+        self._events.append(DriveEvent(time_s=time_s, drive=drive, kind="command", text=text))
 
     def _traced(self, line: WatchedLine, event: TraceEvent) -> None:
         for one in line.drives:
@@ -251,13 +162,13 @@ class Watcher:
         if (first := errors[0]) is not None and all(errors):
             raise first
 
-    async def _opened(self, line: _Line, late_s: float = 0.0) -> LinkError | None:
+    async def _opened(self, line: OpenLine, late_s: float = 0.0) -> LinkError | None:
         """Open a line, so much later than watching began; a failure is shown with its drives."""
         try:
             await line.bus.__aenter__()
         except LinkError as error:
             for seen in self._on(line):
-                self._update(seen, replace(seen.view, condition="silent", status=None, fault="", error=_words(error)))
+                self._update(seen, _silent(seen.view, " ".join(str(error).split())))
             return error
         line.is_open = True
         line.now_s = line.bus.now()
@@ -273,7 +184,7 @@ class Watcher:
             line.is_open = False
             await line.bus.close()
 
-    async def _watch(self, line: _Line, duration_s: float | None) -> None:
+    async def _watch(self, line: OpenLine, duration_s: float | None) -> None:
         # What a line that is not open has to do with time is that of the event loop.
         loop = asyncio.get_running_loop()
         began_s, left_s = loop.time(), duration_s
@@ -282,44 +193,43 @@ class Watcher:
             left_s = None if duration_s is None else duration_s - late_s
             if left_s is not None and left_s <= 0:
                 return
-            await asyncio.sleep(_REOPENING_S if left_s is None else min(_REOPENING_S, left_s))
+            await asyncio.sleep(REOPEN_LONGEST_S if left_s is None else min(REOPEN_LONGEST_S, left_s))
             await self._opened(line, loop.time() - began_s)
         async for result in poll_async(self._plan(line), duration_s=left_s):
             self._take(self._seen[result.drive], result)
             if self.told is not None:
                 self.told(result)
 
-    def _plan(self, line: _Line) -> list[PollItem[_Asked]]:
+    def _plan(self, line: OpenLine) -> list[PollItem[SeenDrive]]:
         items = []
         for seen in self._on(line):
             known = seen.drive.model.quantities if seen.drive.model else {}
             asked = [STATUS, *(name for name in self.names if name in known)]
             items += [
-                PollItem(drive=seen.asked, parameter=name, period_s=self.period_s, name=seen.view.name)
-                for name in asked
+                PollItem(drive=seen, parameter=name, period_s=self.period_s, name=seen.view.name) for name in asked
             ]
             for name in asked[1:]:
                 seen.trends.setdefault(name, Trend(keeps_s=_KEPT_PERIODS * self.period_s))
         return items
 
-    def _on(self, line: _Line) -> list[_Seen]:
+    def _on(self, line: OpenLine) -> list[SeenDrive]:
         return [seen for seen in self._seen.values() if seen.line is line]
 
-    def _take(self, seen: _Seen, result: PollResult) -> None:
+    def _take(self, seen: SeenDrive, result: PollResult) -> None:
         silent = isinstance(result.error, ReplyError | LinkError)
         if not silent:
             seen.answered_s = seen.line.elapsed_s
         view = seen.view
         cause = result.cause.removeprefix(f"{seen.drive.name}: ").removeprefix(f"{seen.drive.name} ")
         if silent:
-            view = replace(view, condition="silent", status=None, fault="", error=cause)
+            view = _silent(view, cause)
         else:
-            view = replace(view, condition="answers", error="" if view.condition == "silent" else view.error)
-        if result.parameter == STATUS and not silent:
-            view = replace(view, error=cause)
+            view = replace(view, reachability="answers", error="" if view.reachability == "silent" else view.error)
         if result.parameter == STATUS:
+            if not silent:
+                view = replace(view, error=cause)
             if not result.error:
-                view = replace(view, status=seen.asked.status, fault=seen.asked.fault)
+                view = replace(view, status=seen.status, fault=seen.fault)
         else:
             value = WatchedValue(
                 name=result.parameter, reading=result.reading, quality=result.quality, cause=result.cause
@@ -328,11 +238,11 @@ class Watcher:
             seen.trends[result.parameter].add(seen.line.elapsed_s, _number(result))
         self._update(seen, view)
 
-    def _update(self, seen: _Seen, view: DriveView) -> None:
-        self._happenings.extend(changes(seen.view, view, seen.line.elapsed_s))
+    def _update(self, seen: SeenDrive, view: DriveView) -> None:
+        self._events.extend(changes(seen.view, view, seen.line.elapsed_s))
         seen.view = view
 
-    def _view(self, seen: _Seen) -> DriveView:
+    def _view(self, seen: SeenDrive) -> DriveView:
         counted = seen.line.bus.statistics.get(seen.drive.name, Statistics())
         return replace(
             seen.view,
@@ -349,5 +259,5 @@ def _number(result: PollResult) -> float | None:
     return float(value) if isinstance(value, int | Decimal) else None
 
 
-def _words(error: Exception) -> str:
-    return " ".join(str(error).split())
+def _silent(view: DriveView, error: str) -> DriveView:
+    return replace(view, reachability="silent", status=None, fault="", error=error)

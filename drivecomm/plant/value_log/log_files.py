@@ -1,37 +1,31 @@
-"""Opening a log for writing, in the form that its name says."""
+"""Writing logs and reading them back, in the form that the file's name says."""
 
 from __future__ import annotations
 
 import logging
 from dataclasses import replace
 from datetime import timedelta
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Self
 
 from drivecomm.capture import Gaps
-from drivecomm.errors import UsageError
-from drivecomm.plant.value_log.csv_files import CsvLog
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.plant.value_log.csv_files import CsvLog, read_csv
+from drivecomm.plant.value_log.parquet_files import ParquetLog, journal_of, read_parquet
 from drivecomm.plant.value_log.rows import LogRow, row_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from datetime import datetime
     from pathlib import Path
     from types import TracebackType
 
+    from drivecomm.plant.value_log.rows import LogRow
     from drivecomm.polling import PollResult
 
 _LOGGER = logging.getLogger("drivecomm.value_log")
 # What a log tells apart.
 _TICK = timedelta(milliseconds=1)
 _SAME_MOMENT = timedelta(seconds=1)
-
-
-class _Rows(Protocol):
-    def write(self, row: LogRow) -> None: ...
-
-    def close(self) -> None: ...
-
-    def abandon(self) -> None: ...
 
 
 class ValueLog:
@@ -41,7 +35,7 @@ class ValueLog:
     Time, drive and name of a row are its own in a log: what came to the same millisecond has the next one.
     """
 
-    def __init__(self, path: Path, rows: _Rows, tell: Callable[[str], None] | None = None) -> None:
+    def __init__(self, path: Path, rows: CsvLog | ParquetLog, tell: Callable[[str], None] | None = None) -> None:
         self.path = path
         self.written = 0
         self._rows = rows
@@ -101,8 +95,25 @@ def open_log(path: Path, *, tell: Callable[[str], None] | None = None) -> ValueL
     if path.suffix == ".csv":
         return ValueLog(path, CsvLog(path), tell)
     if path.suffix == ".parquet":
-        # Most logs are CSV.
-        from drivecomm.plant.value_log.parquet_files import ParquetLog  # noqa: PLC0415
-
         return ValueLog(path, ParquetLog(path), tell)
     raise UsageError(f"{path}: a log is .csv or .parquet; give it one of these endings")
+
+
+def read_rows(path: Path) -> Iterator[LogRow]:
+    """Yield the rows of a log in the order in which they were written.
+
+    Of a Parquet log that was never finished, those of its journal. Raises FileFormatError, UsageError.
+    """
+    if path.suffix == ".parquet":
+        # What a kill leaves is the journal alone.
+        killed = not path.exists() and journal_of(path).exists()
+        rows = read_csv(journal_of(path)) if killed else read_parquet(path)
+    elif path.suffix == ".csv":
+        rows = read_csv(path)
+    else:
+        raise UsageError(f"{path}: a log is .csv or .parquet; name one of these")
+    try:
+        yield from rows
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise FileFormatError(f"{path}: cannot be read as a log: {reason}") from error

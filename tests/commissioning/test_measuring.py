@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from drivecomm.commissioning.doctor import arrival_grid_s, examine, harmless_bytes, judge
+from drivecomm.commissioning.doctor import harmless_bytes, judge, latency_timer_s, measure
 from drivecomm.errors import LinkDownError, UnknownProtocolError
 from drivecomm.plant import Fault, FaultPlan
 from drivecomm.protocol import Framed, Framer, installed
@@ -24,8 +24,8 @@ SERIAL = PortReport(
 
 def diagnose(line, report=SERIAL, *, port=None, **options):
     options = {"only": ["vabus"], "addresses": [1, 2], **options}
-    examination = examine(port or line.port(), **options)
-    return examination, judge(examination, report)
+    measurements = measure(port or line.port(), **options)
+    return measurements, judge(measurements, report)
 
 
 def problems(findings):
@@ -67,11 +67,11 @@ class OnTicks:
 
 def test_a_line_without_trouble():
     line = VirtualLine([virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 2), virtual_drive("fuji", 2)])
-    examination, findings = diagnose(line, only=None)
+    measurements, findings = diagnose(line, only=None)
     assert problems(findings) == []
-    assert [one.name for one in examination.found] == ["danfoss-fc:2", "fuji:2", "vabus:1"]
-    assert {str(one.settings) for one in examination.noise} == {"9600 8E1", "9600 8N1", "19200 7E1"}
-    for one in examination.replies:
+    assert [one.name for one in measurements.found] == ["danfoss-fc:2", "fuji:2", "vabus:1"]
+    assert {str(one.settings) for one in measurements.noise} == {"9600 8E1", "9600 8N1", "19200 7E1"}
+    for one in measurements.replies:
         assert len(one.times_s) == one.asked
         assert all(delay > 0 for delay in one.delays_s)
     text = " ".join(one.text for one in findings)
@@ -82,10 +82,10 @@ def test_a_line_without_trouble():
 @pytest.mark.parametrize("said", ["off", "expect", "auto"])
 def test_echo(said):
     line = VirtualLine([virtual_drive("vabus", 1)], echo=True)
-    examination, findings = diagnose(line, echo=said)
-    assert [trial.kind for trial in examination.echo] == ["whole"] * 3
-    assert [one.name for one in examination.found] == ["vabus:1"], "what was seen counts, not what was said"
-    assert len(examination.replies[0].times_s) == 24
+    measurements, findings = diagnose(line, echo=said)
+    assert [trial.kind for trial in measurements.echo] == ["whole"] * 3
+    assert [one.name for one in measurements.found] == ["vabus:1"], "what was seen counts, not what was said"
+    assert len(measurements.replies[0].times_s) == 24
     if said == "off":
         assert "--echo expect" in only(findings, "echo").remedy
     assert (problems(findings) == []) == (said != "off")
@@ -102,8 +102,8 @@ def test_a_disturbed_echo():
         def receive(self, until, at_least):
             return bytes(byte ^ 1 for byte in super().receive(until, at_least))
 
-    examination, findings = diagnose(Disturbed(echo=True))
-    assert {trial.kind for trial in examination.echo} == {"changed"}
+    measurements, findings = diagnose(Disturbed(echo=True))
+    assert {trial.kind for trial in measurements.echo} == {"changed"}
     assert "two transmitters" in only(findings, "echo").remedy
 
 
@@ -116,8 +116,8 @@ def test_an_echo_that_is_not_always_whole():
             self.echo = self.sent != 2
             super().transmit(data)
 
-    examination, findings = diagnose(Fickle(), echo="auto")
-    assert [trial.kind for trial in examination.echo] == ["whole", "none", "whole"]
+    measurements, findings = diagnose(Fickle(), echo="auto")
+    assert [trial.kind for trial in measurements.echo] == ["whole", "none", "whole"]
     assert "not always whole (2 of 3 times)" in " ".join(one.text for one in findings)
 
 
@@ -136,22 +136,22 @@ def test_noise_and_what_it_may_be():
     line.noise = bytes(8)
     assert "swapped" in only(diagnose(line, probes=2)[1], "noise").remedy
     line.noise = bytes.fromhex("04 41 30 30 34 38 31 05")
-    examination, findings = diagnose(line, probes=2, only=["vabus"])
-    assert examination.noise[0].telegrams["vabus"] >= 1
+    measurements, findings = diagnose(line, probes=2, only=["vabus"])
+    assert measurements.noise[0].telegrams["vabus"] >= 1
     assert "other master" in only(findings, "noise").remedy
 
 
 def test_nobody_there():
-    examination, findings = diagnose(VirtualLine())
-    assert (examination.found, examination.replies, examination.elsewhere) == ([], [], [])
+    measurements, findings = diagnose(VirtualLine())
+    assert (measurements.found, measurements.replies, measurements.elsewhere) == ([], [], [])
     assert "nobody answers at 2 addresses (vabus at 19200 7E1)" in only(findings, "drives").text
 
 
 @pytest.mark.parametrize("rate", [9600, 38400])
 def test_a_drive_at_another_baud_rate(rate):
     line = VirtualLine([virtual_drive("vabus", 1, baudrate=rate)])
-    examination, findings = diagnose(line)
-    assert [(found.name, settings.baudrate) for found, settings in examination.elsewhere] == [("vabus:1", rate)]
+    measurements, findings = diagnose(line)
+    assert [(found.name, settings.baudrate) for found, settings in measurements.elsewhere] == [("vabus:1", rate)]
     assert any(f"--baudrate {rate}" in one.remedy for one in findings)
     told, _ = diagnose(line, baudrate=rate)
     assert [one.name for one in told.found] == ["vabus:1"]
@@ -161,8 +161,8 @@ def test_a_drive_at_another_baud_rate(rate):
 
 def test_a_drive_that_answers_only_sometimes():
     faults = FaultPlan(rate=0.3, seed=2, kinds=[Fault.DROP], requests=False)
-    examination, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)], faults=faults))
-    answered = len(examination.replies[0].times_s)
+    measurements, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)], faults=faults))
+    answered = len(measurements.replies[0].times_s)
     assert 5 < answered < 24
     assert f"answered {answered} of 24 times" in only(findings, "time").text
 
@@ -170,16 +170,16 @@ def test_a_drive_that_answers_only_sometimes():
 def test_a_drive_that_is_always_damaged():
     faults = FaultPlan(rate=1, seed=1, kinds=[Fault.CORRUPT], requests=False, bits=1)
     line = VirtualLine([virtual_drive("danfoss-fc", 1)], faults=faults)
-    examination, findings = diagnose(line, only=["danfoss-fc"], addresses=[1])
-    assert [(one.name, one.sound) for one in examination.found] == [("danfoss-fc:1", False)]
-    assert examination.replies == []
+    measurements, findings = diagnose(line, only=["danfoss-fc"], addresses=[1])
+    assert [(one.name, one.sound) for one in measurements.found] == [("danfoss-fc:1", False)]
+    assert measurements.replies == []
     assert "answers, but damaged" in only(findings, "drives").text
 
 
 def test_an_adapter_with_a_latency_timer():
     line = VirtualLine([virtual_drive("vabus", 1)])
-    examination, findings = diagnose(line, port=OnTicks(line, 0.016))
-    assert arrival_grid_s(examination.replies[0].arrivals_s) == 0.016
+    measurements, findings = diagnose(line, port=OnTicks(line, 0.016))
+    assert latency_timer_s(measurements.replies[0].arrivals_s) == 0.016
     assert "steps of 16 ms" in only(findings, "time").text
     quick = VirtualLine([virtual_drive("vabus", 1)])
     assert problems(diagnose(quick, port=OnTicks(quick, 0.001))[1]) == []
@@ -191,13 +191,13 @@ def test_a_slow_drive_is_no_latency_timer():
     for number in range(24):
         now += 0.016 + (0.0, 0.005, 0.011, 0.003, 0.007, 0.013, 0.002, 0.009)[number % 8]
         arrivals.append(now)
-    assert arrival_grid_s(arrivals) is None
-    assert arrival_grid_s(arrivals[:3]) is None
+    assert latency_timer_s(arrivals) is None
+    assert latency_timer_s(arrivals[:3]) is None
 
 
 def test_a_reply_time_close_to_the_limit():
     line = VirtualLine([virtual_drive("vabus", 1)])
-    limit = examine(line.port(), only=["vabus"], addresses=[1]).replies[0]
+    limit = measure(line.port(), only=["vabus"], addresses=[1]).replies[0]
     close = max(limit.delays_s) * 1.2
     _, findings = diagnose(line, addresses=[1], reply_timeout_s=close)
     assert any(one.weight == "note" and "--timeout" in one.remedy for one in findings)
@@ -243,28 +243,28 @@ def test_an_adapter_that_does_not_tell_its_latency():
 
 
 def test_an_address_that_one_of_the_protocols_does_not_have():
-    examination, _ = diagnose(VirtualLine(), only=["vabus", "danfoss-fc"], addresses=[31], listen_s=0.1)
-    assert examination.addresses == 1
-    assert examination.elsewhere == []
+    measurements, _ = diagnose(VirtualLine(), only=["vabus", "danfoss-fc"], addresses=[31], listen_s=0.1)
+    assert measurements.addresses == 1
+    assert measurements.elsewhere == []
 
 
 def test_a_protocol_that_finds_telegrams_everywhere(monkeypatch):
-    monkeypatch.setattr("drivecomm.commissioning.doctor.diagnosis._finds", lambda *_: [Framed(b"?", None)])
+    monkeypatch.setattr("drivecomm.commissioning.doctor.measuring._finds", lambda *_: [Framed(b"?", None)])
     assert harmless_bytes() == b""
-    examination, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)]), probes=1)
-    assert (examination.echo, [one for one in findings if one.about == "echo"]) == ([], [])
+    measurements, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)]), probes=1)
+    assert (measurements.echo, [one for one in findings if one.about == "echo"]) == ([], [])
 
 
 def test_a_line_that_goes_down_is_an_error():
     line = VirtualLine([virtual_drive("vabus", 1)])
     port = line.port()
     with pytest.raises(LinkDownError):
-        examine(port, only=["vabus"], progress=lambda *_: setattr(line, "broken", True))
+        measure(port, only=["vabus"], progress=lambda *_: setattr(line, "broken", True))
 
 
 def test_an_unknown_protocol():
     with pytest.raises(UnknownProtocolError):
-        examine(VirtualLine().port(), only=["modbus"])
+        measure(VirtualLine().port(), only=["modbus"])
 
 
 @pytest.mark.parametrize("way", ["request", "reply"])
@@ -284,5 +284,5 @@ def test_no_drive_acts_on_what_is_sent():
         port.configure(drive.settings)
         port.write(harmless_bytes())
         assert port.read(port.now() + 2, 1) == b""
-    examine(port, addresses=[1], listen_s=0.1)
+    measure(port, addresses=[1], listen_s=0.1)
     assert not any(drive.motor.running for drive in drives)

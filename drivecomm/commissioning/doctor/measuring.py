@@ -10,7 +10,7 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import Found, open_bus, scan_plan
-from drivecomm.commissioning.doctor.examination import EchoTrial, Examination, Listening, Replies, Sought
+from drivecomm.commissioning.doctor.measurements import EchoTrial, Listening, Measurements, Replies, Sought
 from drivecomm.errors import DriveError, ReplyError
 from drivecomm.link import tell_all
 from drivecomm.protocol import DriveConfig, Framed, Framer, installed
@@ -29,14 +29,14 @@ _ECHO_TRIALS = 3
 # One lost telegram does not make a drive a silent one.
 _TRIES = 3
 _MOST_AT_ONCE = 4096
-# Uneven, so that replies which come on a grid of time show it.
+# Uneven, so that replies which come at the ticks of a latency timer show it.
 _PAUSES_S = (0.0, 0.005, 0.011, 0.003, 0.007, 0.013, 0.002, 0.009)
 _WAYS: tuple[Direction, Direction] = ("request", "reply")
 # Seven bits carry them, and neither noise nor a break looks like them.
 _PATTERNS = (b"U*U*", b"*U*U", b"\x55\x55\x55\x55", b"j5j5", b"?Z?Z")
 
 
-def examine(
+def measure(
     port: Port,
     *,
     only: Iterable[str] | None = None,
@@ -49,7 +49,7 @@ def examine(
     trace: Callable[[TraceEvent], None] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
     **facts: Any,
-) -> Examination:
+) -> Measurements:
     """Measure what an open port and its line do; takes some seconds, and longer the fewer drives answer.
 
     only, addresses, facts: as for `Bus.scan` and `open_bus`. expected: the drives that are said to be there, which are
@@ -60,7 +60,7 @@ def examine(
     plugins = list(dict.fromkeys(plugin for plugin, _ in scan_plan(only, None)))
     wanted = None if addresses is None else list(addresses)
     settings = {plugin.name: plugin.facts.override(facts).settings for plugin in plugins}
-    step = progress or _silently
+    step = progress or (lambda *_: None)
     noise = []
     for each in dict.fromkeys(settings.values()):
         step(f"listening at {each}", 0, 1)
@@ -83,19 +83,15 @@ def examine(
     # Those that answered are asked again below; what came from an address where nobody is needs an explanation.
     known = {one.name for one in found} | {f"{protocol}:{address}" for protocol, address in places}
     unclear = sum(number for name, number in recorder.unclear.items() if name not in known)
+    there = [(one.drive.name, one.drive.build(bus.drive)) for one in sought if not one.error]
+    there += [(one.name, bus.drive(one.protocol, one.address)) for one in found if one.sound]
     replies = []
-    for one in sought:
-        if not one.error:
-            step(f"asking {one.drive.name} {probes} times", 0, 1)
-            replies.append(_ask_often(bus, _drive(bus, one.drive), recorder, probes, one.drive.name))
-    for other in found:
-        if other.sound:
-            step(f"asking {other.name} {probes} times", 0, 1)
-            drive = bus.drive(other.protocol, other.address)
-            replies.append(_ask_often(bus, drive, recorder, probes, other.name))
+    for name, drive in there:
+        step(f"asking {name} {probes} times", 0, 1)
+        replies.append(_ask_often(bus, drive, recorder, probes, name))
     looking = search and not found and not sought and "baudrate" not in facts
     elsewhere = list(_search(bus, plugins, wanted, step)) if looking else []
-    return Examination(
+    return Measurements(
         paced=port.paced,
         echo_said=echo,
         noise=noise,
@@ -116,19 +112,15 @@ def _others(plugin: Protocol, wanted: Sequence[int] | None, places: set[tuple[st
     return [one for one in addresses if (plugin.name, one) not in places]
 
 
-def _drive(bus: Bus, one: DriveConfig, **facts: Any) -> Drive:
-    return bus.drive(one.protocol, one.address, **{**one.options, **facts})
-
-
 def _sought(bus: Bus, one: DriveConfig, step: Callable[[str, int, int], None], *, search: bool) -> Sought:
     """Ask for a drive at its own settings, and where it does not answer, at the other usual baud rates."""
     step(f"asking {one.name}", 0, 1)
-    drive = _drive(bus, one)
+    drive = one.build(bus.drive)
     settings, error = drive.facts.settings, _no_answer(drive, _TRIES)
     rates = [rate for rate in OTHER_RATES if rate != settings.baudrate] if error and search else []
     for number, rate in enumerate(rates):
         step(f"asking {one.name} at {rate} baud", number, len(rates))
-        drive = _drive(bus, one, baudrate=rate)
+        drive = one.with_options(baudrate=rate).build(bus.drive)
         if not _no_answer(drive, 1):
             return Sought(drive=one, settings=settings, error=error, elsewhere=drive.facts.settings)
     return Sought(drive=one, settings=settings, error=error)
@@ -253,7 +245,3 @@ def _search(
             for found in bus.scan([plugin.name], [address], baudrate=rate):
                 if found.sound:
                     yield found, bus.drive(plugin.name, address, baudrate=rate).facts.settings
-
-
-def _silently(what: str, done: int, of: int) -> None:
-    """Show no progress."""

@@ -1,4 +1,4 @@
-"""What was measured of a port and its line: made by `diagnosis`, judged by `findings`."""
+"""What was measured of a port and its line: made by `measuring`, judged by `findings`."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Replies:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Examination:
+class Measurements:
     """All that was measured.
 
     asked: the protocols and the settings they were asked at. unclear_bytes: what came while asking and was part of no

@@ -1,0 +1,100 @@
+"""A drive that a watcher asks, the line that it is on, and what came of asking."""
+
+from __future__ import annotations
+
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import DriveError, UsageError
+from drivecomm.protocol import Reading
+
+if TYPE_CHECKING:
+    from drivecomm.bus import AsyncBus, AsyncDrive
+    from drivecomm.link import TraceEvent
+    from drivecomm.plant.watching.board import DriveView, Trend
+    from drivecomm.plant.watching.watched import WatchedLine
+    from drivecomm.protocol import DriveStatus
+
+STATUS = "status"
+"""What results call the status word: their value is the state, raw the word, text the fault."""
+
+_KEPT_TELEGRAMS = 400
+
+
+@dataclass(slots=True, eq=False)
+class SeenDrive:
+    """A drive and what is known of it; a poll plan asks its status under one name, its parameters under theirs."""
+
+    line: OpenLine
+    drive: AsyncDrive
+    view: DriveView
+    status: DriveStatus | None = None
+    fault: str = ""
+    answered_s: float | None = None
+    trends: dict[str, Trend] = field(default_factory=dict)
+    telegrams: deque[TraceEvent] = field(default_factory=lambda: deque(maxlen=_KEPT_TELEGRAMS))
+
+    @property
+    def name(self) -> str:
+        """The drive as its bus names it."""
+        return self.drive.name
+
+    @property
+    def bus(self) -> Any:
+        """The bus that it is asked on."""
+        return self.drive.bus
+
+    def check_read(self, parameter: str, **options: Any) -> None:
+        """Raise UsageError for what cannot be read."""
+        if parameter != STATUS:
+            self.drive.check_read(parameter, **options)
+
+    async def polled(self, parameter: str, **options: Any) -> Reading:
+        """Read a parameter as a poll loop does, or the status with its fault."""
+        if parameter != STATUS:
+            return await self.drive.polled(parameter, **options)
+        self.status = status = await self.drive.status()
+        self.fault = await self._fault_of(status) if status.fault else ""
+        return Reading(
+            parameter=STATUS,
+            name=STATUS,
+            value=status.state.value,
+            raw=status.word,
+            text=self.fault,
+            time_s=self.drive.bus.wall_time(),
+        )
+
+    async def _fault_of(self, status: DriveStatus) -> str:
+        """Return what the drive tripped with; where its status does not say it, a parameter may."""
+        code, text, model = status.fault_code, status.fault_text, self.drive.model
+        if code is None and not text and model is not None and "fault_code" in model.quantities:
+            # A fault without a number is one all the same.
+            with suppress(UsageError, DriveError):
+                reading = await self.drive.polled("fault_code")
+                text = reading.text
+                code = int(reading.value) if reading.value and not isinstance(reading.value, str) else None
+        if code is not None and not text and model is not None:
+            text = model.faults.get(code, "")
+        if code is None:
+            return text or "fault"
+        return f"{code} {text}" if text else f"code {code}"
+
+
+@dataclass(slots=True, eq=False)
+class OpenLine:
+    """A line and its bus. began_s: its clock when watching began. now_s: its clock when it was last open."""
+
+    watched: WatchedLine
+    bus: AsyncBus
+    is_open: bool = False
+    began_s: float = 0.0
+    now_s: float = 0.0
+
+    @property
+    def elapsed_s(self) -> float:
+        """How long its drives have been watched."""
+        if self.is_open:
+            self.now_s = self.bus.now()
+        return self.now_s - self.began_s
