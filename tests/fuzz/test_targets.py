@@ -108,7 +108,7 @@ def test_an_encoder_that_writes_what_nobody_reads_is_noticed():
 
 
 def test_a_sniffer_that_keeps_everything_is_noticed(monkeypatch):
-    monkeypatch.setattr("drivecomm.traffic.sniffer.sniffer._LONGEST_RIDDLE", 10**6)
+    monkeypatch.setattr("drivecomm.traffic.sniffer.sniffer._LONGEST_UNKNOWN", 10**6)
     assert fails(all_targets()["sniffer"], PropertyBrokenError)
 
 
