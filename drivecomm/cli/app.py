@@ -7,27 +7,26 @@ from typing import Annotated, Any
 import typer
 from typer.main import get_command
 
-from drivecomm.cli.argument_values import Group
-from drivecomm.cli.lazy_commands import lazy
+from drivecomm.cli.lazy_commands import Group, lazy
 from drivecomm.version import __version__
 
 COMMANDS = {
     "demo": ("demo.command:demo", "Tour everything on virtual lines, or on a real line with --port."),
     "protocols": ("protocols:protocols", "List the installed protocols with their defaults and models."),
-    "decode": ("decode:decode", "Decode one telegram."),
-    "encode": ("encode:encode", "Build one telegram from its fields and print it in hexadecimal."),
+    "decode": ("telegrams:decode", "Decode one telegram."),
+    "encode": ("telegrams:encode", "Build one telegram from its fields and print it in hexadecimal."),
     "scan": ("scan:scan", "Find the drives on a line."),
     "doctor": ("doctor:doctor", "Examine a port and its line, and say how to fix what is wrong."),
     "stats": ("stats:stats", "Poll drives for a while and count replies, errors and reply times."),
-    "read": ("read:read", "Read parameters."),
-    "write": ("write:write", "Write a parameter."),
+    "read": ("one_drive:read", "Read parameters."),
+    "write": ("one_drive:write", "Write a parameter."),
     "status": ("status:status", "Show the state of a drive, or of all drives of the plant."),
     "start": ("start:start", "Start the motor."),
     "stop": ("stop.command:stop", "Stop the motor, or with --all every motor."),
-    "reset": ("reset:reset", "Acknowledge a fault."),
-    "reference": ("reference:reference", "Set the reference."),
-    "wait": ("wait:wait", "Wait until a drive reaches a state."),
-    "call": ("call:call", "Call a function that only this protocol has, such as jog."),
+    "reset": ("one_drive:reset", "Acknowledge a fault."),
+    "reference": ("one_drive:reference", "Set the reference."),
+    "wait": ("one_drive:wait", "Wait until a drive reaches a state."),
+    "call": ("one_drive:call", "Call a function that only this protocol has, such as jog."),
     "backup": ("parameter_sets.backup:backup", "Save the parameters of a drive to a file."),
     "compare": ("parameter_sets.compare:compare", "Compare the parameters of two drives or files."),
     "restore": ("parameter_sets.restore:restore", "Write the parameters in a file to a drive."),
@@ -52,10 +51,10 @@ COMMANDS = {
     "models check": ("models.show:check", "Check model files."),
     "models names": ("models.show:names", "List the common names and their units."),
     "models grow": ("models.grow:grow", "Make a model file from what a drive tells of its parameters."),
-    "conformance": ("conformance:conformance", "Run the conformance tests on a protocol package."),
+    "conformance": ("package_tests:conformance", "Run the conformance tests on a protocol package."),
     "vectors": ("", "Test vectors: run them, or make them from a capture."),
-    "vectors check": ("vectors:check", "Run all checks of test vectors."),
-    "vectors from-capture": ("vectors:from_capture", "Make test vectors from a capture."),
+    "vectors check": ("package_tests:check", "Run all checks of test vectors."),
+    "vectors from-capture": ("package_tests:from_capture", "Make test vectors from a capture."),
 }
 """By name: where it is, empty for a group, and what it does."""
 

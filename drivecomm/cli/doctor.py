@@ -10,15 +10,14 @@ import typer
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Addresses, OnlyProtocols, addresses_of
-from drivecomm.cli.output import emit, say, sentence
-from drivecomm.cli.progress import progress_bar
+from drivecomm.cli.output import counted, emit, progress_bar, say, sentence
 from drivecomm.commissioning.doctor import Finding, examine, judge
 from drivecomm.errors import LinkError
 from drivecomm.transport import SerialPort
 
 if TYPE_CHECKING:
     from drivecomm.commissioning.doctor import Examination
-    from drivecomm.link import Echo, Port
+    from drivecomm.link import Echo
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig
     from drivecomm.transport import PortReport
@@ -116,7 +115,7 @@ def _examined(
 ) -> tuple[PortReport | None, Examination]:
     options = line.options
     with options.opened() as opened, progress_bar("", shown=not options.json) as progress:
-        report = _report(opened)
+        report = opened.report() if isinstance(opened, SerialPort) else None
         return report, examine(
             opened,
             only=only,
@@ -131,17 +130,13 @@ def _examined(
         )
 
 
-def _report(port: Port) -> PortReport | None:
-    return port.report() if isinstance(port, SerialPort) else None
-
-
 def _say(findings: list[Finding]) -> None:
     for one in findings:
         say(f"{_MARKS[one.weight]:<8} {one.about:<7} {one.text}")
         if one.remedy:
             say(f"{'':<16} > {one.remedy}")
     problems = sum(one.weight == "problem" for one in findings)
-    say(f"{problems or 'no'} problem{'' if problems == 1 else 's'} found")
+    say(f"{counted(problems, 'problem') if problems else 'no problems'} found")
 
 
 def _emit(line: _ExaminedLine, measured: tuple[PortReport | None, Examination] | None, findings: list[Finding]) -> None:

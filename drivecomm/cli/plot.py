@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from drivecomm.cli.options import Json
-from drivecomm.cli.output import emit, say
+from drivecomm.cli.output import counted, emit, say
 from drivecomm.plant.value_log import read_rows
 from drivecomm.plant.value_plots import picture_of, save
 
@@ -27,10 +27,6 @@ def plot(
     if json:
         emit(output=str(output), curves=len(picture.curves), drives=len(picture.drives), faults=len(picture.faults))
     else:
-        faults = f", {_number(len(picture.faults), 'fault')}" if picture.faults else ""
-        say(f"{output}: {_number(len(picture.curves), 'curve')}{faults}")
+        faults = f", {counted(len(picture.faults), 'fault')}" if picture.faults else ""
+        say(f"{output}: {counted(len(picture.curves), 'curve')}{faults}")
     return 0
-
-
-def _number(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -53,7 +53,10 @@ def replay(
     command or write, and compares the replies. Exit code 1 when one differs.
     """
     plugins = list(installed.working())
-    capture = _read(file, plugins)
+    recorded = read_capture(file)
+    for remark in recorded.remarks:
+        sys.stderr.write(f"drivecomm: {remark}\n")
+    capture = telling_apart(recorded, plugins)
     if listen is not None:
         if faster != 1 or commands:
             raise UsageError("--faster and --commands are for replaying as a master, without --listen")
@@ -63,24 +66,17 @@ def replay(
         line.must_be_armed()
     else:
         line.refuse("without --commands nothing is commanded", "arm")
+    settings = [field.name for field in fields(LineSettings)]
     asking = Asking(
         exchanged(capture),
         plugins,
         faster=faster,
         sending=Sending.EVERYTHING if commands else Sending.QUESTIONS,
-        overrides=_line_settings(line),
+        overrides={name: line.said_facts[name] for name in settings if name in line.said_facts},
         echo=line.echo,
         patience_s=PATIENCE_S if line.timeout is None else line.timeout,
     )
     return _ask(asking, line, plugins)
-
-
-def _read(file: Path, plugins: Sequence[Protocol]) -> Capture:
-    """Return the capture with who sent what, as far as the protocols tell; say what is missing in the file."""
-    capture = read_capture(file)
-    for remark in capture.remarks:
-        sys.stderr.write(f"drivecomm: {remark}\n")
-    return telling_apart(capture, plugins)
 
 
 def _answer(capture: Capture, listen: str, *, as_json: bool) -> int:
@@ -95,12 +91,6 @@ def _answer(capture: Capture, listen: str, *, as_json: bool) -> int:
     return 0
 
 
-def _line_settings(line: LineOptions) -> dict[str, Any]:
-    """Return the line settings that the options give instead of those of the capture."""
-    names = [field.name for field in fields(LineSettings)]
-    return {name: line.facts[name] for name in names if line.facts[name] is not None}
-
-
 def _ask(asking: Asking, line: LineOptions, plugins: Sequence[Protocol]) -> int:
     different: list[Outcome] = []
     asked = left_out = 0
@@ -111,33 +101,28 @@ def _ask(asking: Asking, line: LineOptions, plugins: Sequence[Protocol]) -> int:
             if outcome.differs:
                 different.append(outcome)
             if line.json:
-                _emit(outcome, plugins)
+                emit(
+                    request=outcome.number,
+                    time_s=round(outcome.then.asked_s, 6),
+                    data=outcome.then.request,
+                    sent=outcome.sent,
+                    then=outcome.then.reply,
+                    now=outcome.came,
+                    difference=difference(outcome, plugins) if outcome.differs else "",
+                )
     if line.json:
         emit(asked=asked, different=len(different), left_out=left_out)
     else:
-        _show(different, plugins)
+        if different:
+            _show(different, plugins)
         say(f"{asked} requests asked again, {len(different)} answered differently")
         if left_out:
             say(f"{left_out} not sent, because they could command or write; --commands sends them, too")
     return 1 if different else 0
 
 
-def _emit(outcome: Outcome, plugins: Sequence[Protocol]) -> None:
-    emit(
-        request=outcome.number,
-        time_s=round(outcome.then.asked_s, 6),
-        data=outcome.then.request,
-        sent=outcome.sent,
-        then=outcome.then.reply,
-        now=outcome.came,
-        difference=difference(outcome, plugins) if outcome.differs else "",
-    )
-
-
 def _show(different: Sequence[Outcome], plugins: Sequence[Protocol]) -> None:
     """Print the requests that were answered differently, and in what."""
-    if not different:
-        return
     # rich takes a while to load, and a replay without differences needs none of it.
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415

@@ -12,8 +12,9 @@ import typer
 
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.one_drive import show_status
 from drivecomm.cli.options import Model
-from drivecomm.cli.output import emit, plain, say, sentence
+from drivecomm.cli.output import counted, emit, sentence
 from drivecomm.errors import DriveError, UsageError
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from drivecomm.plant import DriveReport
-    from drivecomm.protocol import DriveConfig, DriveStatus, Reading
+    from drivecomm.protocol import Reading
 
 _WIDTH = 80
 """Of the table, where it is not drawn on a terminal."""
@@ -192,23 +193,5 @@ def _explain(report: DriveReport, width: int, tell: Callable[[str, str], None]) 
 def _summary(reports: Sequence[DriveReport]) -> str:
     faults = sum(report.status is not None and report.status.fault for report in reports)
     silent = sum(report.status is None for report in reports)
-    count = f"{len(reports)} drive{'' if len(reports) == 1 else 's'}"
     wrong = [f"{number} {what}" for number, what in ((faults, "with a fault"), (silent, "not answering")) if number]
-    return f"{count}: {', '.join(wrong) or 'no fault'}"
-
-
-def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool) -> None:
-    """Show the status of one drive on a line."""
-    if as_json:
-        emit(**drive.labels, **plain(found))
-        return
-    words = [f"{drive.name}  {found.state.value}  word 0x{found.word:04X}"]
-    if found.fault_code:
-        words.append(f"fault {found.fault_code}" + (f" {found.fault_text}" if found.fault_text else ""))
-    if found.actual_percent is not None:
-        words.append(f"actual {found.actual_percent:.2f} %")
-    if found.actual_hz is not None:
-        words.append(f"actual {found.actual_hz} Hz")
-    if found.flags:
-        words.append(f"({', '.join(found.flags)})")
-    say("  ".join(words))
+    return f"{counted(len(reports), 'drive')}: {', '.join(wrong) or 'no fault'}"

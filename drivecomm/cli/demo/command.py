@@ -9,8 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from drivecomm.cli.demo import tour as stops
-from drivecomm.cli.demo.cases import case_for
-from drivecomm.cli.demo.sites import real_site, virtual_sites
+from drivecomm.cli.demo.sites import case_for, real_site, virtual_sites
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit
 from drivecomm.errors import UsageError
@@ -45,7 +44,11 @@ def demo(
     with sites as opened:
         for site in opened:
             _visit(tour, site, moving=allow_motion or bool(site.virtual))
-    _manuals(tour)
+    tour.heading("Telegrams printed in manuals")
+    for plugin in installed.working():
+        printed = [vector for vector in packaged_vectors(plugin).vectors if vector.printed and vector.valid]
+        if printed:
+            stops.printed_telegrams(tour, plugin.name, printed)
     _summary(tour, as_json=line.json)
     return 1 if tour.failed else 0
 
@@ -64,23 +67,16 @@ def _visit(tour: stops.Tour, site: Site, *, moving: bool) -> None:
         tour.heading("Motion: start, ramp, reverse, stop")
         for drive, protocol in drives:
             stops.motion(tour, site, drive, protocol)
-    if site.virtual:
-        tour.heading("Faults: trip and reset")
-        for drive, protocol in drives:
-            stops.fault(tour, site, drive, protocol)
-    first = next(((drive, protocol) for drive, protocol in drives if protocol == "vabus"), None)
-    if first is not None and site.virtual and not any("telegrams of one" in title for title, _, _ in tour.steps):
-        stops.one_exchange(tour, site, *first, parameter="481")
+    if not site.virtual:
+        return
+    tour.heading("Faults: trip and reset")
+    for drive, protocol in drives:
+        stops.fault(tour, site, drive, protocol)
+    first = next((drive for drive, protocol in drives if protocol == "vabus"), None)
+    if first is not None and not any("telegrams of one" in title for title, _, _ in tour.steps):
+        stops.one_exchange(tour, site, first, "vabus", parameter="481")
         tour.heading("Refusals")
-        stops.refusals(tour, first[0])
-
-
-def _manuals(tour: stops.Tour) -> None:
-    tour.heading("Telegrams printed in manuals")
-    for plugin in installed.working():
-        printed = [vector for vector in packaged_vectors(plugin).vectors if vector.printed and vector.valid]
-        if printed:
-            stops.printed_telegrams(tour, plugin.name, printed)
+        stops.refusals(tour, first)
 
 
 def _summary(tour: stops.Tour, *, as_json: bool) -> None:

@@ -9,18 +9,19 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rich.markup import escape
+from rich.table import Table
 
-from drivecomm.cli.demo.cases import case_for
-from drivecomm.cli.demo.drawing import drawn
+from drivecomm.cli.demo.sites import case_for
 from drivecomm.cli.output import sentence
-from drivecomm.errors import DriveCommError, NotSupported
-from drivecomm.protocol import Stop, decode, encode, installed
+from drivecomm.errors import DriveCommError, NotSupported, TelegramError
+from drivecomm.protocol import Stop, decode, encode, fields_of, installed
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from drivecomm.bus import Drive, Found
     from drivecomm.cli.demo.sites import Site
+    from drivecomm.protocol import Message
     from drivecomm.testing import Vector
 
 _FAULT_LOCK_S = 16.0
@@ -163,13 +164,12 @@ def one_exchange(tour: Tour, site: Site, drive: Drive, protocol: str, parameter:
     with tour.step(f"telegrams of one read of {drive.name}") as tell:
         start = len(site.heard)
         drive.read(parameter)
-        telegrams = [event for event in site.heard[start:] if event.message is not None]
-        for event in telegrams:
-            if event.message is not None:
-                arrow = "master to drive" if event.what == "sent" else "drive to master"
-                tour.console.print(f"[bold]{event.time:.4f} s  {arrow}: {event.message.kind}[/bold]", highlight=False)
-                tour.console.print(drawn(protocol, event.data, event.message))
-                tour.console.print()
+        telegrams = [(event, event.message) for event in site.heard[start:] if event.message is not None]
+        for event, message in telegrams:
+            arrow = "master to drive" if event.what == "sent" else "drive to master"
+            tour.console.print(f"[bold]{event.time:.4f} s  {arrow}: {message.kind}[/bold]", highlight=False)
+            tour.console.print(drawn(protocol, event.data, message))
+            tour.console.print()
         if len(telegrams) < 2:
             raise AssertionError("no request and reply in the trace")
         tell(f"{len(telegrams)} telegrams")
@@ -192,3 +192,34 @@ def printed_telegrams(tour: Tour, protocol: str, vectors: list[Vector]) -> None:
         if wrong:
             raise AssertionError(f"differs from the manual: {', '.join(wrong)}")
         tell(f"{len(vectors)} telegrams, decoded and rebuilt")
+
+
+def drawn(protocol: str, data: bytes, message: Message) -> Table:
+    """Return a table of a telegram's bytes, field by field."""
+    table = Table(show_edge=False, pad_edge=False)
+    for heading in ("bytes", "field", "value", "meaning"):
+        table.add_column(heading)
+    values = fields_of(message)
+    for piece, name, meaning in _pieces(protocol, data, message):
+        table.add_row(piece.hex(" ").upper(), name, str(values.get(name, "")), meaning)
+    return table
+
+
+def _pieces(protocol: str, data: bytes, message: Message) -> Iterator[tuple[bytes, str, str]]:
+    """Split the bytes by the form that reads this message from them."""
+    for form in installed[protocol].forms().values():
+        if form.message is not type(message):
+            continue
+        try:
+            form.parse(data)
+        except TelegramError:
+            continue
+        rows = form.describe()
+        rest = len(data) - sum(int(size) for _, size, _ in rows if size != "n")
+        at = 0
+        for name, size, meaning in rows:
+            length = rest if size == "n" else int(size)
+            yield data[at : at + length], name, meaning
+            at += length
+        return
+    yield data, "", ""

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.output import emit, say
-from drivecomm.cli.progress import progress_bar
+from drivecomm.cli.output import emit, progress_bar, say
 from drivecomm.commissioning import addresses_in, descriptions, grown
 from drivecomm.errors import DriveCommError, DriveError, UsageError
 from drivecomm.models import load_model, model_text

@@ -1,7 +1,9 @@
-"""The backup command."""
+"""The backup command, and the drives whose parameters are saved, compared or restored."""
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,13 +11,14 @@ import typer
 
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Drive, Model
-from drivecomm.cli.output import emit, say
-from drivecomm.cli.parameter_sets.drive_of_set import drive_of_set
-from drivecomm.cli.progress import progress_bar
+from drivecomm.cli.output import emit, progress_bar, say
 from drivecomm.commissioning.parameter_sets import back_up, must_be_free, write_set
 
 if TYPE_CHECKING:
-    from drivecomm.commissioning.parameter_sets import Part
+    from collections.abc import Iterator
+
+    from drivecomm import bus
+    from drivecomm.commissioning.parameter_sets import ParameterSet, Part
 
 
 def backup(
@@ -40,3 +43,22 @@ def backup(
         say(f"{name.name}  {address}  not read: {reason}")
     say(f"{name.name}  {len(found.entries)} parameters in {file}")
     return 0
+
+
+SetModel = Annotated[
+    str | None, typer.Option("--model", "-m", help="Model name, or a .toml file; that of the set if absent.")
+]
+Communication = Annotated[
+    bool, typer.Option("--communication", help="Include communication settings: address, baud rate and the like.")
+]
+
+
+@contextmanager
+def drive_of_set(
+    line: LineOptions, text: str, model: str | None, known: ParameterSet | None = None
+) -> Iterator[bus.Drive]:
+    """Open the line of a drive and yield it. known: a set whose model is used where none is given."""
+    reached, name = line.reaching(text)
+    of_set = {"model": known.model} if known and known.model and known.protocol == name.protocol else {}
+    with reached.drive_at(replace(name, options={**of_set, **name.options}), model) as one:
+        yield one

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.output import emit, say
-from drivecomm.cli.parameter_sets.drive_of_set import Communication, SetModel, drive_of_set
-from drivecomm.cli.progress import progress_bar
+from drivecomm.cli.output import emit, progress_bar, say
+from drivecomm.cli.parameter_sets.backup import Communication, SetModel, drive_of_set
 from drivecomm.commissioning.parameter_sets import back_up, compare as compared, factory_set, read_set
 from drivecomm.errors import UsageError
 

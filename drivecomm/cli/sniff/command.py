@@ -12,10 +12,9 @@ import typer
 
 from drivecomm.capture import CaptureWriter, Provenance, read_capture
 from drivecomm.cli.output import complain, emit, say
-from drivecomm.cli.sniff.lines import emit_event, say_event
+from drivecomm.cli.sniff.lines import LiveTable, emit_event, emit_summary, print_summary, say_event
 from drivecomm.cli.sniff.naming import Naming
 from drivecomm.cli.sniff.sources import Ear, is_file, pieces_from, with_settings
-from drivecomm.cli.sniff.table import LiveTable, emit_summary, print_summary
 from drivecomm.errors import LinkError, UsageError
 from drivecomm.protocol import LineSettings, installed, parse_drive
 from drivecomm.traffic.sniffer import Watch, detect

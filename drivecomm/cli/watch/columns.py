@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from rich.text import Text
 
-from drivecomm.cli.watch.sparkline import sparkline
+from drivecomm.cli.watch.panels import sparkline
 from drivecomm.cli.watch.words import ASIDE, head_of, note_of, state_of, value_of
 
 if TYPE_CHECKING:

@@ -13,13 +13,10 @@ from textual.widgets import DataTable, Footer, Static
 
 from drivecomm.bus import keep_async
 from drivecomm.cli.output import sentence
-from drivecomm.cli.watch.arming import HOLD, why_not
 from drivecomm.cli.watch.columns import PADDING, columns_for
 from drivecomm.cli.watch.panels import drive_panel, happenings_panel
-from drivecomm.cli.watch.parameters_screen import ParametersScreen
-from drivecomm.cli.watch.question import Question
-from drivecomm.cli.watch.trace_screen import TraceScreen
-from drivecomm.cli.watch.words import ASIDE, clock, summary_of
+from drivecomm.cli.watch.screens import ParametersScreen, Question, TraceScreen
+from drivecomm.cli.watch.words import ASIDE, HOLD, clock, summary_of, why_not
 from drivecomm.errors import DriveCommError
 
 if TYPE_CHECKING:
@@ -32,7 +29,7 @@ if TYPE_CHECKING:
     from textual.timer import Timer
 
     from drivecomm.bus import AsyncDrive
-    from drivecomm.cli.watch.log_switch import LogSwitch
+    from drivecomm.cli.watch.command import LogSwitch
     from drivecomm.plant.watching import DriveView, Watcher
 
 REFRESH_S = 0.5
