@@ -96,17 +96,14 @@ def _lines_to_examine(line: LineOptions) -> list[_ExaminedLine]:
 
 
 def _of_the_plant(each: PlantLine, known: Plant, line: LineOptions) -> _ExaminedLine:
-    given = {key: value for key, value in line.facts.items() if value is not None}
+    given = line.said_facts
     echo: Echo = "expect" if each.echo and line.echo == "off" else line.echo
     settings = {key: value for key, value in each.settings.items() if key not in given}
     return _ExaminedLine(
         options=replace(line, port=line.port_of(each, known.file), echo=echo, given=line.given | {"port"}, **settings),
         name=each.name,
-        drives=tuple(
-            # What is given on the command line goes before what the plant says.
-            each.reached(drive).with_options(**given)
-            for drive in known.on_line(each.name)
-        ),
+        # What is given on the command line goes before what the plant says.
+        drives=tuple(each.reached(drive).with_options(**given) for drive in known.on_line(each.name)),
     )
 
 

@@ -150,10 +150,8 @@ def given_plan(
     if all(drive.line for drive in plan.drives):
         line.refuse("the plan names the ports of all its drives", "port")
 
-    def placed(drive: DriveConfig) -> DriveConfig:
-        return replace(drive, line=drive.line or line.port or "").with_options(**line.said_facts)
-
-    return plan.with_drives(placed), line
+    port = line.port or ""
+    return plan.with_drives(lambda one: replace(one, line=one.line or port).with_options(**line.said_facts)), line
 
 
 def parse_plan(words: list[str], *, period_s: float, known: Plant | None = None) -> Plan:

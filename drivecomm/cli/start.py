@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Annotated, get_args
+from typing import TYPE_CHECKING, Annotated, cast, get_args
 
 import typer
 
@@ -85,10 +85,8 @@ def _chosen_policy(drive: bus.Drive, text: str | None) -> LinkLoss:
         raise UsageError(
             f"no motor is started without saying what it does when this line falls silent; write {_choice(drive)}"
         )
-    for policy in get_args(LinkLoss):
-        if text.lower() == policy:
-            found: LinkLoss = policy
-            return found
+    if text.lower() in get_args(LinkLoss):
+        return cast("LinkLoss", text.lower())
     question = near(text, get_args(LinkLoss))
     known = f"{question} Write" if question else "write"
     raise UsageError(f"{text!r} is not a policy; {known} {_choice(drive)}")

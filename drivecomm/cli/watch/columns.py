@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 from rich.text import Text
@@ -69,12 +70,14 @@ def _all_columns(watcher: Watcher, board: Board, shown: str) -> list[Column]:
     if any(view.name != str(view.drive) for view in views):
         columns.append(_column("place", "address", places, 40, lambda view: Text(str(view.drive), style=ASIDE)))
     columns.append(_column("state", "state", 9, 1, state_of))
-    columns += [_of_value(name, 10 + 5 * place) for place, name in enumerate(known)]
+    for place, name in enumerate(known):
+        wide = max(7, len(head_of(name)))
+        cell = partial(value_of, name=name)
+        columns.append(_column(name, head_of(name), wide, 10 + 5 * place, cell, right=True))
     head = f"{head_of(shown)} trend"
     columns.append(_column("trend", head, len(head), 12, _cell(watcher, "trend", shown, len(head))))
-    columns += [
-        _of_counter(*each) for each in (("asked", "requests", 50), ("lost", "timeouts", 46), ("bad", "damaged", 47))
-    ]
+    for key, counter, rank in (("asked", "requests", 50), ("lost", "timeouts", 46), ("bad", "damaged", 47)):
+        columns.append(_column(key, key, 5, rank, partial(_count, counter=counter), right=True))
     columns.append(_column("reply", "reply ms", 8, 48, _reply, right=True))
     columns.append(_column("age", "age s", 5, 45, _age, right=True))
     columns.append(_column("note", "note", _NOTE, 2, note_of))
@@ -99,12 +102,8 @@ def _column(key: str, head: str, width: int, rank: int, cell: Cell, *, right: bo
     return Column(key=key, head=head.rjust(width), width=width, rank=rank, cell=to_the_right)
 
 
-def _of_value(name: str, rank: int) -> Column:
-    return _column(name, head_of(name), max(7, len(head_of(name))), rank, lambda view: value_of(view, name), right=True)
-
-
-def _of_counter(head: str, counter: str, rank: int) -> Column:
-    return _column(head, head, 5, rank, lambda view: Text(str(view.counters.get(counter, 0))), right=True)
+def _count(view: DriveView, counter: str) -> Text:
+    return Text(str(view.counters.get(counter, 0)))
 
 
 def _reply(view: DriveView) -> Text:

@@ -57,8 +57,7 @@ class ParametersScreen(Screen[None]):
     def compose(self) -> ComposeResult:
         """Show a table and the keys."""
         yield Static(id="title", markup=False)
-        table: DataTable[Text] = DataTable(cursor_type="row", zebra_stripes=True)
-        yield table
+        yield DataTable[Text](cursor_type="row", zebra_stripes=True)
         yield Static(id="message", markup=False)
         yield Footer()
 
@@ -102,10 +101,8 @@ class ParametersScreen(Screen[None]):
 
     def _show_page(self) -> None:
         self._page = min(self._page, self._pages - 1)
-        title = (
-            f"{self._drive}: {self._title}, {len(self._parameters)} parameters, page {self._page + 1} of {self._pages}"
-        )
-        self.query_one("#title", Static).update(title)
+        what = f"{self._title}, {len(self._parameters)} parameters"
+        self.query_one("#title", Static).update(f"{self._drive}: {what}, page {self._page + 1} of {self._pages}")
         table = self.query_one(DataTable)
         table.clear(columns=True)
         address = max(7, *(len(info.address) for info in self._shown))
