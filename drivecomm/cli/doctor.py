@@ -43,7 +43,7 @@ def doctor(
         bool, typer.Option("--quick", help="Only addresses 1 to 4, fewer requests, no other baud rates.")
     ] = False,
 ) -> int:
-    """Examine a port and its line: adapter, noise, echo, drives, reply times; with a remedy for each problem.
+    """Examine a port and its line, and say how to fix what is wrong: adapter, noise, echo, drives, reply times.
 
     Drives of the plant are asked at their own settings, others at the usual ones. Sends only what cannot move a motor.
     Exit code 1 when there is a problem.

@@ -21,7 +21,7 @@ def plot(
     title: Annotated[str | None, typer.Option("--title", help="Title. Default: the name of the log.")] = None,
     json: Json = False,
 ) -> int:
-    """Plot a log: a panel for each unit, gaps where a drive did not answer, and the states of the drives."""
+    """Plot a log of values: a panel for each unit, gaps where a drive did not answer, and the states of the drives."""
     picture = picture_of(read_rows(log), drives=drive or (), names=name or ())
     save(picture, title or log.name, output)
     if json:

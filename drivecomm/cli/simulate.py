@@ -39,7 +39,7 @@ def simulate(
     ] = "",
     json: Json = False,
 ) -> int:
-    """Serve virtual drives until Ctrl-C or SIGTERM; a master connects to them as to a real line.
+    """Serve virtual drives to other programs until Ctrl-C or SIGTERM, as on a real line.
 
     Give a plant file, or one line with --drive and --listen. A plant file always has a control socket, at a free port
     of this machine unless --control says where.

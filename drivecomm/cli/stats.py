@@ -41,9 +41,10 @@ def stats(
     ] = None,
     seconds: Annotated[float, typer.Option("--for", metavar="SECONDS", help="How long to poll.")] = 5.0,
 ) -> int:
-    """Poll drives in turn with probes that cannot move a motor, and count replies, errors and reply times.
+    """Poll drives for a while and count replies, errors and reply times.
 
-    Lines are polled one after the other. Exit code 1 when a drive never answered, or none was found.
+    They are asked in turn, by probes that cannot move a motor; lines are polled one after the other. Exit code 1 when a
+    drive never answered, or none was found.
     """
     if not 0 < seconds < float("inf"):
         raise UsageError(f"{seconds:g} s is not possible; give --for a number above 0")

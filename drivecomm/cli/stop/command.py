@@ -34,11 +34,12 @@ def stop(
     how: Annotated[str, typer.Option("--how", help="ramp, coast, quick or dc_brake.")] = "ramp",
     model: Annotated[str | None, typer.Option("--model", "-m", help="Model name, or a .toml file.")] = None,
 ) -> int:
-    """Stop the motor. The address `*` stops all drives of the protocol at once; a broadcast is not confirmed.
+    """Stop the motor, or with --all every motor.
 
-    --all works on all lines at the same time: it broadcasts a stop for each protocol and then stops each drive of the
-    plant individually, so that it confirms. Exit code 5 unless every drive has confirmed; without a plant file none
-    can. Drives that are not armed in the plant file are stopped too.
+    The address `*` stops all drives of the protocol at once; a broadcast is not confirmed. --all works on all lines at
+    the same time: it broadcasts a stop for each protocol and then stops each drive of the plant individually, so that
+    it confirms. Exit code 5 unless every drive has confirmed; without a plant file none can. Drives that are not armed
+    in the plant file are stopped too.
     """
     try:
         chosen = Stop(how.lower().replace("-", "_"))

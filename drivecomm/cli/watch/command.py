@@ -45,7 +45,7 @@ def watch(
         bool, typer.Option("--arm", help="Allow start and reset of drives that are armed in the plant file.")
     ] = False,
 ) -> int:
-    """Watch drives in a terminal: states, values, trends, faults, counters.
+    """Watch drives on a live screen in the terminal: states, values, trends, faults, counters.
 
     It commands nothing by itself; its keys can always stop a motor, and with --arm start or reset one. Exit code 3 when
     no line can be opened, 1 when values are missing in the log because the disk was full. It is not a safety function.
