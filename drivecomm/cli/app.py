@@ -11,8 +11,8 @@ from drivecomm.cli.lazy_commands import Group, lazy
 from drivecomm.version import __version__
 
 COMMANDS = {
-    "demo": ("demo.command:demo", "Tour everything on virtual lines in a few seconds, or on a real line with --port."),
-    "protocols": ("protocols:protocols", "List the installed protocols with their defaults and models."),
+    "demo": ("demo.tour:demo", "Tour everything on virtual lines in a few seconds, or on a real line with --port."),
+    "protocols": ("telegrams:protocols", "List the installed protocols with their defaults and models."),
     "decode": ("telegrams:decode", "Decode one telegram."),
     "encode": ("telegrams:encode", "Build one telegram from its fields and print it in hexadecimal."),
     "scan": ("scan:scan", "Find the drives on a line."),
@@ -27,8 +27,8 @@ COMMANDS = {
     "reference": ("one_drive:reference", "Set the reference."),
     "wait": ("one_drive:wait", "Wait until a drive reaches a state."),
     "call": ("one_drive:call", "Call a function that only this protocol has, such as jog."),
-    "backup": ("parameter_sets.backup:backup", "Save the parameters of a drive to a file."),
-    "compare": ("parameter_sets.compare:compare", "List the parameters in which two drives or files differ."),
+    "backup": ("parameter_sets.saved:backup", "Save the parameters of a drive to a file."),
+    "compare": ("parameter_sets.saved:compare", "List the parameters in which two drives or files differ."),
     "restore": ("parameter_sets.restore:restore", "Write the parameters in a file to a drive."),
     "poll": ("poll:poll", "Read parameters periodically."),
     "watch": ("watch.command:watch", "Watch drives on a live screen in the terminal."),

@@ -9,7 +9,7 @@ import typer
 
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Drive, Model, Type, VerbOption
-from drivecomm.cli.output import complain, emit, plain, say
+from drivecomm.cli.output import complain, emit, plain, say, tell
 from drivecomm.errors import DriveCommError, LinkError, UsageError, meant
 from drivecomm.protocol import DriveState, parse_options
 
@@ -35,13 +35,11 @@ def number(text: str | None) -> Decimal | None:
 
 def show_reading(drive: DriveConfig, parameter: str, reading: Reading, *, as_json: bool) -> None:
     """Print a value that was read. parameter: as it was asked for."""
-    if as_json:
-        told = {**plain(reading), "parameter": parameter, "address": reading.parameter, "quantity": reading.name}
-        emit(**{**drive.labels, **told, "name": drive.name})
-        return
+    told = {**plain(reading), "parameter": parameter, "address": reading.parameter, "quantity": reading.name}
     name = f"{reading.parameter} {reading.name}".rstrip()
     note = f"  [{reading.note}]" if reading.note else ""
-    say(f"{drive.name}  {name:<34} {reading!s:>14}{note}".rstrip())
+    text = f"{drive.name}  {name:<34} {reading!s:>14}{note}".rstrip()
+    tell(text, as_json=as_json, **{**drive.labels, **told, "name": drive.name})
 
 
 def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool) -> None:
@@ -63,10 +61,8 @@ def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool) -> Non
 
 def done(drive: DriveConfig, line: LineOptions, what: str, *, result: object = None) -> None:
     """Print what was done with a drive."""
-    if line.json:
-        emit(**drive.labels, done=what, result=result)
-        return
-    say(f"{drive.name}  {what}" + (f": {result}" if result is not None else ""))
+    text = f"{drive.name}  {what}" + (f": {result}" if result is not None else "")
+    tell(text, as_json=line.json, **drive.labels, done=what, result=result)
 
 
 def read(
@@ -115,10 +111,9 @@ def write(
         reading = write(parameter, value, store=store, **verb_options(type, option))
         if reading is not None:
             show_reading(name, parameter, reading, as_json=line.json)
-        elif line.json:
-            emit(**name.labels, parameter=parameter, written=value, stored=store)
         else:
-            say(f"{name.name}  {parameter} = {value}  written{' and stored' if store else ''}")
+            text = f"{name.name}  {parameter} = {value}  written{' and stored' if store else ''}"
+            tell(text, as_json=line.json, **name.labels, parameter=parameter, written=value, stored=store)
     return 0
 
 

@@ -52,6 +52,14 @@ def say(text: str = "") -> None:
     sys.stdout.flush()
 
 
+def tell(text: str, /, *, as_json: bool, **content: Any) -> None:
+    """Print a line of text, or the same as one JSON object."""
+    if as_json:
+        emit(**content)
+    else:
+        say(text)
+
+
 def counted(number: int, what: str) -> str:
     """Return `1 drive` or `2 drives`."""
     return f"{number} {what}{'' if number == 1 else 's'}"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivecomm.cli.options import Json, ProtocolOption
-from drivecomm.cli.output import complain, emit, say
+from drivecomm.cli.output import complain, emit, say, tell
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.protocol import installed, parse_options, protocol_options
 
@@ -113,14 +113,11 @@ def check(
     for name, plugin, loaded in sets:
         report = run_checks(plugin, loaded)
         for failure in report.failed:
-            if json:
-                emit(check=failure.name, passed=False, reason=failure.reason)
-            else:
-                say(f"FAILED {failure.name}: {failure.reason}")
-        if json:
-            emit(vectors=name, protocol=plugin.name, passed=len(report.passed), failed=len(report.failed))
-        else:
-            say(f"{name}: {len(report.passed)} checks passed, {len(report.failed)} failed")
+            text = f"FAILED {failure.name}: {failure.reason}"
+            tell(text, as_json=json, check=failure.name, passed=False, reason=failure.reason)
+        passed, failed = len(report.passed), len(report.failed)
+        text = f"{name}: {passed} checks passed, {failed} failed"
+        tell(text, as_json=json, vectors=name, protocol=plugin.name, passed=passed, failed=failed)
         code = code or (1 if report.failed else 0)
     return code
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from drivecomm.cli.options import Json
-from drivecomm.cli.output import counted, emit, say
+from drivecomm.cli.output import counted, tell
 from drivecomm.plant.value_log import read_rows
 from drivecomm.plant.value_plots import picture_of, save
 
@@ -24,9 +24,8 @@ def plot(
     """Plot a log of values: a panel for each unit, gaps where a drive did not answer, and the states of the drives."""
     picture = picture_of(read_rows(log), drives=drive or (), names=name or ())
     save(picture, title or log.name, output)
-    if json:
-        emit(output=str(output), curves=len(picture.curves), drives=len(picture.drives), faults=len(picture.faults))
-    else:
-        faults = f", {counted(len(picture.faults), 'fault')}" if picture.faults else ""
-        say(f"{output}: {counted(len(picture.curves), 'curve')}{faults}")
+    faults = f", {counted(len(picture.faults), 'fault')}" if picture.faults else ""
+    text = f"{output}: {counted(len(picture.curves), 'curve')}{faults}"
+    counts = {"curves": len(picture.curves), "drives": len(picture.drives), "faults": len(picture.faults)}
+    tell(text, as_json=json, output=str(output), **counts)
     return 0

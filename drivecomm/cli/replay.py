@@ -11,7 +11,7 @@ import typer
 
 from drivecomm.capture import read_capture
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.output import emit, say
+from drivecomm.cli.output import emit, say, tell
 from drivecomm.cli.signals import until_stopped
 from drivecomm.errors import UsageError
 from drivecomm.protocol import LineSettings, installed
@@ -81,10 +81,8 @@ def replay(
 
 def _answer(capture: Capture, listen: str, *, as_json: bool) -> int:
     with until_stopped() as stop, Server(recorded_drives(capture), parse_listen(listen)) as server:
-        if as_json:
-            emit(listening=server.address, requests=len(exchanged(capture)))
-        else:
-            say(f"the drives of the capture on {server.address}; stop with Ctrl-C")
+        text = f"the drives of the capture on {server.address}; stop with Ctrl-C"
+        tell(text, as_json=as_json, listening=server.address, requests=len(exchanged(capture)))
         server.run(stop)
     if not as_json:
         say("stopped")

@@ -1,4 +1,4 @@
-"""The commands for one telegram, without a port: encode and decode."""
+"""The commands without a port: protocols, encode and decode."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from drivecomm.cli.options import Json, ProtocolOption
-from drivecomm.cli.output import emit, say
+from drivecomm.cli.output import complain, emit, say, tell
 from drivecomm.errors import TelegramError, UsageError
 from drivecomm.link import fields_text
+from drivecomm.models import model_names
 from drivecomm.protocol import Direction, decode as decode_telegram, encode as encode_telegram, installed, parse_options
 
 if TYPE_CHECKING:
@@ -32,10 +33,7 @@ def encode(
     written = dict(_pair(text) for text in fields)
     given = {name: _field(value) for name, value in written.items()}
     data = _encoded(protocol, direction, given, written, parse_options(option or []))
-    if json:
-        emit(protocol=protocol, direction=direction, data=data, fields=given)
-    else:
-        say(data.hex(" ").upper())
+    tell(data.hex(" ").upper(), as_json=json, protocol=protocol, direction=direction, data=data, fields=given)
     return 0
 
 
@@ -93,29 +91,17 @@ def decode(
             except TelegramError as refusal:
                 refusals.append((name, way, refusal))
     for telegram in fits:
-        _show(telegram, as_json=json)
+        text = f"{telegram.protocol} {telegram.direction}: {fields_text(telegram.message)}"
+        found = {"protocol": telegram.protocol, "direction": telegram.direction, "valid": True}
+        tell(text, as_json=json, **found, data=telegram.data, fields=telegram.fields)
     if fits:
         return 0
     for name, way, error in refusals:
-        if json:
-            emit(protocol=name, direction=way, valid=False, category=error.category, reason=str(error))
-        else:
-            say(f"{name} {way}: refused ({error.category}): {error}")
+        text = f"{name} {way}: refused ({error.category}): {error}"
+        why = {"category": error.category, "reason": str(error)}
+        tell(text, as_json=json, protocol=name, direction=way, valid=False, **why)
     sys.stderr.write("drivecomm: these bytes are not a telegram of the protocols tried\n")
     return TelegramError.exit_code
-
-
-def _show(telegram: Telegram, *, as_json: bool) -> None:
-    if as_json:
-        emit(
-            protocol=telegram.protocol,
-            direction=telegram.direction,
-            valid=True,
-            data=telegram.data,
-            fields=telegram.fields,
-        )
-        return
-    say(f"{telegram.protocol} {telegram.direction}: {fields_text(telegram.message)}")
 
 
 def _bytes(words: list[str]) -> bytes:
@@ -125,3 +111,31 @@ def _bytes(words: list[str]) -> bytes:
         return bytes.fromhex(text)
     except ValueError:
         raise UsageError(f"{' '.join(words)!r} is not hexadecimal; write bytes such as 04 41 or 0441") from None
+
+
+def protocols(json: Json = False) -> int:
+    """List the installed protocols with their defaults and models."""
+    broken = installed.broken()
+    for name in installed:
+        if name in broken:
+            complain(broken[name], as_json=json)
+            continue
+        plugin = installed[name]
+        facts = plugin.facts
+        if json:
+            emit(
+                protocol=name,
+                title=plugin.title,
+                addresses=[plugin.addresses.start, plugin.addresses.stop - 1],
+                broadcast=plugin.broadcast_address,
+                line=str(facts.settings),
+                reply_timeout_s=facts.timing.reply_timeout_s,
+                models=model_names(plugin.package, plugin.name),
+                parameters=list(plugin.parameter_examples),
+            )
+            continue
+        span = f"{plugin.addresses.start}-{plugin.addresses.stop - 1}"
+        say(f"{name:<11} {plugin.title}")
+        say(f"{'':<11} addresses {span}, {facts.settings}, parameters like {', '.join(plugin.parameter_examples)}")
+        say(f"{'':<11} models {', '.join(model_names(plugin.package, plugin.name)) or 'none'}")
+    return 2 if broken else 0

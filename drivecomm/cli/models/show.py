@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivecomm.cli.options import Json
-from drivecomm.cli.output import complain, counted, emit, say
+from drivecomm.cli.output import complain, counted, emit, say, tell
 from drivecomm.errors import FileFormatError, ParameterAddressError, UsageError
 from drivecomm.models import (
     check_model,
@@ -97,10 +97,8 @@ def check(
         findings = check_model(path)
         wrong += bool(findings)
         for finding in findings:
-            if json:
-                emit(file=str(path), line=finding.line, key=finding.key, text=finding.text)
-            else:
-                say(str(finding))
+            about = {"file": str(path), "line": finding.line, "key": finding.key, "text": finding.text}
+            tell(str(finding), as_json=json, **about)
         if json:
             emit(file=str(path), findings=len(findings))
         elif not findings:

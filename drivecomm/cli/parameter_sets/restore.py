@@ -11,7 +11,7 @@ import typer
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Drive
 from drivecomm.cli.output import complain, emit, plain, progress_bar, say
-from drivecomm.cli.parameter_sets.backup import Communication, SetModel, drive_of_set
+from drivecomm.cli.parameter_sets.saved import Communication, SetModel, drive_of_set
 from drivecomm.commissioning.parameter_sets import (
     RestoreOptions,
     carry_out_plan,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivecomm.capture import CaptureWriter, Provenance, read_capture
-from drivecomm.cli.output import complain, emit, say
+from drivecomm.cli.output import complain, tell
 from drivecomm.cli.sniff.lines import LiveTable, emit_event, emit_summary, print_summary, say_event
 from drivecomm.cli.sniff.naming import Naming
 from drivecomm.cli.sniff.sources import Ear, is_file, pieces_from
@@ -94,9 +94,15 @@ def sniff(
             )
         job.read(place, write, output)
         return 0
-    tell = partial(_tell_detected, as_json=as_json)
     open_port = shared_listening_port if shared else listening_port
-    heard = job.listen(place, write, output, open_port=open_port, told=tell if find else None, seconds=seconds)
+    heard = job.listen(
+        place,
+        write,
+        output,
+        open_port=open_port,
+        told=partial(_tell_detected, as_json=as_json) if find else None,
+        seconds=seconds,
+    )
     if heard:
         return 0
     served = ", that its server has no other client" if "://" in place else ""
@@ -226,17 +232,15 @@ def _output(job: Job, *, table: bool, as_json: bool) -> Output:
 
 
 def _tell_detected(place: str, found: Detected, *, as_json: bool) -> None:
-    if as_json:
-        emit(what="detected", port=place, **asdict(found))
-        return
-    say(
+    text = (
         f"{place}: {found.settings}, {', '.join(found.protocols)}; {found.telegrams} telegrams, "
         f"{found.understood:.0%} of the characters understood, {found.spoilt:.0%} with a wrong parity or stop bit"
     )
+    tell(text, as_json=as_json, what="detected", port=place, **asdict(found))
 
 
 def _found_settings(
-    place: str, port: ListeningPort, protocols: list[Protocol], tell: Callable[[str, Detected], None]
+    place: str, port: ListeningPort, protocols: list[Protocol], told: Callable[[str, Detected], None]
 ) -> LineSettings:
     if note := port.configure(LineSettings()):
         raise UsageError(f"{place}: there is nothing to detect ({note}); leave --detect out")
@@ -245,5 +249,5 @@ def _found_settings(
         raise LinkError(
             f"{place}: nothing could be decoded with the usual line settings; check that there is traffic on this line"
         )
-    tell(place, found)
+    told(place, found)
     return found.settings

@@ -14,8 +14,7 @@ from textual.widgets import DataTable, Footer, Static
 
 from drivecomm.bus import keep_async
 from drivecomm.cli.output import sentence
-from drivecomm.cli.watch.columns import PADDING, columns_for
-from drivecomm.cli.watch.panels import drive_panel, happenings_panel
+from drivecomm.cli.watch.panels import PADDING, columns_for, drive_panel, happenings_panel
 from drivecomm.cli.watch.screens import ParametersScreen, Question, TraceScreen
 from drivecomm.cli.watch.words import ASIDE, HOLD, clock, summary_of, why_not
 from drivecomm.errors import DriveCommError
