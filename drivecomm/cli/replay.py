@@ -17,14 +17,14 @@ from drivecomm.errors import UsageError
 from drivecomm.protocol import LineSettings, installed
 from drivecomm.traffic.replay import (
     PATIENCE_S,
-    Asking,
-    Outcome,
+    ReplayedRequest,
+    ReplayMaster,
     Sending,
     described,
     difference,
-    exchanged,
+    infer_sources,
     recorded_drives,
-    telling_apart,
+    recorded_exchanges,
 )
 from drivecomm.virtual import Server, parse_listen
 
@@ -56,7 +56,7 @@ def replay(
     recorded = read_capture(file)
     for remark in recorded.remarks:
         sys.stderr.write(f"drivecomm: {remark}\n")
-    capture = telling_apart(recorded, plugins)
+    capture = infer_sources(recorded, plugins)
     if listen is not None:
         if faster != 1 or commands:
             raise UsageError("--faster and --commands are for replaying as a master, without --listen")
@@ -67,8 +67,8 @@ def replay(
     else:
         line.refuse("without --commands nothing is commanded", "arm")
     settings = [field.name for field in fields(LineSettings)]
-    asking = Asking(
-        exchanged(capture),
+    asking = ReplayMaster(
+        recorded_exchanges(capture),
         plugins,
         faster=faster,
         sending=Sending.EVERYTHING if commands else Sending.QUESTIONS,
@@ -82,15 +82,15 @@ def replay(
 def _answer(capture: Capture, listen: str, *, as_json: bool) -> int:
     with until_stopped() as stop, Server(recorded_drives(capture), parse_listen(listen)) as server:
         text = f"the drives of the capture on {server.address}; stop with Ctrl-C"
-        tell(text, as_json=as_json, listening=server.address, requests=len(exchanged(capture)))
+        tell(text, as_json=as_json, listening=server.address, requests=len(recorded_exchanges(capture)))
         server.run(stop)
     if not as_json:
         say("stopped")
     return 0
 
 
-def _ask(asking: Asking, line: LineOptions, plugins: Sequence[Protocol]) -> int:
-    different: list[Outcome] = []
+def _ask(asking: ReplayMaster, line: LineOptions, plugins: Sequence[Protocol]) -> int:
+    different: list[ReplayedRequest] = []
     asked = left_out = 0
     with line.opened() as port:
         for outcome in asking.on(port):
@@ -119,7 +119,7 @@ def _ask(asking: Asking, line: LineOptions, plugins: Sequence[Protocol]) -> int:
     return 1 if different else 0
 
 
-def _show(different: Sequence[Outcome], plugins: Sequence[Protocol]) -> None:
+def _show(different: Sequence[ReplayedRequest], plugins: Sequence[Protocol]) -> None:
     """Print the requests that were answered differently, and in what."""
     # rich takes a while to load, and a replay without differences needs none of it.
     from rich.console import Console  # noqa: PLC0415

@@ -84,10 +84,7 @@ def test_a_model_without_a_watchdog(models):
     _, out, _ = models("show", "vlt3500/vlt2000")
     head = out.partition("\n\n")[0].splitlines()
     assert not [line for line in head if line.split()[0] == "watchdog"]
-    assert (
-        "  link loss  no watchdog is documented in our sources; presumably they go on obeying the last control word"
-        in head
-    )
+    assert "no watchdog is documented in our sources" in " ".join(head)
 
 
 def test_the_same_model_by_each_name(models):

@@ -18,7 +18,7 @@ from drivecomm.cli.sniff.naming import Naming
 from drivecomm.cli.sniff.sources import Ear, is_file, pieces_from
 from drivecomm.errors import LinkError, UsageError
 from drivecomm.protocol import LineSettings, installed, parse_drive
-from drivecomm.traffic.sniffer import Watch, detect
+from drivecomm.traffic.sniffer import LineMonitor, detect
 from drivecomm.transport import listening_port, shared_listening_port
 from drivecomm.version import __version__
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from drivecomm.cli.sniff.naming import Meaning
     from drivecomm.link import Statistics
     from drivecomm.protocol import Protocol
-    from drivecomm.traffic.sniffer import Detected, Event
+    from drivecomm.traffic.sniffer import Detected, LineEvent
     from drivecomm.transport import ListeningPort
 
 _LINE = "Line"
@@ -116,7 +116,7 @@ def sniff(
 class Output:
     """How events are shown: each one, and at the beginning and the end."""
 
-    show: Callable[[Event, Meaning], None]
+    show: Callable[[LineEvent, Meaning], None]
     end: Callable[[], None]
     begin: Callable[[], None] = lambda: None
 
@@ -130,7 +130,7 @@ class Job:
     given: dict[str, object]
     chosen: frozenset[str]
     errors_only: bool
-    _watches: dict[str, Watch] = field(default_factory=dict)
+    _watches: dict[str, LineMonitor] = field(default_factory=dict)
     _heard: bool = False
 
     def counted(self) -> Mapping[str, Mapping[str, Statistics]]:
@@ -200,7 +200,7 @@ class Job:
 
     def _events(
         self, pieces: Iterable[Piece], settings: LineSettings | None, writer: CaptureWriter | None
-    ) -> Iterator[Event]:
+    ) -> Iterator[LineEvent]:
         try:
             for piece in pieces:
                 if writer is not None:
@@ -208,7 +208,7 @@ class Job:
                 self._heard = self._heard or bool(piece.data)
                 if (name := piece.line) not in self._watches:
                     options = self.naming.options
-                    self._watches[name] = Watch(self.protocols, name=name, settings=settings, options=options)
+                    self._watches[name] = LineMonitor(self.protocols, name=name, settings=settings, options=options)
                 watch = self._watches[name]
                 yield from watch.feed(piece) if piece.data else watch.flush(piece.time_s)
         finally:
@@ -216,7 +216,7 @@ class Job:
             left = [event for watch in self._watches.values() for event in watch.finish()]
         yield from left
 
-    def _is_wanted(self, event: Event) -> bool:
+    def _is_wanted(self, event: LineEvent) -> bool:
         if self.errors_only and not event.wrong:
             return False
         return not self.chosen or event.drive in self.chosen or event.drive.partition(":")[0] in self.chosen

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
     from drivecomm.cli.sniff.naming import Meaning
     from drivecomm.link import ReplyTimes, Statistics
-    from drivecomm.traffic.sniffer import Event
+    from drivecomm.traffic.sniffer import LineEvent
 
 
-def say_event(event: Event, meaning: Meaning) -> None:
+def say_event(event: LineEvent, meaning: Meaning) -> None:
     """Print an event for people: time, direction, drive, content, what is known of the parameter, remarks."""
     arrow, content = _content(event)
     line = f"{event.line}  " if event.line else ""
@@ -30,9 +30,9 @@ def say_event(event: Event, meaning: Meaning) -> None:
     say(line + line_text(event.time_s, arrow, *parts, remarks=_remarks(event)))
 
 
-def emit_event(event: Event, meaning: Meaning) -> None:
+def emit_event(event: LineEvent, meaning: Meaning) -> None:
     """Print an event as one JSON object."""
-    finding, pair = event.finding, event.pair
+    finding, pair = event.item, event.pair
     content: dict[str, Any] = {
         "line": event.line,
         "time_s": round(event.time_s, 6),
@@ -63,8 +63,8 @@ def emit_event(event: Event, meaning: Meaning) -> None:
     emit(**content)
 
 
-def _what(event: Event) -> str:
-    finding = event.finding
+def _what(event: LineEvent) -> str:
+    finding = event.item
     if finding is None:
         return "unanswered"
     if isinstance(finding, HeardTelegram):
@@ -74,8 +74,8 @@ def _what(event: Event) -> str:
     return "ambiguous" if isinstance(finding, AmbiguousTelegram) else "unknown"
 
 
-def _content(event: Event) -> tuple[str, str]:
-    finding = event.finding
+def _content(event: LineEvent) -> tuple[str, str]:
+    finding = event.item
     if finding is None:
         asked = event.pair.request if event.pair else None
         return "--", f"no reply to {fields_text(asked.message)}" if asked else "no reply"
@@ -99,12 +99,12 @@ def _about(meaning: Meaning) -> str:
     return name if meaning.reading is None else f"{name} = {meaning.reading}"
 
 
-def _remarks(event: Event) -> list[str]:
+def _remarks(event: LineEvent) -> list[str]:
     found = []
     if event.retries:
         found.append(f"retry {event.retries}")
     pair = event.pair
-    if pair is None or event.finding is None:
+    if pair is None or event.item is None:
         return found
     if pair.reply_time_s is not None:
         found.append(f"{pair.reply_time_s * 1000:.1f} ms")
@@ -150,7 +150,7 @@ class LiveTable:
             )
             self._live.start()
 
-    def show(self, event: Event, meaning: Meaning) -> None:
+    def show(self, event: LineEvent, meaning: Meaning) -> None:
         """Keep the last value of each drive."""
         if meaning.parameter is not None and meaning.reading is not None:
             self._last[event.line, event.drive] = f"{meaning.parameter.name} = {meaning.reading}"
