@@ -84,19 +84,14 @@ def _common(
     """Variable-frequency drives of different makers over serial lines."""
 
 
-def _application() -> Any:
-    application = typer.Typer(
-        name="drivecomm",
-        cls=Group,
-        help="Variable-frequency drives of different makers over serial lines: scan, read, write, command, simulate.",
-        no_args_is_help=True,
-        add_completion=False,
-        context_settings={"help_option_names": ["-h", "--help"]},
-    )
-    application.callback()(_common)
-    found: Any = get_command(application)
-    found.commands.update(lazy(COMMANDS))
-    return found
-
-
-app = _application()
+_application = typer.Typer(
+    name="drivecomm",
+    cls=Group,
+    help="Variable-frequency drives of different makers over serial lines: scan, read, write, command, simulate.",
+    no_args_is_help=True,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+_application.callback()(_common)
+app: Any = get_command(_application)
+app.commands.update(lazy(COMMANDS))

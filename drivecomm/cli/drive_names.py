@@ -50,8 +50,15 @@ def placed(text: str, asked: LineOptions) -> tuple[Plant, DriveConfig, dict[str,
     """
     word, *settings = text.split(",")
     known = known_plant(asked.plant, port_given=False)
-    drive = _named(word, known) if ":" not in word else _addressed(word, known, asked)
-    if known is None or drive is None:
+    if known is None:
+        if ":" in word:
+            return None
+        raise UsageError(
+            f"{word!r} is not a drive; write PROTOCOL:ADDRESS, such as vabus:1, or a name in a plant file "
+            "(--plant plant.toml)"
+        )
+    drive = _addressed(word, known, asked) if ":" in word else known.drive(word)
+    if drive is None:
         return None
     line = known.line(drive.line)
     if "port" in asked.given and asked.port and line.reached_at and not same_port(line.reached_at, asked.port):
@@ -67,18 +74,7 @@ def placed(text: str, asked: LineOptions) -> tuple[Plant, DriveConfig, dict[str,
     return known, drive, parse_options(settings)
 
 
-def _named(word: str, known: Plant | None) -> DriveConfig:
-    if known is None:
-        raise UsageError(
-            f"{word!r} is not a drive; write PROTOCOL:ADDRESS, such as vabus:1, or a name in a plant file "
-            "(--plant plant.toml)"
-        )
-    return known.drive(word)
-
-
-def _addressed(word: str, known: Plant | None, asked: LineOptions) -> DriveConfig | None:
-    if known is None:
-        return None
+def _addressed(word: str, known: Plant, asked: LineOptions) -> DriveConfig | None:
     same = [drive for drive in known.drives if str(drive) == word]
     if asked.port is not None and ("port" in asked.given or asked.plant is None):
         port = asked.port

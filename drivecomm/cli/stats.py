@@ -50,28 +50,15 @@ def stats(
         raise UsageError(f"{seconds:g} s is not possible; give --for a number above 0")
     if not drives and (known := known_plant(line.plant, port_given=line.port is not None)):
         drives = [drive.name for drive in known.drives]
-    lines = _by_line(line, drives or [])
-    if not lines:
-        lines = [(line, {str(name): name for name in _scanned(line)})]
+    lines: dict[LineOptions, dict[str, DriveConfig]] = {}
+    for text in drives or []:
+        reached, name = line.reaching(text)
+        lines.setdefault(reached, {})[text.partition(",")[0]] = name
+    lines = lines or {line: {str(name): name for name in _scanned(line)}}
     if line.record is not None and len(lines) > 1:
         raise UsageError("--record is for one line, and these drives are on several; leave it out")
-    answered = [_measure(at, names, seconds, headed=len(lines) > 1) for at, names in lines if names]
+    answered = [_measure(at, names, seconds, headed=len(lines) > 1) for at, names in lines.items() if names]
     return 0 if answered and all(answered) else 1
-
-
-def _by_line(line: LineOptions, drives: Sequence[str]) -> list[tuple[LineOptions, dict[str, DriveConfig]]]:
-    """Return the lines of these drives, each with its drives by what they are called."""
-    lines: list[tuple[LineOptions, dict[str, DriveConfig]]] = []
-    for text in drives:
-        reached, name = line.reaching(text)
-        called = text.partition(",")[0]
-        for at, names in lines:
-            if at == reached:
-                names[called] = name
-                break
-        else:
-            lines.append((reached, {called: name}))
-    return lines
 
 
 def _measure(line: LineOptions, names: Mapping[str, DriveConfig], seconds: float, *, headed: bool) -> bool:

@@ -99,8 +99,19 @@ def compare(
         if model is not None:
             raise UsageError("both are files, which say their models, so --model has no effect; leave it out")
     files = {word: read_set(path) for word in (left, right) if (path := _file(word))}
-    read = _Operands(files, model, parts, line)
-    ours, theirs = read(left, right), read(right, left)
+
+    def operand(word: str, other: str) -> ParameterSet:
+        """Return the parameters of a file or a drive, or the factory values of the other drive."""
+        if word in files:
+            return files[word]
+        read, drive = (factory_set, other) if word == FACTORY else (back_up, word)
+        with (
+            drive_of_set(line, drive, model, files.get(other)) as one,
+            progress_bar("reading", shown=not line.json) as progress,
+        ):
+            return read(one, parts, progress=progress)
+
+    ours, theirs = operand(left, right), operand(right, left)
     found = compared(ours, theirs, parts)
     _show_comparison(found, left, right, as_json=line.json)
     return 0 if found.same else 1
@@ -111,24 +122,6 @@ def _file(word: str) -> Path | None:
     path = Path(word)
     is_drive = word == FACTORY or ":" in word.partition(",")[0]
     return path if not is_drive and (path.suffix or path.exists()) else None
-
-
-class _Operands:
-    """What is compared, read from drives where it is in no file."""
-
-    def __init__(self, files: dict[str, ParameterSet], model: str | None, parts: list[Part], line: LineOptions) -> None:
-        self._files, self._model, self._parts, self._line = files, model, parts, line
-
-    def __call__(self, word: str, other: str) -> ParameterSet:
-        """Return the parameters of a file or a drive, or the factory values of the other drive."""
-        if word in self._files:
-            return self._files[word]
-        read, drive = (factory_set, other) if word == FACTORY else (back_up, word)
-        with (
-            drive_of_set(self._line, drive, self._model, self._files.get(other)) as one,
-            progress_bar("reading", shown=not self._line.json) as progress,
-        ):
-            return read(one, self._parts, progress=progress)
 
 
 def _show_comparison(found: Comparison, left: str, right: str, *, as_json: bool) -> None:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 def say_event(event: LineEvent, meaning: Meaning) -> None:
     """Print an event for people: time, direction, drive, content, what is known of the parameter, remarks."""
-    arrow, content = _content(event)
+    _, arrow, content = _described(event)
     line = f"{event.line}  " if event.line else ""
     parts = (f"{event.drive:<14}", content, _about(meaning))
     say(line + line_text(event.time_s, arrow, *parts, remarks=_remarks(event)))
@@ -36,7 +36,7 @@ def emit_event(event: LineEvent, meaning: Meaning) -> None:
     content: dict[str, Any] = {
         "line": event.line,
         "time_s": round(event.time_s, 6),
-        "what": _what(event),
+        "what": _described(event)[0],
         "drive": event.drive,
         "data": b"" if finding is None else finding.data,
     }
@@ -63,31 +63,21 @@ def emit_event(event: LineEvent, meaning: Meaning) -> None:
     emit(**content)
 
 
-def _what(event: LineEvent) -> str:
-    finding = event.item
-    if finding is None:
-        return "unanswered"
-    if isinstance(finding, HeardTelegram):
-        return finding.direction
-    if isinstance(finding, DamagedTelegram):
-        return "damaged"
-    return "ambiguous" if isinstance(finding, AmbiguousTelegram) else "unknown"
-
-
-def _content(event: LineEvent) -> tuple[str, str]:
-    finding = event.item
-    if finding is None:
+def _described(event: LineEvent) -> tuple[str, str, str]:
+    """Return what an event is, its arrow, and its content."""
+    item = event.item
+    if item is None:
         asked = event.pair.request if event.pair else None
-        return "--", f"no reply to {fields_text(asked.message)}" if asked else "no reply"
-    shown = hex_text(finding.data)
-    if isinstance(finding, HeardTelegram):
-        return ARROWS[finding.direction], fields_text(finding.message)
-    if isinstance(finding, DamagedTelegram):
-        return "!!", f"damaged {finding.direction}  {shown}  [{finding.error}]"
-    if isinstance(finding, AmbiguousTelegram):
-        ways = " or ".join(sorted({f"{protocol} {direction}" for protocol, direction, _ in finding.readings}))
-        return "??", f"{ways}  {shown}"
-    return "~~", f"unknown  {shown}"
+        return "unanswered", "--", f"no reply to {fields_text(asked.message)}" if asked else "no reply"
+    shown = hex_text(item.data)
+    if isinstance(item, HeardTelegram):
+        return item.direction, ARROWS[item.direction], fields_text(item.message)
+    if isinstance(item, DamagedTelegram):
+        return "damaged", "!!", f"damaged {item.direction}  {shown}  [{item.error}]"
+    if isinstance(item, AmbiguousTelegram):
+        ways = " or ".join(sorted({f"{protocol} {direction}" for protocol, direction, _ in item.readings}))
+        return "ambiguous", "??", f"{ways}  {shown}"
+    return "unknown", "~~", f"unknown  {shown}"
 
 
 def _about(meaning: Meaning) -> str:
