@@ -17,7 +17,6 @@ from drivecomm.transport import SerialPort
 
 if TYPE_CHECKING:
     from drivecomm.commissioning.doctor import Examination
-    from drivecomm.link import Echo
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig
     from drivecomm.transport import PortReport
@@ -96,14 +95,11 @@ def _lines_to_examine(line: LineOptions) -> list[_ExaminedLine]:
 
 
 def _of_the_plant(each: PlantLine, known: Plant, line: LineOptions) -> _ExaminedLine:
-    given = line.said_facts
-    echo: Echo = "expect" if each.echo and line.echo == "off" else line.echo
-    settings = {key: value for key, value in each.settings.items() if key not in given}
     return _ExaminedLine(
-        options=replace(line, port=line.port_of(each, known.file), echo=echo, given=line.given | {"port"}, **settings),
+        options=line.on(each, known.file),
         name=each.name,
         # What is given on the command line goes before what the plant says.
-        drives=tuple(each.reached(drive).with_options(**given) for drive in known.on_line(each.name)),
+        drives=tuple(each.reached(drive).with_options(**line.said_facts) for drive in known.on_line(each.name)),
     )
 
 

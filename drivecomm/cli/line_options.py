@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import bus as buses
 from drivecomm.cli.drive_names import known_plant, placed
-from drivecomm.cli.output import sentence, trace_as_json, trace_to_standard_error
+from drivecomm.cli.output import sentence, show_trace
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
 from drivecomm.link import Echo, tell_all
 from drivecomm.protocol import parse_drive
@@ -80,12 +81,13 @@ class LineOptions:
             drive = parse_drive(text)
             return self, replace(drive, options=self._over({}, drive.options), line=self.named_port)
         plant, drive, behind = place
-        line = plant.line(drive.line)
+        return self.on(plant.line(drive.line), plant.file), replace(drive, options=self._over(drive.options, behind))
+
+    def on(self, line: PlantLine, file: str) -> LineOptions:
+        """Return the options for a line of the plant, which says what is not written on the command line."""
         echo: Echo = "expect" if line.echo and "echo" not in self.given else self.echo
         settings = {key: value for key, value in line.settings.items() if getattr(self, key) is None}
-        port = self.port_of(line, plant.file)
-        reached = replace(self, port=port, echo=echo, given=self.given | {"port"}, **settings)
-        return reached, replace(drive, options=self._over(drive.options, behind))
+        return replace(self, port=self.port_of(line, file), echo=echo, given=self.given | {"port"}, **settings)
 
     def _over(self, options: Mapping[str, Any], behind: Mapping[str, Any]) -> dict[str, Any]:
         """Return a drive's options with what the command line says in their place."""
@@ -197,9 +199,7 @@ class LineOptions:
     @property
     def shown_trace(self) -> Callable[[TraceEvent], None] | None:
         """What shows the trace, where it is wanted."""
-        if not self.trace:
-            return None
-        return trace_as_json if self.json else trace_to_standard_error
+        return partial(show_trace, as_json=self.json) if self.trace else None
 
     def _recorded(self) -> AbstractContextManager[None]:
         if self.record is None:

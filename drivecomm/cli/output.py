@@ -117,15 +117,10 @@ def interrupted(*, as_json: bool) -> int:
     return code
 
 
-def trace_to_standard_error(event: TraceEvent) -> None:
-    """Print a trace event as text."""
-    sys.stderr.write(trace_line(event) + "\n")
-    sys.stderr.flush()
-
-
-def trace_as_json(event: TraceEvent) -> None:
-    """Print a trace event as a JSON object on standard error, apart from the command's own objects."""
-    sys.stderr.write(json.dumps(plain({"trace": event.what, **trace_data(event)})) + "\n")
+def show_trace(event: TraceEvent, *, as_json: bool) -> None:
+    """Print a trace event on standard error: as text, or as a JSON object apart from the command's own objects."""
+    text = json.dumps(plain({"trace": event.what, **trace_data(event)})) if as_json else trace_line(event)
+    sys.stderr.write(text + "\n")
     sys.stderr.flush()
 
 
@@ -141,8 +136,9 @@ _FLAGS = {
 
 def in_flags(text: str, error: Exception | str) -> str:
     """Return what an error says with the command line's words for its keywords."""
+    about = error.about if isinstance(error, DriveCommError) else None
     for keyword in _said_by(error):
-        text = text.replace(keyword, _written(keyword, _drive_of(error)))
+        text = text.replace(keyword, _written(keyword, about["name"] if about else "DRIVE"))
     return text
 
 
@@ -151,11 +147,6 @@ def _said_by(error: object) -> tuple[str, ...]:
     if not isinstance(error, DriveCommError):
         return ()
     return tuple(dict.fromkeys((*error.says, *_said_by(error.__cause__))))
-
-
-def _drive_of(error: object) -> str:
-    about = error.about if isinstance(error, DriveCommError) else None
-    return about["name"] if about else "DRIVE"
 
 
 def _written(keyword: str, drive: str) -> str:

@@ -91,24 +91,10 @@ def reached_for_stopping(line: LineOptions, text: str) -> tuple[LineOptions, Dri
             plant, _ = salvaged(file)
             drive = plant.drive(text.partition(",")[0])
         except UsageError:
-            return *_by_its_address(line, text, error), str(error)
-        of = plant.line(drive.line)
-        settings = {key: value for key, value in of.settings.items() if getattr(line, key) is None}
-        reached = replace(
-            line,
-            port=line.port_of(of, str(file)),
-            echo="expect" if of.echo else line.echo,
-            given=line.given | {"port"},
-            **settings,
-        )
-        return reached, drive, str(error)
-
-
-def _by_its_address(line: LineOptions, text: str, error: FileFormatError) -> tuple[LineOptions, DriveConfig]:
-    """Return line and drive as they are named, without any plant. Raises the error where that does not suffice."""
-    if ":" not in text.partition(",")[0] or line.port is None:
-        raise error
-    return replace(line, given=line.given | {"port"}), replace(parse_drive(text), line=line.port)
+            if ":" not in text.partition(",")[0] or line.port is None:
+                raise error from None
+            return replace(line, given=line.given | {"port"}), replace(parse_drive(text), line=line.port), str(error)
+        return line.on(plant.line(drive.line), str(file)), drive, str(error)
 
 
 def _stopped_by_holder(line: LineOptions, reached: LineOptions, request: StopRequest) -> bool:

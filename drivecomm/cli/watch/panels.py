@@ -188,8 +188,19 @@ def _all_columns(watcher: Watcher, board: Board, shown: str) -> list[Column]:
     columns.append(_column("trend", head, len(head), 12, _cell(watcher, "trend", shown, len(head))))
     for key, counter, rank in (("asked", "requests", 50), ("lost", "timeouts", 46), ("bad", "damaged", 47)):
         columns.append(_column(key, key, 5, rank, partial(_count, counter=counter), right=True))
-    columns.append(_column("reply", "reply ms", 8, 48, _reply, right=True))
-    columns.append(_column("age", "age s", 5, 45, _age, right=True))
+    columns.append(
+        _column(
+            "reply",
+            "reply ms",
+            8,
+            48,
+            lambda view: Text(f"{1000 * view.reply_s:.1f}" if view.reply_s else ""),
+            right=True,
+        )
+    )
+    columns.append(
+        _column("age", "age s", 5, 45, lambda view: Text("" if view.age_s is None else f"{view.age_s:.0f}"), right=True)
+    )
     columns.append(_column("note", "note", _NOTE, 2, note_of))
     return columns
 
@@ -214,14 +225,6 @@ def _column(key: str, head: str, width: int, rank: int, cell: Cell, *, right: bo
 
 def _count(view: DriveView, counter: str) -> Text:
     return Text(str(view.counters.get(counter, 0)))
-
-
-def _reply(view: DriveView) -> Text:
-    return Text(f"{1000 * view.reply_s:.1f}" if view.reply_s else "")
-
-
-def _age(view: DriveView) -> Text:
-    return Text("" if view.age_s is None else f"{view.age_s:.0f}")
 
 
 def _width(columns: Sequence[Column]) -> int:
