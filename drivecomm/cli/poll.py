@@ -28,6 +28,23 @@ if TYPE_CHECKING:
     from drivecomm.polling import PollItem, PollResult
 
 
+Words = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[DRIVE PARAM...]...",
+        help="A drive and its parameters, each with ,name=value options, @SECONDS and !PRIORITY behind it.",
+    ),
+]
+PlanFile = Annotated[Path | None, typer.Option("--plan", help="Plant file whose drives say what is polled.")]
+Period = Annotated[
+    float | None, typer.Option("--period", help="Seconds, for parameters without @; 1 if absent, 0 without a pause.")
+]
+
+_DRIVE = re.compile(r"([^:,]+):\d+(,.*)?", re.ASCII | re.DOTALL)
+_PARAMETER = re.compile(r"(?P<what>[^@!]+)(?:@(?P<period>[^@!]*))?(?:!(?P<priority>[^@!]*))?")
+_NEXT_SETTING = re.compile(r",(?=[A-Za-z_-]+=)")
+
+
 def poll(
     line: LineOptions,
     words: Words = None,
@@ -106,23 +123,6 @@ def _say(result: PollResult) -> None:
     value = "-" if reading is None else str(reading)
     why = result.cause or ("" if reading is None else reading.note)
     say(f"{clock}  {result.drive}  {parameter:<34} {value:>14}  {result.quality}{': ' if why else ''}{why}")
-
-
-Words = Annotated[
-    list[str] | None,
-    typer.Argument(
-        metavar="[DRIVE PARAM...]...",
-        help="A drive and its parameters, each with ,name=value options, @SECONDS and !PRIORITY behind it.",
-    ),
-]
-PlanFile = Annotated[Path | None, typer.Option("--plan", help="Plant file whose drives say what is polled.")]
-Period = Annotated[
-    float | None, typer.Option("--period", help="Seconds, for parameters without @; 1 if absent, 0 without a pause.")
-]
-
-_DRIVE = re.compile(r"([^:,]+):\d+(,.*)?", re.ASCII | re.DOTALL)
-_PARAMETER = re.compile(r"(?P<what>[^@!]+)(?:@(?P<period>[^@!]*))?(?:!(?P<priority>[^@!]*))?")
-_NEXT_SETTING = re.compile(r",(?=[A-Za-z_-]+=)")
 
 
 def given_plan(

@@ -29,6 +29,14 @@ if TYPE_CHECKING:
     from drivecomm.commissioning.parameter_sets import Comparison, Difference, Entry, ParameterSet, Part
 
 
+SetModel = Annotated[
+    str | None, typer.Option("--model", "-m", help="Model name, or a .toml file; that of the set if absent.")
+]
+Communication = Annotated[
+    bool, typer.Option("--communication", help="Include communication settings: address, baud rate and the like.")
+]
+
+
 def backup(
     drive: Drive,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="TOML file; an existing one is replaced.")],
@@ -51,14 +59,6 @@ def backup(
         say(f"{name.name}  {address}  not read: {reason}")
     say(f"{name.name}  {len(found.entries)} parameters in {file}")
     return 0
-
-
-SetModel = Annotated[
-    str | None, typer.Option("--model", "-m", help="Model name, or a .toml file; that of the set if absent.")
-]
-Communication = Annotated[
-    bool, typer.Option("--communication", help="Include communication settings: address, baud rate and the like.")
-]
 
 
 @contextmanager

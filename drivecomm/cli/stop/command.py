@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     import typer
 
 
+_WITH_A_VALUE = {"--port": "port", "-p": "port", "--plant": "plant", "--how": "how"}
+
+
 def stop(
     line: LineOptions,
     drive: Annotated[
@@ -59,9 +62,6 @@ def stop(
     from drivecomm.cli.stop.everything import stop_all  # noqa: PLC0415 - as above
 
     return stop_all(line, plant_file(line.plant, port_given=line.port is not None), chosen)
-
-
-_WITH_A_VALUE = {"--port": "port", "-p": "port", "--plant": "plant", "--how": "how"}
 
 
 def quick_stop(arguments: list[str]) -> Callable[[], int] | None:
