@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.text import Text
 
 import drivecomm
-from drivecomm.cli.watch.log_switch import LogSwitch
+from drivecomm.cli.watch.command import LogSwitch
 from drivecomm.cli.watch.screen import WatchScreen
 from drivecomm.plant import read_plant
 from drivecomm.plant.watching import Watcher, lines_of

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 import drivecomm
-from drivecomm.cli.flags import in_flags
-from drivecomm.cli.output import sentence
+from drivecomm.cli.output import in_flags, sentence
 from drivecomm.errors import DeadlineError, UsageError
 from drivecomm.protocol import installed
 

@@ -9,13 +9,11 @@ from drivecomm.bus.faces import Blocking
 from drivecomm.bus.priority_lock import PriorityLock, Rank, Turn
 from drivecomm.bus.procedures import carry_out
 from drivecomm.bus.roster import Roster
-from drivecomm.bus.scanning import Found, Search
 from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.bus.stored_writes import ALLOWED
 from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
 from drivecomm.bus.waiting import reaching
 from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError, shortened
-from drivecomm.polling import poll
 from drivecomm.transport import run
 
 if TYPE_CHECKING:
@@ -24,6 +22,7 @@ if TYPE_CHECKING:
 
     from drivecomm.bus.faces import Job
     from drivecomm.bus.likely_settings import LineChoices
+    from drivecomm.bus.scanning import Found
     from drivecomm.bus.waiting import Goal
     from drivecomm.capture import Record
     from drivecomm.link import Echo, Port, TraceEvent
@@ -97,6 +96,8 @@ class Bus(SharedBus[Drive, Broadcast]):
         absent; addresses that a protocol does not have are left out. progress: told what is asked, how many questions
         are done, and how many there are. options: line facts for all drives asked.
         """
+        from drivecomm.bus.scanning import Found, Search  # noqa: PLC0415 - a stop does without it
+
         search = Search(only, addresses, choices)
         for each in self._scan(search, progress, options):
             if isinstance(each, Found):
@@ -108,6 +109,8 @@ class Bus(SharedBus[Drive, Broadcast]):
         self, items: Iterable[PollItem[Drive]], *, duration_s: float | None = None, cycles: int | None = None
     ) -> Generator[PollResult, None, None]:
         """Yield the results of a poll plan for drives on this bus; see `drivecomm.poll`."""
+        from drivecomm.polling import poll  # noqa: PLC0415 - a stop does without it
+
         return poll(self._on_this_bus(items, "drivecomm.poll"), duration_s=duration_s, cycles=cycles)
 
     def run(self, job: Job[T]) -> T:

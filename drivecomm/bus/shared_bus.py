@@ -6,7 +6,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from drivecomm.bus.priority_lock import Rank
-from drivecomm.bus.scanning import scanning
 from drivecomm.errors import LinkDownError, UsageError
 from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff
 from drivecomm.protocol import Reading
@@ -171,6 +170,8 @@ class SharedBus(Generic[D, E]):
     ) -> Iterator[Question | Found]:
         def member(asking: Asking) -> Member:
             return self._roster.member(asking.protocol, asking.address, None, None, {**asking.options, **options})
+
+        from drivecomm.bus.scanning import scanning  # noqa: PLC0415 - a stop does without it
 
         return scanning(search, member, progress)
 

@@ -7,57 +7,59 @@ from typing import Annotated, Any
 import typer
 from typer.main import get_command
 
-from drivecomm.cli.argument_values import Group
-from drivecomm.cli.lazy_commands import lazy
+from drivecomm.cli.lazy_commands import Group, lazy
 from drivecomm.version import __version__
 
 COMMANDS = {
-    "demo": ("demo.command:demo", "Tour everything on virtual lines, or on a real line with --port."),
-    "protocols": ("protocols:protocols", "List the installed protocols with their defaults and models."),
-    "decode": ("decode:decode", "Decode one telegram."),
-    "encode": ("encode:encode", "Build one telegram from its fields and print it in hexadecimal."),
+    "demo": ("demo.tour:demo", "Tour everything on virtual lines in a few seconds, or on a real line with --port."),
+    "protocols": ("telegrams:protocols", "List the installed protocols with their defaults and models."),
+    "decode": ("telegrams:decode", "Decode one telegram."),
+    "encode": ("telegrams:encode", "Build one telegram from its fields and print it in hexadecimal."),
     "scan": ("scan:scan", "Find the drives on a line."),
     "doctor": ("doctor:doctor", "Examine a port and its line, and say how to fix what is wrong."),
     "stats": ("stats:stats", "Poll drives for a while and count replies, errors and reply times."),
-    "read": ("read:read", "Read parameters."),
-    "write": ("write:write", "Write a parameter."),
+    "read": ("one_drive:read", "Read parameters."),
+    "write": ("one_drive:write", "Write a parameter."),
     "status": ("status:status", "Show the state of a drive, or of all drives of the plant."),
     "start": ("start:start", "Start the motor."),
     "stop": ("stop.command:stop", "Stop the motor, or with --all every motor."),
-    "reset": ("reset:reset", "Acknowledge a fault."),
-    "reference": ("reference:reference", "Set the reference."),
-    "wait": ("wait:wait", "Wait until a drive reaches a state."),
-    "call": ("call:call", "Call a function that only this protocol has, such as jog."),
-    "backup": ("parameter_sets.backup:backup", "Save the parameters of a drive to a file."),
-    "compare": ("parameter_sets.compare:compare", "Compare the parameters of two drives or files."),
+    "reset": ("one_drive:reset", "Acknowledge a fault."),
+    "reference": ("one_drive:reference", "Set the reference."),
+    "wait": ("one_drive:wait", "Wait until a drive reaches a state."),
+    "call": ("one_drive:call", "Call a function that only this protocol has, such as jog."),
+    "backup": ("parameter_sets.saved:backup", "Save the parameters of a drive to a file."),
+    "compare": ("parameter_sets.saved:compare", "List the parameters in which two drives or files differ."),
     "restore": ("parameter_sets.restore:restore", "Write the parameters in a file to a drive."),
     "poll": ("poll:poll", "Read parameters periodically."),
     "watch": ("watch.command:watch", "Watch drives on a live screen in the terminal."),
     "plot": ("plot:plot", "Plot a log of values."),
-    "forecast": ("forecast:forecast", "Predict how long a poll plan takes."),
+    "forecast": (
+        "forecast:forecast",
+        "Estimate how long a round of a poll plan takes.",
+    ),
     "cohabit": ("cohabit:cohabit", "Check whether drives on one line can mistake each other's telegrams."),
     "simulate": ("simulate:simulate", "Serve virtual drives to other programs."),
-    "replay": ("replay:replay", "Replay a capture as its drives or as its master."),
-    "sniff": ("sniff.command:sniff", "Listen to a line without sending, or read a capture."),
+    "replay": ("replay:replay", "Replay a capture: with --listen as its drives, otherwise as its master."),
+    "sniff": ("sniff.command:sniff", "Listen to a line without ever sending, or read a capture."),
     "plant": ("", "Control the virtual drives of drivecomm simulate."),
     "plant trip": ("plant:trip", "Make a drive trip."),
-    "plant power": ("plant:power", "Switch the power of a drive off or on."),
-    "plant set": ("plant:set_value", "Set a parameter as if at the keypad of the drive."),
-    "plant inject": ("plant:inject", "Inject foreign bytes."),
+    "plant power": ("plant:power", "Switch a drive's power off or on."),
+    "plant set": ("plant:set_value", "Set a parameter of a drive, as if at its keypad."),
+    "plant inject": ("plant:inject", "Inject foreign bytes into a line."),
     "plant fault": ("plant:fault", "Add a fault to the script of a running plant."),
-    "plant show": ("plant:show", "Show the state of the drives, or parameters of one drive."),
+    "plant show": ("plant:show", "Show the states of all drives, or parameter values of one."),
     "models": ("", "Drive models: list, show, check or make them."),
     "models list": ("models.show:list_models", "List the models by protocol."),
     "models show": ("models.show:show", "Show what is known of a drive series."),
     "models check": ("models.show:check", "Check model files."),
-    "models names": ("models.show:names", "List the common names and their units."),
-    "models grow": ("models.grow:grow", "Make a model file from what a drive tells of its parameters."),
-    "conformance": ("conformance:conformance", "Run the conformance tests on a protocol package."),
+    "models names": ("models.show:names", "List the common names: what each means on every drive, and its unit."),
+    "models grow": ("models.grow:grow", "Write a model file from what a drive reports of its parameters."),
+    "conformance": ("package_tests:conformance", "Run the conformance tests of a protocol package."),
     "vectors": ("", "Test vectors: run them, or make them from a capture."),
-    "vectors check": ("vectors:check", "Run all checks of test vectors."),
-    "vectors from-capture": ("vectors:from_capture", "Make test vectors from a capture."),
+    "vectors check": ("package_tests:check", "Run every check of every vector."),
+    "vectors from-capture": ("package_tests:from_capture", "Turn a capture into vectors."),
 }
-"""By name: where it is, empty for a group, and what it does."""
+"""By name: where it is, empty for a group, and what it does, with which the docstring there begins, too."""
 
 READING = frozenset(
     {
@@ -82,19 +84,14 @@ def _common(
     """Variable-frequency drives of different makers over serial lines."""
 
 
-def _application() -> Any:
-    application = typer.Typer(
-        name="drivecomm",
-        cls=Group,
-        help="Variable-frequency drives of different makers over serial lines: scan, read, write, command, simulate.",
-        no_args_is_help=True,
-        add_completion=False,
-        context_settings={"help_option_names": ["-h", "--help"]},
-    )
-    application.callback()(_common)
-    found: Any = get_command(application)
-    found.commands.update(lazy(COMMANDS))
-    return found
-
-
-app = _application()
+_application = typer.Typer(
+    name="drivecomm",
+    cls=Group,
+    help="Variable-frequency drives of different makers over serial lines: scan, read, write, command, simulate.",
+    no_args_is_help=True,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+_application.callback()(_common)
+app: Any = get_command(_application)
+app.commands.update(lazy(COMMANDS))

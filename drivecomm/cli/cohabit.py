@@ -11,7 +11,7 @@ from drivecomm.cli.options import Json
 from drivecomm.cli.output import emit, plain, say
 from drivecomm.errors import UsageError
 from drivecomm.plant import read_plant
-from drivecomm.protocol import DriveConfig, parse_drive
+from drivecomm.protocol import parse_drive
 from drivecomm.traffic.cohabitation import check_line
 
 if TYPE_CHECKING:
@@ -40,7 +40,11 @@ def cohabit(
     """
     if (plant is None) == (not drive):
         raise UsageError("give a plant file, or the drives of one line with --drive")
-    lines = plant_lines(plant) if plant is not None else {"": [parse_drive(text) for text in drive or []]}
+    if plant is None:
+        lines = {"": [parse_drive(text) for text in drive or []]}
+    else:
+        known = read_plant(plant)
+        lines = {line.name: [line.reached(one) for one in known.on_line(line.name)] for line in known.lines}
     if not any(len(drives) > 1 for drives in lines.values()):
         raise UsageError("a single drive cannot be mistaken for another; name two or more with --drive")
     passed = True
@@ -57,12 +61,6 @@ def cohabit(
 def _passes(verdict: PairVerdict, bits: int | None) -> bool:
     chance = verdict.proof.bits if verdict.proof is not None else None
     return verdict.safe or (bits is not None and chance is not None and chance > bits)
-
-
-def plant_lines(path: Path) -> dict[str, list[DriveConfig]]:
-    """Return the drives of a plant file by the names of their lines. Raises FileFormatError."""
-    plant = read_plant(path)
-    return {line.name: [line.reached(drive) for drive in plant.on_line(line.name)] for line in plant.lines}
 
 
 def _emit(line: str, found: Cohabitation) -> None:

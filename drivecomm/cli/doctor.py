@@ -10,15 +10,13 @@ import typer
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Addresses, OnlyProtocols, addresses_of
-from drivecomm.cli.output import emit, say, sentence
-from drivecomm.cli.progress import progress_bar
+from drivecomm.cli.output import counted, emit, progress_bar, say, sentence
 from drivecomm.commissioning.doctor import Finding, judge, measure
 from drivecomm.errors import LinkError
 from drivecomm.transport import SerialPort
 
 if TYPE_CHECKING:
     from drivecomm.commissioning.doctor import Measurements
-    from drivecomm.link import Echo, Port
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig
     from drivecomm.transport import PortReport
@@ -44,7 +42,7 @@ def doctor(
         bool, typer.Option("--quick", help="Only addresses 1 to 4, fewer requests, no other baud rates.")
     ] = False,
 ) -> int:
-    """Examine a port and its line: adapter, noise, echo, drives, reply times; with a remedy for each problem.
+    """Examine a port and its line, and say how to fix what is wrong: adapter, noise, echo, drives, reply times.
 
     Drives of the plant are asked at their own settings, others at the usual ones. Sends only what cannot move a motor.
     Exit code 1 when there is a problem.
@@ -97,17 +95,11 @@ def _lines_to_examine(line: LineOptions) -> list[_ExaminedLine]:
 
 
 def _of_the_plant(each: PlantLine, known: Plant, line: LineOptions) -> _ExaminedLine:
-    given = {key: value for key, value in line.facts.items() if value is not None}
-    echo: Echo = "expect" if each.echo and line.echo == "off" else line.echo
-    settings = {key: value for key, value in each.settings.items() if key not in given}
     return _ExaminedLine(
-        options=replace(line, port=line.port_of(each, known.file), echo=echo, given=line.given | {"port"}, **settings),
+        options=line.on(each, known.file),
         name=each.name,
-        drives=tuple(
-            # What is given on the command line goes before what the plant says.
-            each.reached(drive).with_options(**given)
-            for drive in known.on_line(each.name)
-        ),
+        # What is given on the command line goes before what the plant says.
+        drives=tuple(each.reached(drive).with_options(**line.said_facts) for drive in known.on_line(each.name)),
     )
 
 
@@ -116,7 +108,7 @@ def _examined(
 ) -> tuple[PortReport | None, Measurements]:
     options = line.options
     with options.opened() as opened, progress_bar("", shown=not options.json) as progress:
-        report = _report(opened)
+        report = opened.report() if isinstance(opened, SerialPort) else None
         return report, measure(
             opened,
             only=only,
@@ -131,17 +123,13 @@ def _examined(
         )
 
 
-def _report(port: Port) -> PortReport | None:
-    return port.report() if isinstance(port, SerialPort) else None
-
-
 def _say(findings: list[Finding]) -> None:
     for one in findings:
         say(f"{_MARKS[one.weight]:<8} {one.about:<7} {one.text}")
         if one.remedy:
             say(f"{'':<16} > {one.remedy}")
     problems = sum(one.weight == "problem" for one in findings)
-    say(f"{problems or 'no'} problem{'' if problems == 1 else 's'} found")
+    say(f"{counted(problems, 'problem') if problems else 'no problems'} found")
 
 
 def _emit(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,21 +11,12 @@ from drivecomm.protocol import parse_options
 from drivecomm.transport import same_port
 
 if TYPE_CHECKING:
-    from drivecomm.plant import Plant, PlantLine
+    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.plant import Plant
     from drivecomm.protocol import DriveConfig
 
 PLANT_VARIABLE = "DRIVECOMM_PLANT"
 PLANT_FILE = Path("plant.toml")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlantPlace:
-    """A drive of a plant, and its line, as a name on the command line found them. settings: what was said behind it."""
-
-    settings: dict[str, Any]
-    drive: DriveConfig
-    line: PlantLine
-    file: str
 
 
 def plant_file(given: Path | None, *, port_given: bool) -> Path | None:
@@ -52,29 +42,26 @@ def known_plant(given: Path | None, *, port_given: bool) -> Plant | None:
     return read_plant(path)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
-    """What a call says of plant and port. port_said: it was written on the command line, and not in the environment."""
-
-    plant: Path | None
-    port: str | None
-    port_said: bool
-    arm: bool
-
-
-def placed(text: str, asked: Asked) -> PlantPlace | None:
-    """Return the place of a drive in the plant; None for PROTOCOL:ADDRESS that no plant is known for, or has.
+def placed(text: str, asked: LineOptions) -> tuple[Plant, DriveConfig, dict[str, Any]] | None:
+    """Return the plant, its drive, and the options behind its name; None for PROTOCOL:ADDRESS that no plant has.
 
     With a port, PROTOCOL:ADDRESS is the plant's drive if that is where the plant has it: what the plant says of a drive
     holds however it is named. Raises UsageError for a name that no plant has, and for one that is on another port.
     """
     word, *settings = text.split(",")
     known = known_plant(asked.plant, port_given=False)
-    drive = _named(word, known) if ":" not in word else _addressed(word, known, asked)
-    if known is None or drive is None:
+    if known is None:
+        if ":" in word:
+            return None
+        raise UsageError(
+            f"{word!r} is not a drive; write PROTOCOL:ADDRESS, such as vabus:1, or a name in a plant file "
+            "(--plant plant.toml)"
+        )
+    drive = _addressed(word, known, asked) if ":" in word else known.drive(word)
+    if drive is None:
         return None
     line = known.line(drive.line)
-    if asked.port_said and asked.port and line.reached_at and not same_port(line.reached_at, asked.port):
+    if "port" in asked.given and asked.port and line.reached_at and not same_port(line.reached_at, asked.port):
         raise UsageError(
             f"{known.file}: {drive.name} is on line {line.name}, at {line.reached_at}; leave --port {asked.port} out, "
             f"or name a drive as PROTOCOL:ADDRESS there"
@@ -84,23 +71,12 @@ def placed(text: str, asked: Asked) -> PlantPlace | None:
         raise UsageError(f"{drive.name} is armed in {known.file}, so --arm has no effect; leave it out")
     if reason and not asked.arm:
         drive = drive.with_options(read_only=f"{reason}, or give --arm for this once")
-    return PlantPlace(drive=drive, settings=parse_options(settings), line=line, file=known.file)
+    return known, drive, parse_options(settings)
 
 
-def _named(word: str, known: Plant | None) -> DriveConfig:
-    if known is None:
-        raise UsageError(
-            f"{word!r} is not a drive; write PROTOCOL:ADDRESS, such as vabus:1, or a name in a plant file "
-            "(--plant plant.toml)"
-        )
-    return known.drive(word)
-
-
-def _addressed(word: str, known: Plant | None, asked: Asked) -> DriveConfig | None:
-    if known is None:
-        return None
+def _addressed(word: str, known: Plant, asked: LineOptions) -> DriveConfig | None:
     same = [drive for drive in known.drives if str(drive) == word]
-    if asked.port is not None and (asked.port_said or asked.plant is None):
+    if asked.port is not None and ("port" in asked.given or asked.plant is None):
         port = asked.port
         lines = {line.name for line in known.lines if not line.reached_at or same_port(line.reached_at, port)}
         here = [drive for drive in same if drive.line in lines]

@@ -53,7 +53,7 @@ def _carry_out(given: list[str]) -> int:
         sys.stdout.write(f"drivecomm {__version__}\n")
         return 0
     if given[:1] == ["stop"] and "--all" in given:
-        from drivecomm.cli.stop.quick_arguments import quick_stop
+        from drivecomm.cli.stop.command import quick_stop
 
         if stop := quick_stop(given[1:]):
             return exit_code_of(stop, as_json="--json" in given)

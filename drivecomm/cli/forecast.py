@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.output import emit, plain, say
-from drivecomm.cli.plan_words import Period, PlanFile, Words, given_plan
+from drivecomm.cli.output import emit, plain, print_table, say
+from drivecomm.cli.poll import Period, PlanFile, Words, given_plan
 from drivecomm.errors import UsageError
 from drivecomm.virtual import forecast as foresee
 
@@ -42,18 +41,10 @@ def forecast(
     spare.
     """
     chosen, line = given_plan(words or [], plan, line, period_s=period)
-    facts: dict[str, Any] = {
-        "baudrate": line.baudrate,
-        "bytesize": line.bytesize,
-        "parity": line.parity.upper() if line.parity else None,
-        "stopbits": line.stopbits,
-        "reply_timeout_s": line.timeout,
-        "attempts": line.attempts,
-    }
     delay_s = None if delay is None else delay / 1000
     share, well = _share(room), True
     for port in chosen.lines:
-        found = foresee(chosen.on_line(port), guard_s=guard / 1000, reply_delay_s=delay_s, room=share, **facts)
+        found = foresee(chosen.on_line(port), guard_s=guard / 1000, reply_delay_s=delay_s, room=share, **line.facts)
         well = well and found.room_to_spare
         if line.json:
             emit(**plain(found))
@@ -70,8 +61,7 @@ def _share(percent: str) -> float:
 
 
 def _draw(found: Forecast, room: float) -> None:
-    from rich.box import SIMPLE_HEAD  # noqa: PLC0415 - as below
-    from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
+    from rich.box import SIMPLE_HEAD  # noqa: PLC0415 - rich is loaded only where something is drawn
     from rich.table import Table  # noqa: PLC0415
 
     table = Table(title=found.port or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
@@ -90,8 +80,7 @@ def _draw(found: Forecast, room: float) -> None:
             *(f"{1000 * seconds:.1f}" for seconds in times),
         )
         before = item.drive
-    on_terminal = sys.stdout.isatty()
-    Console(file=sys.stdout, width=None if on_terminal else _WIDTH, markup=False).print(table)
+    print_table(table, _WIDTH)
     for drive in found.drives:
         part = f"{drive.utilisation:.1%} of the line's time"
         say(f"{drive.drive}  {drive.settings}  {1000 * drive.seconds:.1f} ms a round  {part}")

@@ -5,17 +5,45 @@ from __future__ import annotations
 import inspect
 from copy import copy
 from dataclasses import fields
-from functools import wraps
+from functools import partial, wraps
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 
-from drivecomm.cli.argument_values import Command
+from drivecomm.cli.lazy_commands import Command
 from drivecomm.cli.line_options import WITHOUT_EFFECT, LineOptions
 from drivecomm.link import Echo
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+
+_line = partial(typer.Option, rich_help_panel="Line")
+_plant = partial(typer.Option, rich_help_panel="Plant")
+
+_OPTIONS: Mapping[str, Any] = {
+    "port": _line(
+        "--port", "-p", envvar="DRIVECOMM_PORT", help="/dev/ttyUSB0, COM3, socket://host:port, rfc2217://host:port."
+    ),
+    "baudrate": _line(help="Bits per second."),
+    "bytesize": _line(help="Data bits, 7 or 8."),
+    "parity": _line(help="N, E, O, M or S."),
+    "stopbits": _line(help="1, 1.5 or 2."),
+    "timeout": _line(help="Seconds to wait for a reply."),
+    "attempts": _line(help="Attempts per request at most."),
+    "echo": _line(help="Whether the adapter echoes what it sends; --echo alone is expect, auto detects it."),
+    "rs485": _line("--rs485", help="Let the port's driver switch the transmitter."),
+    "low_latency": _line(help="Let a USB adapter deliver bytes at once; by default where it can."),
+    "trace": _line("--trace", help="Show every telegram, decoded, with its time."),
+    "record": _line("--record", help="Record every byte sent and received: .jsonl or .pcapng."),
+    "plant": _plant(
+        "--plant",
+        metavar="FILE",
+        help="Plant file that names the drives. Default without --port: $DRIVECOMM_PLANT or plant.toml here.",
+    ),
+    "arm": _plant("--arm", help="Command a drive that is not armed in the plant file."),
+    "json": typer.Option("--json", help="One JSON object per line."),
+}
+"""How each of the line options is written, and what it is for. `stop --all` is quicker without them."""
 
 # Modules that must be quick to load import typer for their annotations only.
 _TYPER: Mapping[str, Any] = {"typer": typer}
@@ -41,25 +69,24 @@ def on_a_line(command: Callable[..., Any]) -> Callable[..., Any]:
 
     An option that the command has itself, such as one with room for several values, is its own alone.
     """
-    hints = get_type_hints(LineOptions, localns=dict(_TYPER), include_extras=True)
+    hints = get_type_hints(LineOptions)
     signature = inspect.signature(command, eval_str=True, locals=_TYPER)
     own = [parameter for name, parameter in signature.parameters.items() if name != "line"]
-    names = [field.name for field in fields(LineOptions) if field.name != "given"]
-    shared = [field for field in fields(LineOptions) if field.name in names and field.name not in signature.parameters]
+    shared = [field for field in fields(LineOptions) if field.name in _OPTIONS.keys() - signature.parameters.keys()]
     idle = WITHOUT_EFFECT.get(command.__name__, {})
     added = [
         inspect.Parameter(
             field.name,
             inspect.Parameter.KEYWORD_ONLY,
             default=field.default,
-            annotation=_hidden(hints[field.name]) if field.name in idle else hints[field.name],
+            annotation=Annotated[hints[field.name], _option(field.name, hidden=field.name in idle)],
         )
         for field in shared
     ]
 
     @wraps(command)
     def with_line(context: typer.Context, **arguments: Any) -> Any:
-        given = frozenset(name for name in names if _is_written(context, name))
+        given = frozenset(name for name in _OPTIONS if _is_written(context, name))
         line = LineOptions(**{field.name: arguments.pop(field.name) for field in shared}, given=given)
         for name, why in idle.items():
             line.refuse(f"{command.__name__} {why}", name)
@@ -78,8 +105,8 @@ def _is_written(context: typer.Context, name: str) -> bool:
     return source is not None and source.name == "COMMANDLINE"
 
 
-def _hidden(hint: Any) -> Any:
-    """Return the hint of an option that is known to be one, and not offered."""
-    option = copy(hint.__metadata__[0])
-    option.hidden = True
-    return Annotated[hint.__origin__, option]
+def _option(name: str, *, hidden: bool) -> Any:
+    """Return an option; a hidden one is known to be one, and not offered."""
+    option = copy(_OPTIONS[name])
+    option.hidden = hidden
+    return option

@@ -5,29 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import bus as buses
-from drivecomm.cli.drive_names import Asked, known_plant, placed
-from drivecomm.cli.output import sentence, trace_as_json, trace_to_standard_error
+from drivecomm.cli.drive_names import known_plant, placed
+from drivecomm.cli.output import sentence, show_trace
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
 from drivecomm.link import Echo, tell_all
 from drivecomm.protocol import parse_drive
 from drivecomm.transport import same_port
 
 if TYPE_CHECKING:
-    # At run time only by what reads the options' annotations: `stop --all` is quicker without it.
-    import typer
-
     from drivecomm.bus import Bus, Drive
     from drivecomm.link import Port, TraceEvent
     from drivecomm.plant import PlantLine
     from drivecomm.protocol import DriveConfig, LinkLossPolicy
-
-_LINE = "Line"
-_PLANT = "Plant"
-
 
 _COMMANDS_NOTHING = {"arm": "commands nothing"}
 _OPENS_NOTHING = "opens no port"
@@ -54,56 +48,21 @@ WITHOUT_EFFECT: Mapping[str, Mapping[str, str]] = {
 class LineOptions:
     """Port, line settings and output of one call; absent settings are the protocol's own."""
 
-    port: Annotated[
-        str | None,
-        typer.Option(
-            "--port",
-            "-p",
-            envvar="DRIVECOMM_PORT",
-            rich_help_panel=_LINE,
-            help="/dev/ttyUSB0, COM3, socket://host:port, rfc2217://host:port.",
-        ),
-    ] = None
-    baudrate: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="Bits per second.")] = None
-    bytesize: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="Data bits, 7 or 8.")] = None
-    parity: Annotated[str | None, typer.Option(rich_help_panel=_LINE, help="N, E, O, M or S.")] = None
-    stopbits: Annotated[float | None, typer.Option(rich_help_panel=_LINE, help="1, 1.5 or 2.")] = None
-    timeout: Annotated[float | None, typer.Option(rich_help_panel=_LINE, help="Seconds to wait for a reply.")] = None
-    attempts: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="Attempts per request at most.")] = None
-    echo: Annotated[
-        Echo,
-        typer.Option(
-            rich_help_panel=_LINE,
-            help="Whether the adapter echoes what it sends; --echo alone is expect, auto detects it.",
-        ),
-    ] = "off"
-    rs485: Annotated[
-        bool, typer.Option("--rs485", rich_help_panel=_LINE, help="Let the port's driver switch the transmitter.")
-    ] = False
-    low_latency: Annotated[
-        bool | None,
-        typer.Option(rich_help_panel=_LINE, help="Let a USB adapter deliver bytes at once; by default where it can."),
-    ] = None
-    trace: Annotated[
-        bool, typer.Option("--trace", rich_help_panel=_LINE, help="Show every telegram, decoded, with its time.")
-    ] = False
-    record: Annotated[
-        Path | None,
-        typer.Option("--record", rich_help_panel=_LINE, help="Record every byte sent and received: .jsonl or .pcapng."),
-    ] = None
-    plant: Annotated[
-        Path | None,
-        typer.Option(
-            "--plant",
-            metavar="FILE",
-            rich_help_panel=_PLANT,
-            help="Plant file that names the drives. Default without --port: $DRIVECOMM_PLANT or plant.toml here.",
-        ),
-    ] = None
-    arm: Annotated[
-        bool, typer.Option("--arm", rich_help_panel=_PLANT, help="Command a drive that is not armed in the plant file.")
-    ] = False
-    json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False
+    port: str | None = None
+    baudrate: int | None = None
+    bytesize: int | None = None
+    parity: str | None = None
+    stopbits: float | None = None
+    timeout: float | None = None
+    attempts: int | None = None
+    echo: Echo = "off"
+    rs485: bool = False
+    low_latency: bool | None = None
+    trace: bool = False
+    record: Path | None = None
+    plant: Path | None = None
+    arm: bool = False
+    json: bool = False
     given: frozenset[str] = frozenset()
     """Which of these were written on the command line; the others have their defaults, or are of the environment."""
 
@@ -115,18 +74,20 @@ class LineOptions:
         flag or behind the drive's name, before everything: whoever is at the keyboard knows better than a file. Drives
         of a plant are read-only unless it arms them, or --arm is given. Raises UsageError.
         """
-        place = placed(text, self.asked)
+        place = placed(text, self)
         if place is None:
             if self.arm:
                 raise UsageError(f"{text} is in no plant that keeps it read-only, so --arm has no effect; leave it out")
             drive = parse_drive(text)
             return self, replace(drive, options=self._over({}, drive.options), line=self.named_port)
-        port = self.port_of(place.line, place.file)
-        echo: Echo = "expect" if place.line.echo and "echo" not in self.given else self.echo
-        settings = {key: value for key, value in place.line.settings.items() if getattr(self, key) is None}
-        options = self._over(place.drive.options, place.settings)
-        reached = replace(self, port=port, echo=echo, given=self.given | {"port"}, **settings)
-        return reached, replace(place.drive, options=options)
+        plant, drive, behind = place
+        return self.on(plant.line(drive.line), plant.file), replace(drive, options=self._over(drive.options, behind))
+
+    def on(self, line: PlantLine, file: str) -> LineOptions:
+        """Return the options for a line of the plant, which says what is not written on the command line."""
+        echo: Echo = "expect" if line.echo and "echo" not in self.given else self.echo
+        settings = {key: value for key, value in line.settings.items() if getattr(self, key) is None}
+        return replace(self, port=self.port_of(line, file), echo=echo, given=self.given | {"port"}, **settings)
 
     def _over(self, options: Mapping[str, Any], behind: Mapping[str, Any]) -> dict[str, Any]:
         """Return a drive's options with what the command line says in their place."""
@@ -137,11 +98,6 @@ class LineOptions:
                     "leave one of them out"
                 )
         return {**options, **self.said_facts, **behind}
-
-    @property
-    def asked(self) -> Asked:
-        """What is said of plant and port."""
-        return Asked(plant=self.plant, port=self.port, port_said="port" in self.given, arm=self.arm)
 
     def refuse(self, why: str, *names: str) -> None:
         """Raise UsageError if one of these options is written on the command line, which has no effect on this call."""
@@ -162,8 +118,8 @@ class LineOptions:
 
     def link_loss_of(self, text: str) -> LinkLossPolicy | None:
         """Return what the plant says that a drive's motor shall do when its master falls silent, None for nothing."""
-        place = placed(text, self.asked)
-        return place.drive.link_loss if place else None
+        place = placed(text, self)
+        return place[1].link_loss if place else None
 
     def port_of(self, line: PlantLine, file: str) -> str:
         """Return the port of a line of the plant, the one that is given where the plant names none."""
@@ -182,7 +138,8 @@ class LineOptions:
     @contextmanager
     def bus(self, listener: Callable[[TraceEvent], None] | None = None) -> Iterator[Bus]:
         """Open the bus for the time of the block; errors then name the port. listener: also told the trace."""
-        with self._recorded(), self._named_in_errors(), self._open_bus(self.named_port, listener) as bus:
+        opening = {**self.opening, "trace": tell_all(self.shown_trace, listener)}
+        with self._recorded(), self._named_in_errors(), buses.open_bus(self.named_port, **opening) as bus:
             yield bus
 
     @contextmanager
@@ -201,8 +158,6 @@ class LineOptions:
     @contextmanager
     def opened(self) -> Iterator[Port]:
         """Open the port alone for the time of the block; errors then name it."""
-        if self.record is not None:
-            raise UsageError("this command uses the port itself and records nothing; leave --record out")
         with self._named_in_errors():
             port = buses.port_opener(self.named_port, rs485=self.rs485, low_latency=self.low_latency)()
             try:
@@ -244,15 +199,13 @@ class LineOptions:
     @property
     def shown_trace(self) -> Callable[[TraceEvent], None] | None:
         """What shows the trace, where it is wanted."""
-        if not self.trace:
-            return None
-        return trace_as_json if self.json else trace_to_standard_error
+        return partial(show_trace, as_json=self.json) if self.trace else None
 
     def _recorded(self) -> AbstractContextManager[None]:
         if self.record is None:
             return nullcontext()
         # What records is for those who do.
-        from drivecomm.cli.recording_option import recorded  # noqa: PLC0415
+        from drivecomm.cli.value_files import recorded  # noqa: PLC0415
 
         return recorded(self.record, as_json=self.json)
 
@@ -279,9 +232,6 @@ class LineOptions:
             "record": self.record,
             **self.facts,
         }
-
-    def _open_bus(self, port: str, listener: Callable[[TraceEvent], None] | None) -> Bus:
-        return buses.open_bus(port, **{**self.opening, "trace": tell_all(self.shown_trace, listener)})
 
 
 @contextmanager

@@ -1,17 +1,21 @@
-"""What the commands for one drive have in common: how they read values, and print what was read or done."""
+"""The commands for one drive, and what they have in common."""
 
 from __future__ import annotations
 
 from decimal import Decimal, InvalidOperation
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from drivecomm.cli.output import emit, plain, say
-from drivecomm.errors import UsageError
-from drivecomm.protocol import parse_options
+import typer
+
+from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.options import Drive, Model, Type, VerbOption
+from drivecomm.cli.output import complain, emit, plain, say, tell
+from drivecomm.errors import DriveCommError, LinkError, UsageError, meant
+from drivecomm.protocol import DriveState, parse_options
 
 if TYPE_CHECKING:
-    from drivecomm.cli.line_options import LineOptions
-    from drivecomm.protocol import DriveConfig, Reading
+    from drivecomm.bus import Goal
+    from drivecomm.protocol import DriveConfig, DriveStatus, Reading
 
 
 def verb_options(type: str | None, further: list[str] | None) -> dict[str, Any]:
@@ -31,18 +35,159 @@ def number(text: str | None) -> Decimal | None:
 
 def show_reading(drive: DriveConfig, parameter: str, reading: Reading, *, as_json: bool) -> None:
     """Print a value that was read. parameter: as it was asked for."""
-    if as_json:
-        told = {**plain(reading), "parameter": parameter, "address": reading.parameter, "quantity": reading.name}
-        emit(**{**drive.labels, **told, "name": drive.name})
-        return
+    told = {**plain(reading), "parameter": parameter, "address": reading.parameter, "quantity": reading.name}
     name = f"{reading.parameter} {reading.name}".rstrip()
     note = f"  [{reading.note}]" if reading.note else ""
-    say(f"{drive.name}  {name:<34} {reading!s:>14}{note}".rstrip())
+    text = f"{drive.name}  {name:<34} {reading!s:>14}{note}".rstrip()
+    tell(text, as_json=as_json, **{**drive.labels, **told, "name": drive.name})
+
+
+def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool) -> None:
+    """Show the status of one drive on a line."""
+    if as_json:
+        emit(**drive.labels, **plain(found))
+        return
+    words = [f"{drive.name}  {found.state.value}  word 0x{found.word:04X}"]
+    if found.fault_code:
+        words.append(f"fault {found.fault_code}" + (f" {found.fault_text}" if found.fault_text else ""))
+    if found.actual_percent is not None:
+        words.append(f"actual {found.actual_percent:.2f} %")
+    if found.actual_hz is not None:
+        words.append(f"actual {found.actual_hz} Hz")
+    if found.flags:
+        words.append(f"({', '.join(found.flags)})")
+    say("  ".join(words))
 
 
 def done(drive: DriveConfig, line: LineOptions, what: str, *, result: object = None) -> None:
     """Print what was done with a drive."""
-    if line.json:
-        emit(**drive.labels, done=what, result=result)
-        return
-    say(f"{drive.name}  {what}" + (f": {result}" if result is not None else ""))
+    text = f"{drive.name}  {what}" + (f": {result}" if result is not None else "")
+    tell(text, as_json=line.json, **drive.labels, done=what, result=result)
+
+
+def read(
+    drive: Drive,
+    parameters: Annotated[list[str], typer.Argument(metavar="PARAM...", help="Addresses, or names from the model.")],
+    line: LineOptions,
+    model: Model = None,
+    type: Type = None,
+    option: VerbOption = None,
+) -> int:
+    """Read parameters. If one cannot be read, the others still are."""
+    options = verb_options(type, option)
+    code = 0
+    reached, name = line.reaching(drive)
+    with reached.drive_at(name, model) as one:
+        for parameter in parameters:
+            try:
+                reading = one.read(parameter, **options)
+            except LinkError:
+                raise
+            except DriveCommError as error:
+                error.about = {**name.labels, "parameter": parameter}
+                complain(error, as_json=line.json, where=f"{reached.named_port}, {name.name}, {parameter}")
+                code = code or error.exit_code
+            else:
+                show_reading(name, parameter, reading, as_json=line.json)
+    return code
+
+
+def write(
+    drive: Drive,
+    parameter: Annotated[str, typer.Argument(metavar="PARAM", help="Address, or name from the model.")],
+    value: Annotated[str, typer.Argument(help="In physical units where the model has the scale.")],
+    line: LineOptions,
+    store: Annotated[bool, typer.Option("--store", help="Store it in EEPROM, so that it survives power-off.")] = False,
+    read_back: Annotated[
+        bool, typer.Option("--read-back", help="Read it back; exit code 5 when the drive holds another value.")
+    ] = False,
+    model: Model = None,
+    type: Type = None,
+    option: VerbOption = None,
+) -> int:
+    """Write a parameter: to RAM, or with --store to EEPROM, where the protocol distinguishes them."""
+    with line.drive(drive, model) as (one, name):
+        write = one.write_and_read if read_back else one.write
+        reading = write(parameter, value, store=store, **verb_options(type, option))
+        if reading is not None:
+            show_reading(name, parameter, reading, as_json=line.json)
+        else:
+            text = f"{name.name}  {parameter} = {value}  written{' and stored' if store else ''}"
+            tell(text, as_json=line.json, **name.labels, parameter=parameter, written=value, stored=store)
+    return 0
+
+
+def call(
+    drive: Drive,
+    verb: Annotated[str, typer.Argument(help="A function of this protocol; an unknown name lists them all.")],
+    line: LineOptions,
+    arguments: Annotated[
+        list[str] | None, typer.Argument(metavar="NAME=VALUE...", help="Its arguments, such as number=2.")
+    ] = None,
+    model: Model = None,
+) -> int:
+    """Call a function that only this protocol has, such as jog."""
+    with line.drive(drive, model) as (one, name):
+        result = one.call(verb, **parse_options(arguments or []))
+        done(name, line, verb, result=result)
+    return 0
+
+
+def reset(drive: Drive, line: LineOptions, model: Model = None) -> int:
+    """Acknowledge a fault; this does not start the motor."""
+    with line.drive(drive, model) as (one, name):
+        one.reset()
+        done(name, line, "reset")
+    return 0
+
+
+def reference(
+    drive: Drive,
+    line: LineOptions,
+    value: Annotated[str | None, typer.Argument(metavar="[VALUE]", help="With its unit: 50%, 25Hz or 1450rpm.")] = None,
+    percent: Annotated[str | None, typer.Option(help="Percent of the reference range.")] = None,
+    hz: Annotated[str | None, typer.Option(help="Output frequency in hertz.")] = None,
+    rpm: Annotated[str | None, typer.Option(help="Speed, from the motor data in the drive.")] = None,
+    model: Model = None,
+) -> int:
+    """Set the reference; it is never stored."""
+    if value is not None:
+        for flag, said in (("percent", percent), ("hz", hz), ("rpm", rpm)):
+            if said is not None:
+                raise UsageError(f"{value} and --{flag} {said} exclude each other; leave one of them out")
+        figure, unit = _with_unit(value)
+        percent, hz, rpm = (figure if unit == each else said for each, said in _units(percent, hz, rpm))
+    with line.drive(drive, model) as (one, name):
+        one.set_reference(percent=number(percent), hz=number(hz), rpm=number(rpm))
+        done(name, line, *(f"reference {said} {unit}" for unit, said in _units(percent, hz, rpm) if said is not None))
+    return 0
+
+
+def _units(percent: str | None, hz: str | None, rpm: str | None) -> tuple[tuple[str, str | None], ...]:
+    return ("%", percent), ("Hz", hz), ("rpm", rpm)
+
+
+def _with_unit(value: str) -> tuple[str, str]:
+    """Return the number and the unit of a reference such as 50%."""
+    text = value.strip()
+    for unit in ("%", "Hz", "rpm"):
+        if text.lower().endswith(unit.lower()):
+            return text[: -len(unit)], unit
+    raise UsageError(f"{value!r} has no unit; write {value}%, {value}Hz or {value}rpm")
+
+
+def wait(
+    drive: Drive,
+    state: Annotated[str, typer.Argument(help="ready, running, stopping, fault, not_ready or at_reference.")],
+    line: LineOptions,
+    seconds: Annotated[float, typer.Option("--seconds", help="How long at most.")] = 10.0,
+    model: Model = None,
+) -> int:
+    """Wait until a drive reaches a state. Exit code 5 when it does not reach it in time, or has a fault."""
+    goals: dict[str, Goal] = {"at_reference": "at_reference", **{each.value: each for each in DriveState}}
+    goal = goals.get(state.lower().replace("-", "_"))
+    if goal is None:
+        raise UsageError(f"unknown state {state!r}; {meant(state, goals, 'write one of')}")
+    with line.drive(drive, model) as (one, name):
+        show_status(name, one.wait_for(goal, seconds), as_json=line.json)
+    return 0

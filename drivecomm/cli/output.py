@@ -1,4 +1,4 @@
-"""What commands print: text, or JSON objects."""
+"""What commands print: text, or JSON objects; errors in the words of the command line; a progress bar."""
 
 from __future__ import annotations
 
@@ -6,17 +6,21 @@ import dataclasses
 import json
 import signal
 import sys
+from contextlib import contextmanager
 from decimal import Decimal
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm.cli import signals, streams
-from drivecomm.cli.flags import in_flags
 from drivecomm.errors import DriveCommError
 from drivecomm.link import trace_data, trace_line
 
 if TYPE_CHECKING:
-    from drivecomm.link import TraceEvent
+    from collections.abc import Callable, Iterable, Iterator
+
+    from drivecomm.link import ReplyTimes, TraceEvent
+
+    Progress: TypeAlias = Callable[[str, int, int], None]
 
 
 def plain(value: Any) -> Any:
@@ -46,6 +50,38 @@ def say(text: str = "") -> None:
     """Print a line of text."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
+
+
+def tell(text: str, /, *, as_json: bool, **content: Any) -> None:
+    """Print a line of text, or the same as one JSON object."""
+    if as_json:
+        emit(**content)
+    else:
+        say(text)
+
+
+def counted(number: int, what: str) -> str:
+    """Return `1 drive` or `2 drives`."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def times_ms(times: ReplyTimes, percentiles: Iterable[int]) -> dict[str, float]:
+    """Return reply times by their keys in JSON, in milliseconds."""
+    seconds = {
+        "shortest_ms": times.shortest_s,
+        "mean_ms": times.mean_s,
+        **{f"p{percent}_ms": times.percentile_s(percent) for percent in percentiles},
+        "longest_ms": times.longest_s,
+    }
+    return {key: round(each * 1000, 3) for key, each in seconds.items()}
+
+
+def print_table(table: Any, width: int) -> None:
+    """Print a table: as wide as the terminal, or so wide where there is none."""
+    from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
+
+    on_terminal = sys.stdout.isatty()
+    Console(file=sys.stdout, width=None if on_terminal else width, markup=False).print(table)
 
 
 def sentence(error: Exception | str, *, where: str = "") -> str:
@@ -81,13 +117,61 @@ def interrupted(*, as_json: bool) -> int:
     return code
 
 
-def trace_to_standard_error(event: TraceEvent) -> None:
-    """Print a trace event as text."""
-    sys.stderr.write(trace_line(event) + "\n")
+def show_trace(event: TraceEvent, *, as_json: bool) -> None:
+    """Print a trace event on standard error: as text, or as a JSON object apart from the command's own objects."""
+    text = json.dumps(plain({"trace": event.what, **trace_data(event)})) if as_json else trace_line(event)
+    sys.stderr.write(text + "\n")
     sys.stderr.flush()
 
 
-def trace_as_json(event: TraceEvent) -> None:
-    """Print a trace event as a JSON object on standard error, apart from the command's own objects."""
-    sys.stderr.write(json.dumps(plain({"trace": event.what, **trace_data(event)})) + "\n")
-    sys.stderr.flush()
+_FLAGS = {
+    "store": "--store",
+    "reply_timeout_s": "--timeout",
+    "attempts": "--attempts",
+    "rs485": "--rs485",
+    "low_latency": "--low-latency",
+}
+"""Keywords that are flags; all others are options of a drive, and are written behind its name."""
+
+
+def in_flags(text: str, error: Exception | str) -> str:
+    """Return what an error says with the command line's words for its keywords."""
+    about = error.about if isinstance(error, DriveCommError) else None
+    for keyword in _said_by(error):
+        text = text.replace(keyword, _written(keyword, about["name"] if about else "DRIVE"))
+    return text
+
+
+def _said_by(error: object) -> tuple[str, ...]:
+    """Return the keywords in an error's sentence; one that tells of another one has its words, too."""
+    if not isinstance(error, DriveCommError):
+        return ()
+    return tuple(dict.fromkeys((*error.says, *_said_by(error.__cause__))))
+
+
+def _written(keyword: str, drive: str) -> str:
+    name, equals, value = keyword.partition("=")
+    if name not in _FLAGS:
+        return f"{drive},{keyword}" if equals else f"{drive},{name}=..."
+    return _FLAGS[name] if value in ("", "True") else f"{_FLAGS[name]} {value}"
+
+
+@contextmanager
+def progress_bar(what: str, *, shown: bool) -> Iterator[Progress]:
+    """Yield a function that is told what is done now, how much is done, and of how much; on standard error."""
+    if not (shown and sys.stderr.isatty()):
+        yield lambda *_: None
+        return
+    from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    # What is printed to standard output meanwhile stands above the bar where both are one terminal.
+    redirected = sys.stdout.isatty()
+    with Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=redirected) as drawing:
+        task = drawing.add_task(what, total=None)
+
+        def show(detail: str, done: int, total: int) -> None:
+            drawing.update(task, description=f"{what} {detail}".rstrip(), completed=done, total=total)
+
+        yield show

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from drivecomm.cli.options import Json
-from drivecomm.cli.output import emit, say
+from drivecomm.cli.output import emit, say, tell
 from drivecomm.errors import UsageError
 from drivecomm.tomlfile import read_text_file
 from drivecomm.virtual import ControlClient
@@ -122,8 +122,5 @@ def _order(control: str, order: str, **fields: Any) -> dict[str, Any]:
 
 
 def _done(answer: dict[str, Any], text: str, json: bool) -> int:
-    if json:
-        emit(done=text, **answer)
-    else:
-        say(text)
+    tell(text, as_json=json, done=text, **answer)
     return 0

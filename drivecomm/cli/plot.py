@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from drivecomm.cli.options import Json
-from drivecomm.cli.output import emit, say
+from drivecomm.cli.output import counted, tell
 from drivecomm.plant.value_log import read_rows
 from drivecomm.plant.value_plots import picture_of, save
 
@@ -21,16 +21,11 @@ def plot(
     title: Annotated[str | None, typer.Option("--title", help="Title. Default: the name of the log.")] = None,
     json: Json = False,
 ) -> int:
-    """Plot a log: a panel for each unit, gaps where a drive did not answer, and the states of the drives."""
+    """Plot a log of values: a panel for each unit, gaps where a drive did not answer, and the states of the drives."""
     picture = picture_of(read_rows(log), drives=drive or (), names=name or ())
     save(picture, title or log.name, output)
-    if json:
-        emit(output=str(output), curves=len(picture.curves), drives=len(picture.drives), faults=len(picture.faults))
-    else:
-        faults = f", {_number(len(picture.faults), 'fault')}" if picture.faults else ""
-        say(f"{output}: {_number(len(picture.curves), 'curve')}{faults}")
+    faults = f", {counted(len(picture.faults), 'fault')}" if picture.faults else ""
+    text = f"{output}: {counted(len(picture.curves), 'curve')}{faults}"
+    counts = {"curves": len(picture.curves), "drives": len(picture.drives), "faults": len(picture.faults)}
+    tell(text, as_json=json, output=str(output), **counts)
     return 0
-
-
-def _number(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"

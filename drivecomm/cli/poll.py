@@ -1,26 +1,48 @@
-"""The poll command: parameters with periods, on one or many lines, as lines for people or objects for scripts."""
+"""The poll command, and poll plans as the command line writes them: drives, each followed by its parameters."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.logging_option import Log, opened_log
 from drivecomm.cli.output import emit, say
-from drivecomm.cli.plan_words import Period, PlanFile, Words, given_plan
+from drivecomm.cli.value_files import Log, opened_log
 from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.polling import poll as carry_out
+from drivecomm.polling import Plan, PollItem, poll as carry_out
+from drivecomm.protocol import DriveConfig, installed, parse_drive, parse_options, unknown_protocol
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from drivecomm.bus import Bus
-    from drivecomm.polling import PollItem, PollResult
+    from drivecomm.plant import Plant
+    from drivecomm.polling import PollResult
+
+
+Words = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[DRIVE PARAM...]...",
+        help="A drive and its parameters, each with ,name=value options, @SECONDS and !PRIORITY behind it.",
+    ),
+]
+PlanFile = Annotated[Path | None, typer.Option("--plan", help="Plant file whose drives say what is polled.")]
+Period = Annotated[
+    float | None, typer.Option("--period", help="Seconds, for parameters without @; 1 if absent, 0 without a pause.")
+]
+
+_DRIVE = re.compile(r"([^:,]+):\d+(,.*)?", re.ASCII | re.DOTALL)
+_PARAMETER = re.compile(r"(?P<what>[^@!]+)(?:@(?P<period>[^@!]*))?(?:!(?P<priority>[^@!]*))?")
+_NEXT_SETTING = re.compile(r",(?=[A-Za-z_-]+=)")
 
 
 def poll(
@@ -101,3 +123,94 @@ def _say(result: PollResult) -> None:
     value = "-" if reading is None else str(reading)
     why = result.cause or ("" if reading is None else reading.note)
     say(f"{clock}  {result.drive}  {parameter:<34} {value:>14}  {result.quality}{': ' if why else ''}{why}")
+
+
+def given_plan(
+    words: list[str], plan_file: Path | None, line: LineOptions, *, period_s: float | None = None
+) -> tuple[Plan, LineOptions]:
+    """Return the plan of a call, and the line options for it; drives whose line has no port are on that of the call.
+
+    Without words it is what the plant polls. What the command line says of all drives goes before what a file says of
+    one. period_s: for parameters on the command line without one of their own, a second if absent. Raises UsageError.
+    """
+    if plan_file is not None:
+        if words:
+            raise UsageError("give --plan or drives and parameters, not both")
+        line.refuse(f"the drives are those of {plan_file}", "plant")
+        line = replace(line, plant=plan_file)
+    # What begins with a name means the plant, whatever port is given.
+    begins_with_name = bool(words) and ":" not in words[0].partition(",")[0]
+    known = known_plant(line.plant, port_given=line.port is not None and not begins_with_name)
+    if words or known is None:
+        plan = parse_plan(words, period_s=1.0 if period_s is None else period_s, known=known)
+    else:
+        if period_s is not None:
+            raise UsageError("the plant says how often each is read, so --period has no effect; leave it out")
+        plan = known.poll_plan()
+    if all(drive.line for drive in plan.drives):
+        line.refuse("the plan names the ports of all its drives", "port")
+
+    port = line.port or ""
+    return plan.with_drives(lambda one: replace(one, line=one.line or port).with_options(**line.said_facts)), line
+
+
+def parse_plan(words: list[str], *, period_s: float, known: Plant | None = None) -> Plan:
+    """Read `vabus:1 481 482@0.2 fuji:7,model=g11s M09!2`. Raises UsageError.
+
+    known: the plant, whose names stand for its drives; PROTOCOL:ADDRESS is a drive of the plant that has one there.
+    """
+    drive: DriveConfig | None = None
+    drives: dict[str, DriveConfig] = {}
+    reads: list[PollItem[DriveConfig]] = []
+    for word in words:
+        if _names_a_drive(word, known):
+            drive = _drive(word, known)
+            # A drive that is named again goes on with what it had.
+            drive = drives.setdefault(word, drive)
+        elif drive is None:
+            raise UsageError(f"{word!r} is not a drive; a plan begins with one: PROTOCOL:ADDRESS, such as vabus:1")
+        else:
+            reads.append(_read(word, drive, period_s))
+    idle = [word for word, one in drives.items() if all(read.drive != one for read in reads)]
+    if idle:
+        raise UsageError(f"nothing is read of {idle[0]}; name its parameters after it")
+    if not reads:
+        raise UsageError(
+            "nothing to read; name drives and parameters, such as vabus:1 481 482@0.2, or give --plan FILE"
+        )
+    return Plan(reads=tuple(reads))
+
+
+def _names_a_drive(word: str, there: Plant | None) -> bool:
+    if there is not None and word.partition(",")[0] in {drive.name for drive in there.drives}:
+        return True
+    protocol, colon, _ = word.partition(",")[0].partition(":")
+    if colon and protocol in installed:
+        return True
+    if _DRIVE.fullmatch(word):
+        raise unknown_protocol(protocol, installed)
+    return False
+
+
+def _drive(word: str, known: Plant | None) -> DriveConfig:
+    called, *settings = word.split(",")
+    if known is None or not any(called in (one.name, str(one)) for one in known.drives):
+        return parse_drive(word)
+    drive = known.drive(called)
+    return known.line(drive.line).reached(drive).with_options(**parse_options(settings))
+
+
+def _read(word: str, drive: DriveConfig, period_s: float) -> PollItem[DriveConfig]:
+    match = _PARAMETER.fullmatch(word)
+    if match is None:
+        raise UsageError(f"{word!r} is not a parameter; write PARAM[@SECONDS][!PRIORITY], such as 481@0.2!1")
+    # A comma may be part of a parameter's address; options follow it as name=value.
+    parameter, *settings = _NEXT_SETTING.split(match["what"])
+    try:
+        period = period_s if match["period"] is None else float(match["period"])
+        priority = 0 if match["priority"] is None else int(match["priority"])
+    except ValueError:
+        raise UsageError(f"invalid period or priority in {word!r}; write PARAM@SECONDS!PRIORITY") from None
+    return PollItem(
+        drive=drive, parameter=parameter, period_s=period, priority=priority, options=parse_options(settings)
+    )

@@ -5,13 +5,13 @@ from __future__ import annotations
 import sys
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drivecomm.capture import read_capture
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.output import emit, say
+from drivecomm.cli.output import emit, say, tell
 from drivecomm.cli.signals import until_stopped
 from drivecomm.errors import UsageError
 from drivecomm.protocol import LineSettings, installed
@@ -53,7 +53,10 @@ def replay(
     command or write, and compares the replies. Exit code 1 when one differs.
     """
     plugins = list(installed.working())
-    capture = _read(file, plugins)
+    recorded = read_capture(file)
+    for remark in recorded.remarks:
+        sys.stderr.write(f"drivecomm: {remark}\n")
+    capture = infer_sources(recorded, plugins)
     if listen is not None:
         if faster != 1 or commands:
             raise UsageError("--faster and --commands are for replaying as a master, without --listen")
@@ -63,42 +66,27 @@ def replay(
         line.must_be_armed()
     else:
         line.refuse("without --commands nothing is commanded", "arm")
+    settings = [field.name for field in fields(LineSettings)]
     asking = ReplayMaster(
         recorded_exchanges(capture),
         plugins,
         faster=faster,
         sending=Sending.EVERYTHING if commands else Sending.QUESTIONS,
-        overrides=_line_settings(line),
+        overrides={name: line.said_facts[name] for name in settings if name in line.said_facts},
         echo=line.echo,
         patience_s=PATIENCE_S if line.timeout is None else line.timeout,
     )
     return _ask(asking, line, plugins)
 
 
-def _read(file: Path, plugins: Sequence[Protocol]) -> Capture:
-    """Return the capture with who sent what, as far as the protocols tell; say what is missing in the file."""
-    capture = read_capture(file)
-    for remark in capture.remarks:
-        sys.stderr.write(f"drivecomm: {remark}\n")
-    return infer_sources(capture, plugins)
-
-
 def _answer(capture: Capture, listen: str, *, as_json: bool) -> int:
     with until_stopped() as stop, Server(recorded_drives(capture), parse_listen(listen)) as server:
-        if as_json:
-            emit(listening=server.address, requests=len(recorded_exchanges(capture)))
-        else:
-            say(f"the drives of the capture on {server.address}; stop with Ctrl-C")
+        text = f"the drives of the capture on {server.address}; stop with Ctrl-C"
+        tell(text, as_json=as_json, listening=server.address, requests=len(recorded_exchanges(capture)))
         server.run(stop)
     if not as_json:
         say("stopped")
     return 0
-
-
-def _line_settings(line: LineOptions) -> dict[str, Any]:
-    """Return the line settings that the options give instead of those of the capture."""
-    names = [field.name for field in fields(LineSettings)]
-    return {name: line.facts[name] for name in names if line.facts[name] is not None}
 
 
 def _ask(asking: ReplayMaster, line: LineOptions, plugins: Sequence[Protocol]) -> int:
@@ -111,33 +99,28 @@ def _ask(asking: ReplayMaster, line: LineOptions, plugins: Sequence[Protocol]) -
             if outcome.differs:
                 different.append(outcome)
             if line.json:
-                _emit(outcome, plugins)
+                emit(
+                    request=outcome.number,
+                    time_s=round(outcome.then.asked_s, 6),
+                    data=outcome.then.request,
+                    sent=outcome.sent,
+                    then=outcome.then.reply,
+                    now=outcome.came,
+                    difference=difference(outcome, plugins) if outcome.differs else "",
+                )
     if line.json:
         emit(asked=asked, different=len(different), left_out=left_out)
     else:
-        _show(different, plugins)
+        if different:
+            _show(different, plugins)
         say(f"{asked} requests asked again, {len(different)} answered differently")
         if left_out:
             say(f"{left_out} not sent, because they could command or write; --commands sends them, too")
     return 1 if different else 0
 
 
-def _emit(outcome: ReplayedRequest, plugins: Sequence[Protocol]) -> None:
-    emit(
-        request=outcome.number,
-        time_s=round(outcome.then.asked_s, 6),
-        data=outcome.then.request,
-        sent=outcome.sent,
-        then=outcome.then.reply,
-        now=outcome.came,
-        difference=difference(outcome, plugins) if outcome.differs else "",
-    )
-
-
 def _show(different: Sequence[ReplayedRequest], plugins: Sequence[Protocol]) -> None:
     """Print the requests that were answered differently, and in what."""
-    if not different:
-        return
     # rich takes a while to load, and a replay without differences needs none of it.
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415

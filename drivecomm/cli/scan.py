@@ -11,20 +11,18 @@ import typer
 from drivecomm.bus import LineChoices, scan_plan
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Addresses, OnlyProtocols, addresses_of
-from drivecomm.cli.output import emit, say
-from drivecomm.cli.progress import progress_bar
+from drivecomm.cli.output import counted, emit, progress_bar, say
 from drivecomm.commissioning import forecast_scan
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.plant import found_text, there_already, write_new
 from drivecomm.tomlfile import write_whole
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from drivecomm.bus import Found
     from drivecomm.commissioning import ScanForecast
 
 _LINE = "Line"
+_SETTINGS = ("baudrate", "bytesize", "parity", "stopbits")
 
 
 def scan(
@@ -60,14 +58,17 @@ def scan(
         raise UsageError("--force is for a file that --write names, so that it has no effect; leave it out")
     if line.plant is not None and "port" in line.given:
         line.refuse("the line is that of --port", "plant")
-    several = wide or any(len(some) > 1 for some in (given.baudrates, given.bytesizes, given.parities, given.stopbits))
+    tried = dict(zip(_SETTINGS, (given.baudrates, given.bytesizes, given.parities, given.stopbits), strict=True))
+    several = wide or any(len(some) > 1 for some in tried.values())
     wanted = addresses_of(addresses) if addresses else None
     if not scan_plan(protocol or None, wanted):
         raise UsageError(f"no drive of these protocols can have the address {addresses}; see drivecomm protocols")
     if write is not None and not force and write.exists():
         # Said before the line is asked for minutes.
         raise UsageError(there_already(write))
-    asked: dict[str, Any] = {"only": protocol or None, "addresses": wanted, **_settings(given, several=several)}
+    # How a scan is told the settings: those to try, or the one for everybody.
+    settings = {"choices": given} if several else {name: some[0] for name, some in tried.items() if some}
+    asked: dict[str, Any] = {"only": protocol or None, "addresses": wanted, **settings}
     if several and line.named_port.startswith("socket://"):
         raise UsageError(
             f"{line.port} carries no line settings, so that others cannot be tried; use rfc2217://, or leave --wide "
@@ -77,7 +78,13 @@ def scan(
         _foretell(forecast_scan(**{**line.facts, **asked}), as_json=line.json)
     found: list[Found] = []
     try:
-        _carry_out(line, asked, found.append)
+        with line.bus() as bus, progress_bar("asking", shown=not line.json) as progress:
+            for one in bus.scan(**asked, progress=progress):
+                found.append(one)
+                if line.json:
+                    _emit(one)
+                else:
+                    say(_line(one, wide=several))
     except (DriveCommError, KeyboardInterrupt):
         # By Ctrl-C or because the port was lost; what was found until then is worth having.
         if found:
@@ -92,39 +99,16 @@ def _tell(found: list[Found], line: LineOptions, write: Path | None, *, force: b
         text = found_text(found, port=line.named_port, echo=line.echo == "expect")
         (write_whole if force else write_new)(write, text)
     if not line.json:
-        say(f"{len(found)} drive{'' if len(found) == 1 else 's'} found")
+        say(f"{counted(len(found), 'drive')} found")
         if write is not None:
             say(f"written to {write}" if found else f"{write} is not written")
-
-
-def _settings(given: LineChoices, *, several: bool) -> dict[str, Any]:
-    """Return how a scan is told the settings: those to try, or the one for everybody."""
-    if several:
-        return {"choices": given}
-    one = {
-        "baudrate": given.baudrates,
-        "bytesize": given.bytesizes,
-        "parity": given.parities,
-        "stopbits": given.stopbits,
-    }
-    return {name: some[0] for name, some in one.items() if some}
-
-
-def _carry_out(line: LineOptions, asked: dict[str, Any], keep: Callable[[Found], None]) -> None:
-    with line.bus() as bus, progress_bar("asking", shown=not line.json) as progress:
-        for one in bus.scan(**asked, progress=progress):
-            keep(one)
-            if line.json:
-                _emit(one)
-            else:
-                say(_line(one, wide="choices" in asked))
 
 
 def _foretell(forecast: ScanForecast, *, as_json: bool) -> None:
     if as_json:
         emit(questions=forecast.questions, settings=forecast.settings, seconds=round(forecast.seconds, 1))
         return
-    settings = f"{forecast.settings} line setting{'' if forecast.settings == 1 else 's'}"
+    settings = counted(forecast.settings, "line setting")
     sys.stderr.write(
         f"drivecomm: {forecast.questions} questions at {settings} take {_duration(forecast.seconds)} at most while "
         "nobody answers, the likely first; Ctrl-C ends it and keeps what was found\n"

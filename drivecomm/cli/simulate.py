@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from drivecomm.cli.options import Json
-from drivecomm.cli.output import emit, say
+from drivecomm.cli.output import counted, emit, say
 from drivecomm.cli.signals import until_stopped
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
 from drivecomm.plant import Plant, PlantLine, read_plant
@@ -39,17 +39,25 @@ def simulate(
     ] = "",
     json: Json = False,
 ) -> int:
-    """Serve virtual drives until Ctrl-C or SIGTERM; a master connects to them as to a real line.
+    """Serve virtual drives to other programs until Ctrl-C or SIGTERM, as on a real line.
 
     Give a plant file, or one line with --drive and --listen. A plant file always has a control socket, at a free port
     of this machine unless --control says where.
     """
     if plant is None:
-        server = _server_of_drives(drive or [], listen, echo=echo, paced=paced, speed=speed, control=control)
+        if not drive or not listen:
+            raise UsageError("nothing to simulate; name a plant file, or at least one --drive and --listen")
+        lines = (PlantLine(name="line", listen=listen, echo=echo, paced=paced),)
+        drives = tuple(replace(parse_drive(text), line="line") for text in drive)
+        server = PlantServer(VirtualPlant(Plant(lines=lines, drives=drives), speed=speed), control=control)
     elif drive or listen or echo or paced:
         raise UsageError("the plant file has drives, listen, echo and paced; leave these options out")
     else:
-        server = _server_of_file(plant, speed=speed, control=control)
+        virtual = read_plant(plant)
+        try:
+            server = PlantServer(VirtualPlant(virtual, speed=speed), control=control or _ANY_PORT)
+        except DriveCommError as error:
+            raise FileFormatError(f"{plant}: {error}") from error
     with until_stopped() as stop, server:
         (_emit if json else _say)(server, plant)
         server.run(stop)
@@ -58,33 +66,11 @@ def simulate(
     return 0
 
 
-def _server_of_drives(
-    drives: list[str], listen: str, *, echo: bool, paced: bool, speed: float, control: str
-) -> PlantServer:
-    """Return the server of one line with these drives. Raises UsageError."""
-    if not drives or not listen:
-        raise UsageError("nothing to simulate; name a plant file, or at least one --drive and --listen")
-    plant = Plant(
-        lines=(PlantLine(name="line", listen=listen, echo=echo, paced=paced),),
-        drives=tuple(replace(parse_drive(text), line="line") for text in drives),
-    )
-    return PlantServer(VirtualPlant(plant, speed=speed), control=control)
-
-
-def _server_of_file(path: Path, *, speed: float, control: str) -> PlantServer:
-    """Return the server of a plant file; it has a control socket in any case. Raises FileFormatError."""
-    plant = read_plant(path)
-    try:
-        return PlantServer(VirtualPlant(plant, speed=speed), control=control or _ANY_PORT)
-    except DriveCommError as error:
-        raise FileFormatError(f"{path}: {error}") from error
-
-
 def _say(server: PlantServer, path: Path | None) -> None:
     steered = f"; control at {server.control}" if server.control else ""
     if path is not None:
         plant = server.plant.plant
-        size = f"{_count(len(plant.lines), 'line')}, {_count(len(plant.drives), 'drive')}"
+        size = f"{counted(len(plant.lines), 'line')}, {counted(len(plant.drives), 'drive')}"
         say(f"{path}: {size}{steered}; stop with Ctrl-C")
     for line, address in server.addresses.items():
         names = ", ".join(_drives_on(server, line))
@@ -96,20 +82,16 @@ def _say(server: PlantServer, path: Path | None) -> None:
 
 def _emit(server: PlantServer, path: Path | None) -> None:
     control = {"control": server.control} if server.control else {}
-    if path is None:
-        for line, address in server.addresses.items():
-            emit(listening=address, drives=_drives_on(server, line), **control)
-        return
     lines = [
         {"line": line, "listening": address, "drives": _drives_on(server, line)}
         for line, address in server.addresses.items()
     ]
-    emit(plant=str(path), lines=lines, **control)
+    if path is None:
+        del lines[0]["line"]
+        emit(**lines[0], **control)
+    else:
+        emit(plant=str(path), lines=lines, **control)
 
 
 def _drives_on(server: PlantServer, line: str) -> list[str]:
     return [drive.name for drive in server.plant.plant.on_line(line)]
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" + ("" if number == 1 else "s")

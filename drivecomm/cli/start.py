@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Annotated, get_args
+from typing import TYPE_CHECKING, Annotated, cast, get_args
 
 import typer
 
@@ -12,7 +12,7 @@ from drivecomm.cli.control.server import control_server
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.one_drive import number
 from drivecomm.cli.options import Drive, Model
-from drivecomm.cli.output import complain, emit, say
+from drivecomm.cli.output import complain, say, tell
 from drivecomm.cli.signals import until_stopped
 from drivecomm.errors import DriveCommError, DriveError, UsageError, near
 from drivecomm.protocol import LinkLoss
@@ -85,10 +85,8 @@ def _chosen_policy(drive: bus.Drive, text: str | None) -> LinkLoss:
         raise UsageError(
             f"no motor is started without saying what it does when this line falls silent; write {_choice(drive)}"
         )
-    for policy in get_args(LinkLoss):
-        if text.lower() == policy:
-            found: LinkLoss = policy
-            return found
+    if text.lower() in get_args(LinkLoss):
+        return cast("LinkLoss", text.lower())
     question = near(text, get_args(LinkLoss))
     known = f"{question} Write" if question else "write"
     raise UsageError(f"{text!r} is not a policy; {known} {_choice(drive)}")
@@ -109,11 +107,9 @@ def _start_and_leave(drive: bus.Drive, name: DriveConfig, start: Callable[[], No
                 if stop.is_set():
                     _stop_again(drive, name, as_json=as_json)
                     raise KeyboardInterrupt
-        if as_json:
-            emit(**name.labels, done="started", link_loss="hold", watchdog_s=None)
-            return
-        say(f"{name.name}  started, and goes on without this program")
-        if kept.watchdog is None:
+        text = f"{name.name}  started, and goes on without this program"
+        tell(text, as_json=as_json, **name.labels, done="started", link_loss="hold", watchdog_s=None)
+        if not as_json and kept.watchdog is None:
             why = f"the model {drive.model.name} knows no watchdog; " if drive.model else ""
             say(f"  its own watchdog was not checked, because {why}{drive.capabilities.link_loss}")
 
@@ -176,10 +172,7 @@ class _Watch:
 
     def tell(self, *, done: str, text: str, **further: object) -> None:
         """Say what has been done."""
-        if self._as_json:
-            emit(**self._name.labels, done=done, **further)
-        else:
-            say(f"{self._name.name}  {text}")
+        tell(f"{self._name.name}  {text}", as_json=self._as_json, **self._name.labels, done=done, **further)
 
     def failed(self, error: DriveCommError) -> None:
         """Say that the drive could not be spoken to."""

@@ -10,7 +10,7 @@ import typer
 
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.output import emit, say
+from drivecomm.cli.output import emit, print_table, say, times_ms
 from drivecomm.errors import DriveError, NotAnsweringError, ReplyError, UsageError
 from drivecomm.link import COUNTERS, REPLY_TIME_BOUNDS_MS, Statistics, total
 from drivecomm.protocol import DriveConfig
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 _ALWAYS_SHOWN = ("requests", "replies", "retries", "timeouts", "damaged")
 _PERCENTILES = (50, 95, 99)
 _BAR_WIDTH = 40
+# What is not read on a terminal is not broken at the width of one.
+_WIDTH = 250
 # How long to leave the line alone when none of the drives may be asked just now.
 _IDLE_S = 0.02
 
@@ -39,46 +41,30 @@ def stats(
     ] = None,
     seconds: Annotated[float, typer.Option("--for", metavar="SECONDS", help="How long to poll.")] = 5.0,
 ) -> int:
-    """Poll drives in turn with probes that cannot move a motor, and count replies, errors and reply times.
+    """Poll drives for a while and count replies, errors and reply times.
 
-    Lines are polled one after the other. Exit code 1 when a drive never answered, or none was found.
+    They are asked in turn, by probes that cannot move a motor; lines are polled one after the other. Exit code 1 when a
+    drive never answered, or none was found.
     """
     if not 0 < seconds < float("inf"):
         raise UsageError(f"{seconds:g} s is not possible; give --for a number above 0")
-    lines = _by_line(line, drives or _of_the_plant(line))
-    if not lines:
-        lines = [(line, {str(name): name for name in _scanned(line)})]
+    if not drives and (known := known_plant(line.plant, port_given=line.port is not None)):
+        drives = [drive.name for drive in known.drives]
+    lines: dict[LineOptions, dict[str, DriveConfig]] = {}
+    for text in drives or []:
+        reached, name = line.reaching(text)
+        lines.setdefault(reached, {})[text.partition(",")[0]] = name
+    lines = lines or {line: {str(name): name for name in _scanned(line)}}
     if line.record is not None and len(lines) > 1:
         raise UsageError("--record is for one line, and these drives are on several; leave it out")
-    answered = [_measure(at, names, seconds, headed=len(lines) > 1) for at, names in lines if names]
+    answered = [_measure(at, names, seconds, headed=len(lines) > 1) for at, names in lines.items() if names]
     return 0 if answered and all(answered) else 1
-
-
-def _of_the_plant(line: LineOptions) -> list[str]:
-    """Return the names of the plant's drives; none where a port is given, or there is no plant."""
-    known = known_plant(line.plant, port_given=line.port is not None)
-    return [drive.name for drive in known.drives] if known else []
-
-
-def _by_line(line: LineOptions, drives: Sequence[str]) -> list[tuple[LineOptions, dict[str, DriveConfig]]]:
-    """Return the lines of these drives, each with its drives by what they are called."""
-    lines: list[tuple[LineOptions, dict[str, DriveConfig]]] = []
-    for text in drives:
-        reached, name = line.reaching(text)
-        called = text.partition(",")[0]
-        for at, names in lines:
-            if at == reached:
-                names[called] = name
-                break
-        else:
-            lines.append((reached, {called: name}))
-    return lines
 
 
 def _measure(line: LineOptions, names: Mapping[str, DriveConfig], seconds: float, *, headed: bool) -> bool:
     """Ask the drives of one line, and show what was counted; return whether all of them have answered."""
     if headed and not line.json:
-        say(f"{line.named_port}")
+        say(line.named_port)
     with line.bus() as bus:
         asked = {called: one.build(bus.drive) for called, one in names.items()}
         began = bus.now()
@@ -137,8 +123,7 @@ def _show(
     for name, each in rows:
         if each.reply_times.count:
             say(f"\nreply times of {name}")
-            for text in _bars(each.reply_times):
-                say(text)
+            _say_histogram(each.reply_times)
 
 
 def _plain(each: Statistics, seconds: float) -> dict[str, Any]:
@@ -152,20 +137,13 @@ def _plain(each: Statistics, seconds: float) -> dict[str, Any]:
     if times.count:
         content["reply_times"] = {
             "count": times.count,
-            "shortest_ms": _ms(times.shortest_s),
-            "mean_ms": _ms(times.mean_s),
-            **{f"p{percent}_ms": _ms(times.percentile_s(percent)) for percent in _PERCENTILES},
-            "longest_ms": _ms(times.longest_s),
+            **times_ms(times, _PERCENTILES),
             "classes": [
                 {"up_to_ms": bound, "count": number}
                 for bound, number in zip((*REPLY_TIME_BOUNDS_MS, None), times.classes, strict=True)
             ],
         }
     return content
-
-
-def _ms(seconds: float) -> float:
-    return round(seconds * 1000, 3)
 
 
 def _draw_counters(rows: Sequence[tuple[str, Statistics]], seconds: float) -> None:
@@ -201,28 +179,23 @@ def _draw_times(rows: Sequence[tuple[str, Statistics]]) -> None:
 
 def _draw(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     from rich import box  # noqa: PLC0415 - rich is loaded only where something is drawn
-    from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
-    table = Table(box=box.ASCII2 if not sys.stdout.isatty() else box.ROUNDED)
+    table = Table(box=box.ROUNDED if sys.stdout.isatty() else box.ASCII2)
     for number, head in enumerate(heads):
         table.add_column(head, justify="right" if number else "left", no_wrap=number == 0)
     for row in rows:
         table.add_row(*row)
-    # What is not read on a terminal is not broken at the width of one.
-    Console(width=None if sys.stdout.isatty() else 250).print(table, markup=False)
+    print_table(table, _WIDTH)
 
 
-def _bars(times: ReplyTimes) -> list[str]:
-    """Return the histogram, from the first class that holds something to the last."""
+def _say_histogram(times: ReplyTimes) -> None:
+    """Print from the first class that holds something to the last."""
     held = [number for number, count in enumerate(times.classes) if count]
-    most = max(times.classes)
-    lines = []
     for number in range(held[0], held[-1] + 1):
         lower = REPLY_TIME_BOUNDS_MS[number - 1] if number else 0
         upper = f"{REPLY_TIME_BOUNDS_MS[number]}" if number < len(REPLY_TIME_BOUNDS_MS) else ""
         count = times.classes[number]
         # What is there at all is seen.
-        bar = "#" * max(count > 0, round(count / most * _BAR_WIDTH))
-        lines.append(f"{lower:>5} to {upper:<4} ms  {count:>7}  {bar}".rstrip())
-    return lines
+        bar = "#" * max(count > 0, round(count / max(times.classes) * _BAR_WIDTH))
+        say(f"{lower:>5} to {upper:<4} ms  {count:>7}  {bar}".rstrip())

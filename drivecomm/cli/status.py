@@ -12,8 +12,9 @@ import typer
 
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.one_drive import show_status
 from drivecomm.cli.options import Model
-from drivecomm.cli.output import emit, plain, say, sentence
+from drivecomm.cli.output import counted, emit, sentence
 from drivecomm.errors import DriveError, UsageError
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from drivecomm.plant import DriveReport
-    from drivecomm.protocol import DriveConfig, DriveStatus, Reading
 
 _WIDTH = 80
 """Of the table, where it is not drawn on a terminal."""
@@ -145,7 +145,11 @@ def _draw(reports: Sequence[DriveReport], now: float) -> None:
     for report, row in zip(reports, rows, strict=True):
         console.print(line_of(row), soft_wrap=True)
         _explain(report, console.width, lambda text, style: console.print(text, style=style, soft_wrap=True))
-    console.print(_summary(reports), soft_wrap=True)
+    faults = sum(report.status is not None and report.status.fault for report in reports)
+    silent = sum(report.status is None for report in reports)
+    wrong = [f"{number} {what}" for number, what in ((faults, "with a fault"), (silent, "not answering")) if number]
+    text = f"{counted(len(reports), 'drive')}: {', '.join(wrong) or 'no fault'}"
+    console.print(text, soft_wrap=True)
 
 
 def _cells(report: DriveReport, now: float) -> tuple[_Cell, ...]:
@@ -156,6 +160,10 @@ def _cells(report: DriveReport, now: float) -> tuple[_Cell, ...]:
     output = f"{report.output_hz:.2f} Hz" if report.output_hz is not None else ""
     if not output and found is not None and found.actual_percent is not None:
         output = f"{found.actual_percent:.2f} %"
+    reading = report.reference
+    reference = (
+        "-" if reading is None or isinstance(reading.value, str) else f"{reading.value:.2f} {reading.unit}".rstrip()
+    )
     return (
         (drive.name, dim or "bold"),
         (f"{drive.protocol}:{drive.address}", dim),
@@ -163,15 +171,9 @@ def _cells(report: DriveReport, now: float) -> tuple[_Cell, ...]:
         (state.replace("_", " "), colour),
         (output or "-", dim),
         ("-" if report.current_a is None else f"{report.current_a:.2f} A", dim),
-        (_reference(report.reference), dim),
+        (reference, dim),
         ("-" if found is None else f"{max(0.0, now - report.asked_at):.1f} s", dim),
     )
-
-
-def _reference(reading: Reading | None) -> str:
-    if reading is None or isinstance(reading.value, str):
-        return "-"
-    return f"{reading.value:.2f} {reading.unit}".rstrip()
 
 
 def _explain(report: DriveReport, width: int, tell: Callable[[str, str], None]) -> None:
@@ -187,28 +189,3 @@ def _explain(report: DriveReport, width: int, tell: Callable[[str, str], None]) 
         return
     for text in textwrap.wrap(words, max(20, width - 4), break_long_words=False, break_on_hyphens=False):
         tell(f"    {text}", style)
-
-
-def _summary(reports: Sequence[DriveReport]) -> str:
-    faults = sum(report.status is not None and report.status.fault for report in reports)
-    silent = sum(report.status is None for report in reports)
-    count = f"{len(reports)} drive{'' if len(reports) == 1 else 's'}"
-    wrong = [f"{number} {what}" for number, what in ((faults, "with a fault"), (silent, "not answering")) if number]
-    return f"{count}: {', '.join(wrong) or 'no fault'}"
-
-
-def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool) -> None:
-    """Show the status of one drive on a line."""
-    if as_json:
-        emit(**drive.labels, **plain(found))
-        return
-    words = [f"{drive.name}  {found.state.value}  word 0x{found.word:04X}"]
-    if found.fault_code:
-        words.append(f"fault {found.fault_code}" + (f" {found.fault_text}" if found.fault_text else ""))
-    if found.actual_percent is not None:
-        words.append(f"actual {found.actual_percent:.2f} %")
-    if found.actual_hz is not None:
-        words.append(f"actual {found.actual_hz} Hz")
-    if found.flags:
-        words.append(f"({', '.join(found.flags)})")
-    say("  ".join(words))

@@ -15,10 +15,11 @@ import sys
 import tempfile
 import time
 
+import drivecomm.cli.stop.command
+
 # All that commands load by themselves.
 import drivecomm.cli.stop.everything
 import drivecomm.cli.stop.one_drive
-import drivecomm.cli.stop.quick_arguments
 import drivecomm.plant.files  # noqa: F401
 from drivecomm.cli.app import app
 from drivecomm.cli.entry import run

@@ -247,3 +247,4 @@ def test_every_command_is_found_where_the_application_says():
         for each in getattr(command, "commands", {name: command}).values():
             assert each.help.endswith(".")
             assert each.loaded.callback is not None
+            assert each.loaded.help.startswith(each.help.removesuffix(".")), "what the list says, the help says, too"

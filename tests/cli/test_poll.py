@@ -9,7 +9,7 @@ import time
 import pytest
 
 import drivecomm.cli.poll
-from drivecomm.cli.plan_words import parse_plan
+from drivecomm.cli.poll import parse_plan
 from drivecomm.errors import UnknownProtocolError, UsageError
 from drivecomm.virtual import virtual_drive
 

@@ -15,7 +15,7 @@ from rich.console import Console
 from drivecomm.capture import CaptureWriter, Piece, Provenance, read_capture
 from drivecomm.cli import main
 from drivecomm.cli.sniff import command
-from drivecomm.cli.sniff.table import drawn
+from drivecomm.cli.sniff.lines import drawn
 from drivecomm.errors import LinkDownError
 from drivecomm.link import Statistics
 from drivecomm.protocol import LineSettings, encode

@@ -15,8 +15,7 @@ from running_plant import motors
 from drivecomm.bus import Bus
 from drivecomm.cli import entry
 from drivecomm.cli.stop import everything
-from drivecomm.cli.stop.everything import Everything
-from drivecomm.cli.stop.quick_arguments import quick_arguments
+from drivecomm.cli.stop.command import quick_arguments
 from drivecomm.errors import NotSupported, UsageError
 from drivecomm.protocol import Framed, Stop
 from drivecomm.virtual import virtual_drive
@@ -275,16 +274,13 @@ def test_what_is_understood_in_haste_is_understood_the_same_way_otherwise(words)
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("DRIVECOMM_PORT", raising=False)
         patch.setattr(
-            "drivecomm.cli.stop.everything.stop_all", lambda what, as_json: came.append((plain(what), as_json)) or 0
+            "drivecomm.cli.stop.everything.stop_all",
+            lambda line, plant, how: came.append(((line.port, plant, how), line.json)) or 0,
         )
         assert entry.main(["stop", *words]) == 0
         assert entry.run(["stop", *words]) == 0
     assert came[0] == came[1]
     assert came[0][0][2] is Stop(understood.get("how", "ramp"))
-
-
-def plain(what: Everything):
-    return what.port, what.plant, what.how
 
 
 def test_the_port_may_come_from_the_environment(shell, monkeypatch):

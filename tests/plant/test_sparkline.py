@@ -2,7 +2,7 @@
 
 from hypothesis import given, strategies as st
 
-from drivecomm.cli.watch.sparkline import GAP, chart, sparkline
+from drivecomm.cli.watch.panels import GAP, chart, sparkline
 
 VALUES = st.lists(st.one_of(st.none(), st.floats(-1e6, 1e6)), min_size=1, max_size=60)
 

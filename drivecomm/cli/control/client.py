@@ -71,14 +71,13 @@ def stop_by_holder(
     """
     if not port:
         return None
-    connection = None
     try:
         connection = connect(socket_file(port), _GREETING_S)
     except (TimeoutError, BlockingIOError) as error:
         raise _hangs(port, None, error) from error
     except (OSError, ValueError):
         # Whatever is wrong with the control socket does not prevent opening the port.
-        pass
+        return None
     if connection is None:
         return None
     try:

@@ -145,7 +145,7 @@ class ControlServer:
 
 def _stopped(how: Stop, whom: Callable[..., Drive | Broadcast], options: dict[str, Any]) -> dict[str, Any]:
     """Stop a drive, or all of a protocol, by the ramp where they cannot otherwise; return what became of it."""
-    used = how
+    told = {"how": how.value, "error": "", "exit_code": 0}
     try:
         one, _ = as_far_as_possible(whom, options)
         try:
@@ -153,8 +153,8 @@ def _stopped(how: Stop, whom: Callable[..., Drive | Broadcast], options: dict[st
         except NotSupported:
             if how is Stop.RAMP:
                 raise
-            used = Stop.RAMP
-            one.stop(used)
+            told["how"] = Stop.RAMP.value
+            one.stop(Stop.RAMP)
     except DriveCommError as error:
-        return {"how": used.value, "error": sentence(error), "exit_code": error.exit_code}
-    return {"how": used.value, "error": "", "exit_code": 0}
+        told |= {"error": sentence(error), "exit_code": error.exit_code}
+    return told

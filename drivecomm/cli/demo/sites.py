@@ -1,9 +1,9 @@
-"""The lines of the tour: virtual ones with virtual drives, or the real one behind --port."""
+"""The lines of the tour, virtual or the real one behind --port, and what is done with each drive."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -37,13 +37,8 @@ class Site:
 @contextmanager
 def virtual_sites() -> Iterator[list[Site]]:
     """Yield two lines with six drives of all four protocols: one mixed, one whose adapter echoes."""
-    mixed = {
-        "vabus:1": virtual_drive("vabus", 1),
-        "danfoss-fc:3": virtual_drive("danfoss-fc", 3),
-        "vlt3500:5": virtual_drive("vlt3500", 5),
-        "fuji:7": virtual_drive("fuji", 7),
-    }
-    echoing = {"danfoss-fc:12": virtual_drive("danfoss-fc", 12), "vabus:9": virtual_drive("vabus", 9)}
+    mixed = [("vabus", 1), ("danfoss-fc", 3), ("vlt3500", 5), ("fuji", 7)]
+    echoing = [("danfoss-fc", 12), ("vabus", 9)]
     with (
         _virtual_site("line A: 19200 7E1, 9600 8E1 and 9600 8N1 on one pair of wires", mixed, echo=False) as first,
         _virtual_site("line B: a two-wire adapter that echoes", echoing, echo=True) as second,
@@ -52,7 +47,8 @@ def virtual_sites() -> Iterator[list[Site]]:
 
 
 @contextmanager
-def _virtual_site(title: str, drives: dict[str, VirtualDrive], *, echo: bool) -> Iterator[Site]:
+def _virtual_site(title: str, places: list[tuple[str, int]], *, echo: bool) -> Iterator[Site]:
+    drives = {f"{protocol}:{address}": virtual_drive(protocol, address) for protocol, address in places}
     line = VirtualLine(drives.values(), echo=echo)
     heard: list[TraceEvent] = []
     with open_bus(line.port, echo=echo, trace=heard.append) as bus:
@@ -65,3 +61,46 @@ def real_site(line: LineOptions) -> Iterator[list[Site]]:
     heard: list[TraceEvent] = []
     with line.bus(heard.append) as bus:
         yield [Site(title=f"line {line.port}", bus=bus, let_pass=time.sleep, now=time.monotonic, heard=heard)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """What is read from a drive and how it is moved.
+
+    model: whose names and units are used, None for bare values. parameters: what is read. frequency: the parameter that
+    shows output frequency or speed, signed. reference, backwards: what is set for running, in percent or hertz;
+    backwards is for drives that reverse by a negative reference. fault: the code that a virtual drive trips with.
+    """
+
+    model: str | None = None
+    parameters: tuple[str, ...]
+    frequency: str = ""
+    reference: Mapping[str, int] = field(default_factory=lambda: {"percent": 60})
+    backwards: Mapping[str, int] = field(default_factory=lambda: {"percent": -40})
+    fault: int = 1
+
+
+_CASES = {
+    "vabus": Case(
+        model="agile",
+        parameters=("stator_frequency", "rms_current", "481", "520[2]"),
+        frequency="210",
+        reference={"hz": 30},
+        backwards={"hz": -20},
+        fault=3,
+    ),
+    "danfoss-fc": Case(model="fc300", parameters=("16-13", "16-14", "16-30", "3-41"), frequency="16-17", fault=14),
+    "vlt3500": Case(model="vlt3500", parameters=("502[1]", "502[9]", "215", "516"), frequency="502[1]", fault=11),
+    "fuji": Case(
+        model="frenic",
+        parameters=("M09", "M11", "M21", "F07"),
+        frequency="M09",
+        reference={"hz": 30},
+        backwards={"hz": 20},
+    ),
+}
+
+
+def case_for(protocol: str, examples: tuple[str, ...]) -> Case:
+    """Return what to do with a drive; a protocol of somebody else's is read by the examples that it names."""
+    return _CASES.get(protocol, Case(parameters=examples))

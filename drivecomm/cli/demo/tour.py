@@ -1,4 +1,4 @@
-"""The stops of the tour. Each is a function over one line; what goes wrong is a failed step, not the end."""
+"""The demo command: the stops of the tour, their order and a summary. What goes wrong is a failed step, not the end."""
 
 from __future__ import annotations
 
@@ -6,22 +6,26 @@ import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+import typer
+from rich.console import Console
 from rich.markup import escape
+from rich.table import Table
 
-from drivecomm.cli.demo.cases import case_for
-from drivecomm.cli.demo.drawing import drawn
-from drivecomm.cli.output import sentence
-from drivecomm.errors import DriveCommError, NotSupported
-from drivecomm.protocol import Stop, decode, encode, installed
+from drivecomm.cli.demo.sites import case_for, real_site, virtual_sites
+from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.output import emit, sentence
+from drivecomm.errors import DriveCommError, TelegramError, UsageError
+from drivecomm.protocol import Stop, decode, encode, fields_of, installed
+from drivecomm.testing import packaged_vectors
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from drivecomm.bus import Drive, Found
     from drivecomm.cli.demo.sites import Site
+    from drivecomm.protocol import Message
     from drivecomm.testing import Vector
+
 
 _FAULT_LOCK_S = 16.0
 
@@ -150,7 +154,7 @@ def refusals(tour: Tour, drive: Drive) -> None:
         with tour.step(f"refuse {what}") as tell:
             try:
                 attempt()
-            except (DriveCommError, NotSupported) as error:
+            except DriveCommError as error:
                 tour.console.print(f"  {what}: {escape(sentence(error))}", highlight=False)
                 tell("refused in one sentence")
             else:
@@ -163,13 +167,12 @@ def one_exchange(tour: Tour, site: Site, drive: Drive, protocol: str, parameter:
     with tour.step(f"telegrams of one read of {drive.name}") as tell:
         start = len(site.heard)
         drive.read(parameter)
-        telegrams = [event for event in site.heard[start:] if event.message is not None]
-        for event in telegrams:
-            if event.message is not None:
-                arrow = "master to drive" if event.what == "sent" else "drive to master"
-                tour.console.print(f"[bold]{event.time:.4f} s  {arrow}: {event.message.kind}[/bold]", highlight=False)
-                tour.console.print(drawn(protocol, event.data, event.message))
-                tour.console.print()
+        telegrams = [(event, event.message) for event in site.heard[start:] if event.message is not None]
+        for event, message in telegrams:
+            arrow = "master to drive" if event.what == "sent" else "drive to master"
+            tour.console.print(f"[bold]{event.time:.4f} s  {arrow}: {message.kind}[/bold]", highlight=False)
+            tour.console.print(drawn(protocol, event.data, message))
+            tour.console.print()
         if len(telegrams) < 2:
             raise AssertionError("no request and reply in the trace")
         tell(f"{len(telegrams)} telegrams")
@@ -192,3 +195,104 @@ def printed_telegrams(tour: Tour, protocol: str, vectors: list[Vector]) -> None:
         if wrong:
             raise AssertionError(f"differs from the manual: {', '.join(wrong)}")
         tell(f"{len(vectors)} telegrams, decoded and rebuilt")
+
+
+def drawn(protocol: str, data: bytes, message: Message) -> Table:
+    """Return a table of a telegram's bytes, field by field."""
+    table = Table(show_edge=False, pad_edge=False)
+    for heading in ("bytes", "field", "value", "meaning"):
+        table.add_column(heading)
+    values = fields_of(message)
+    for piece, name, meaning in _pieces(protocol, data, message):
+        table.add_row(piece.hex(" ").upper(), name, str(values.get(name, "")), meaning)
+    return table
+
+
+def _pieces(protocol: str, data: bytes, message: Message) -> Iterator[tuple[bytes, str, str]]:
+    """Split the bytes by the form that reads this message from them."""
+    for form in installed[protocol].forms().values():
+        if form.message is not type(message):
+            continue
+        try:
+            form.parse(data)
+        except TelegramError:
+            continue
+        rows = form.describe()
+        rest = len(data) - sum(int(size) for _, size, _ in rows if size != "n")
+        at = 0
+        for name, size, meaning in rows:
+            length = rest if size == "n" else int(size)
+            yield data[at : at + length], name, meaning
+            at += length
+        return
+    yield data, "", ""
+
+
+_WIDTH = 110
+
+
+def demo(
+    line: LineOptions,
+    allow_motion: Annotated[bool, typer.Option("--allow-motion", help="With --port: also start motors.")] = False,
+) -> int:
+    """Tour everything on virtual lines in a few seconds, or on a real line with --port, reading only.
+
+    Exit code 1 when a step failed.
+    """
+    if line.port is None:
+        line.refuse("without --port the tour is on virtual lines")
+        if allow_motion:
+            raise UsageError("without --port no motor is real, so --allow-motion has no effect; leave it out")
+    elif allow_motion:
+        line.must_be_armed()
+    console = Console(width=_WIDTH, quiet=line.json)
+    tour = Tour(console)
+    with virtual_sites() if line.port is None else real_site(line) as sites:
+        for site in sites:
+            _visit(tour, site, moving=allow_motion or bool(site.virtual))
+    tour.heading("Telegrams printed in manuals")
+    for plugin in installed.working():
+        printed = [vector for vector in packaged_vectors(plugin).vectors if vector.printed and vector.valid]
+        if printed:
+            printed_telegrams(tour, plugin.name, printed)
+    _summary(tour, as_json=line.json)
+    return 1 if tour.failed else 0
+
+
+def _visit(tour: Tour, site: Site, *, moving: bool) -> None:
+    found = scan(tour, site)
+    drives = [
+        (site.bus.drive(one.protocol, one.address, model=case_for(one.protocol, ()).model), one.protocol)
+        for one in found
+        if one.sound
+    ]
+    tour.heading("Values")
+    for drive, protocol in drives:
+        values(tour, drive, protocol)
+    if moving:
+        tour.heading("Motion: start, ramp, reverse, stop")
+        for drive, protocol in drives:
+            motion(tour, site, drive, protocol)
+    if not site.virtual:
+        return
+    tour.heading("Faults: trip and reset")
+    for drive, protocol in drives:
+        fault(tour, site, drive, protocol)
+    first = next((drive for drive, protocol in drives if protocol == "vabus"), None)
+    if first is not None and not any("telegrams of one" in title for title, _, _ in tour.steps):
+        one_exchange(tour, site, first, "vabus", parameter="481")
+        tour.heading("Refusals")
+        refusals(tour, first)
+
+
+def _summary(tour: Tour, *, as_json: bool) -> None:
+    table = Table(title="Summary", title_justify="left", title_style="bold cyan", show_edge=False, pad_edge=False)
+    for heading in ("step", "result", "seen"):
+        table.add_column(heading)
+    for title, worked, seen in tour.steps:
+        table.add_row(title, "[green]ok[/green]" if worked else "[red]failed[/red]", seen)
+        if as_json:
+            emit(step=title, ok=worked, seen=seen)
+    tour.console.print()
+    tour.console.print(table)
+    tour.console.print(f"\n{len(tour.steps) - tour.failed} of {len(tour.steps)} steps worked")

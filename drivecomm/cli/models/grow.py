@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.output import emit, say
-from drivecomm.cli.progress import progress_bar
+from drivecomm.cli.output import emit, progress_bar, say
 from drivecomm.commissioning import addresses_in, descriptions, grown
 from drivecomm.errors import DriveCommError, DriveError, UsageError
 from drivecomm.models import load_model, model_text
 from drivecomm.protocol import ParameterInfo, installed, parse_options
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from drivecomm.bus import Drive
 
 # As many as fit below each other on a screen; the others are counted.
 _MOST_SHOWN = 10
@@ -57,7 +51,10 @@ def grow(
     with reached.bus() as bus:
         chosen = {**name.options, **({"model": model} if model else {})}
         one = bus.drive(name.protocol, name.address, **chosen)
-        addresses = addresses_in(parameters or _all_known(one, name.protocol))
+        if not parameters:
+            plugin = installed[name.protocol]
+            parameters = list((one.model or load_model(plugin.package, plugin.name, plugin.default_model)).parameters)
+        addresses = addresses_in(parameters)
         told: list[ParameterInfo] = []
         left_out: list[tuple[str, DriveCommError]] = []
         with progress_bar("asking", shown=not line.json) as progress:
@@ -93,9 +90,3 @@ def grow(
     if len(left_out) > _MOST_SHOWN:
         say(f"  left out: {len(left_out) - _MOST_SHOWN} more")
     return 0
-
-
-def _all_known(drive: Drive, protocol: str) -> Sequence[str]:
-    """Return the addresses of the drive's model, or of the model that the protocol takes for granted."""
-    plugin = installed[protocol]
-    return list((drive.model or load_model(plugin.package, protocol, plugin.default_model)).parameters)

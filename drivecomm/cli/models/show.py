@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivecomm.cli.options import Json
-from drivecomm.cli.output import complain, emit, say
+from drivecomm.cli.output import complain, counted, emit, say, tell
 from drivecomm.errors import FileFormatError, ParameterAddressError, UsageError
 from drivecomm.models import (
     check_model,
@@ -26,7 +26,7 @@ from drivecomm.protocol import installed
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from drivecomm.protocol import Model, ParameterInfo, Protocol
+    from drivecomm.protocol import Model, ParameterInfo
 
 _Protocol = Annotated[str | None, typer.Option("--protocol", help="If several protocols have a model of that name.")]
 
@@ -72,8 +72,10 @@ def show(
         for number, info in enumerate([_parameter(each, known) for each in parameters]):
             if json:
                 emit(parameter=info)
-            else:
-                _print_parameter(info, known, apart=number > 0)
+                continue
+            if number:
+                say()
+            _print_parameter(info, known)
     elif json:
         _emit(known, common=common)
     elif common:
@@ -90,16 +92,13 @@ def check(
     json: Json = False,
 ) -> int:
     """Check model files and list everything that is wrong. Exit code 2 when anything is."""
-    paths = files or [path for plugin in installed.working() for path in _paths(plugin)]
     wrong = 0
-    for path in paths:
+    for path in files or _all_model_files():
         findings = check_model(path)
         wrong += bool(findings)
         for finding in findings:
-            if json:
-                emit(file=str(path), line=finding.line, key=finding.key, text=finding.text)
-            else:
-                say(str(finding))
+            about = {"file": str(path), "line": finding.line, "key": finding.key, "text": finding.text}
+            tell(str(finding), as_json=json, **about)
         if json:
             emit(file=str(path), findings=len(findings))
         elif not findings:
@@ -117,10 +116,10 @@ def names(json: Json = False) -> int:
     return 0
 
 
-def _paths(plugin: Protocol) -> list[Path]:
-    """Return the files of a protocol's models, those that a user's file of the same name hides too."""
-    found = model_paths(plugin.package, plugin.name).values()
-    return [*found, *(path for path in packaged_models(plugin.package) if path not in found)]
+def _all_model_files() -> Iterator[Path]:
+    """Yield the files of all models, also packaged ones that a user's file of the same name hides."""
+    for plugin in installed.working():
+        yield from dict.fromkeys([*model_paths(plugin.package, plugin.name).values(), *packaged_models(plugin.package)])
 
 
 def _found(text: str, protocol: str | None) -> Model:
@@ -153,9 +152,7 @@ def _parameter(text: str, model: Model) -> ParameterInfo:
     return info
 
 
-def _print_parameter(info: ParameterInfo, model: Model, *, apart: bool) -> None:
-    if apart:
-        say()
+def _print_parameter(info: ParameterInfo, model: Model) -> None:
     say(f"{info.address}  {info.title}")
     common = [name for name, address in model.quantities.items() if parameter_at(address, model) is info]
     about = {
@@ -168,9 +165,7 @@ def _print_parameter(info: ParameterInfo, model: Model, *, apart: bool) -> None:
         "access": info.access,
         "storage": info.storage,
         "values": ", ".join(f"{code} {text}" for code, text in info.values.items()),
-        "counts with": ", ".join(
-            f"{address} = {' or '.join(map(str, codes))}" for address, codes in info.only_with.items()
-        ),
+        "counts with": ", ".join(f"{at} = {' or '.join(map(str, codes))}" for at, codes in info.only_with.items()),
         **{key: str(value) for key, value in info.extra.items()},
         "source": info.source or model.source,
         "sure": info.sure,
@@ -179,8 +174,8 @@ def _print_parameter(info: ParameterInfo, model: Model, *, apart: bool) -> None:
 
 
 def _limits(info: ParameterInfo) -> str:
-    low, high = info.minimum, info.maximum
-    return " ".join([*([f"{low}"] if low is not None else []), *([f"to {high}"] if high is not None else [])])
+    low = "" if info.minimum is None else str(info.minimum)
+    return low if info.maximum is None else f"{low} to {info.maximum}".lstrip()
 
 
 def _emit(model: Model, *, common: bool) -> None:
@@ -203,13 +198,14 @@ def _emit(model: Model, *, common: bool) -> None:
 
 def _print_model(model: Model) -> None:
     say(f"{model.protocol}/{model.name}  {model.title}")
+    texts = (("fault", model.faults), ("warning", model.warnings))
     about = {
         "source": model.source,
         "options": ", ".join(f"{name}={value}" for name, value in model.options.items()),
         "identified by": ", ".join(f"{key} = {pattern}" for key, pattern in model.identified_by.items()),
         "watchdog": _watchdog(model),
         "link loss": "" if model.watchdog else link_loss_of(model),
-        "texts": ", ".join(_counts(model)),
+        "texts": ", ".join(counted(len(some), what) for what, some in texts if some),
     }
     _print_columns((f"  {key}", text) for key, text in about.items() if text)
     common: dict[str, str] = {}
@@ -217,12 +213,6 @@ def _print_model(model: Model) -> None:
         common.setdefault(address, name)
     say()
     _print_columns(_parameter_row(info, common.get(info.address, "")) for info in model.parameters.values())
-
-
-def _counts(model: Model) -> Iterator[str]:
-    for name, texts in (("fault", model.faults), ("warning", model.warnings)):
-        if texts:
-            yield f"{len(texts)} {name}{'' if len(texts) == 1 else 's'}"
 
 
 def _watchdog(model: Model) -> str:

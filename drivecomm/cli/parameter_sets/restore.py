@@ -10,9 +10,8 @@ import typer
 
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Drive
-from drivecomm.cli.output import complain, emit, plain, say
-from drivecomm.cli.parameter_sets.drive_of_set import Communication, SetModel, drive_of_set
-from drivecomm.cli.progress import progress_bar
+from drivecomm.cli.output import complain, emit, plain, progress_bar, say
+from drivecomm.cli.parameter_sets.saved import Communication, SetModel, drive_of_set
 from drivecomm.commissioning.parameter_sets import (
     RestoreOptions,
     carry_out_plan,

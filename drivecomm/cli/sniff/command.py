@@ -6,16 +6,16 @@ import sys
 from contextlib import closing, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
+from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drivecomm.capture import CaptureWriter, Provenance, read_capture
-from drivecomm.cli.output import complain, emit, say
-from drivecomm.cli.sniff.lines import emit_event, say_event
+from drivecomm.cli.output import complain, tell
+from drivecomm.cli.sniff.lines import LiveTable, emit_event, emit_summary, print_summary, say_event
 from drivecomm.cli.sniff.naming import Naming
-from drivecomm.cli.sniff.sources import Ear, is_file, pieces_from, with_settings
-from drivecomm.cli.sniff.table import LiveTable, emit_summary, print_summary
+from drivecomm.cli.sniff.sources import Ear, is_file, pieces_from
 from drivecomm.errors import LinkError, UsageError
 from drivecomm.protocol import LineSettings, installed, parse_drive
 from drivecomm.traffic.sniffer import LineMonitor, detect
@@ -78,8 +78,9 @@ def sniff(
         raise UsageError("--table and --json exclude each other; choose one")
     naming = Naming([parse_drive(text) for text in drives or []], everybody=names)
     given = {"baudrate": baudrate, "bytesize": bytesize, "parity": parity and parity.upper(), "stopbits": stopbits}
+    naming.check()
     job = Job(
-        protocols=_protocols(protocols, naming),
+        protocols=[installed[name] for name in dict.fromkeys(protocols)] if protocols else list(installed.working()),
         naming=naming,
         given={name: value for name, value in given.items() if value is not None},
         chosen=frozenset(only or ()),
@@ -93,9 +94,15 @@ def sniff(
             )
         job.read(place, write, output)
         return 0
-    tell = _emit_detected if as_json else _say_detected
     open_port = shared_listening_port if shared else listening_port
-    heard = job.listen(place, write, output, open_port=open_port, told=tell if find else None, seconds=seconds)
+    heard = job.listen(
+        place,
+        write,
+        output,
+        open_port=open_port,
+        told=partial(_tell_detected, as_json=as_json) if find else None,
+        seconds=seconds,
+    )
     if heard:
         return 0
     served = ", that its server has no other client" if "://" in place else ""
@@ -109,9 +116,9 @@ def sniff(
 class Output:
     """How events are shown: each one, and at the beginning and the end."""
 
-    begin: Callable[[], None]
     show: Callable[[LineEvent, Meaning], None]
     end: Callable[[], None]
+    begin: Callable[[], None] = lambda: None
 
 
 @dataclass(slots=True, kw_only=True)
@@ -136,7 +143,7 @@ class Job:
         settings = self._settings(None) if self.given or capture.provenance.settings is None else None
         for remark in capture.remarks:
             sys.stderr.write(f"drivecomm: {remark}\n")
-        pieces = (with_settings(piece, settings) for piece in capture.pieces)
+        pieces = (piece if settings is None else replace(piece, settings=settings) for piece in capture.pieces)
         self._show(pieces, settings or capture.provenance.settings, write, capture.provenance, output)
 
     def listen(
@@ -199,17 +206,15 @@ class Job:
                 if writer is not None:
                     writer.add(piece)
                 self._heard = self._heard or bool(piece.data)
-                watch = self._watch(piece.line, settings)
+                if (name := piece.line) not in self._watches:
+                    options = self.naming.options
+                    self._watches[name] = LineMonitor(self.protocols, name=name, settings=settings, options=options)
+                watch = self._watches[name]
                 yield from watch.feed(piece) if piece.data else watch.flush(piece.time_s)
         finally:
             # Also after Ctrl-C or when the port is lost: what is half decided is counted.
             left = [event for watch in self._watches.values() for event in watch.finish()]
         yield from left
-
-    def _watch(self, line: str, settings: LineSettings | None) -> LineMonitor:
-        if line not in self._watches:
-            self._watches[line] = LineMonitor(self.protocols, name=line, settings=settings, options=self.naming.options)
-        return self._watches[line]
 
     def _is_wanted(self, event: LineEvent) -> bool:
         if self.errors_only and not event.wrong:
@@ -217,38 +222,25 @@ class Job:
         return not self.chosen or event.drive in self.chosen or event.drive.partition(":")[0] in self.chosen
 
 
-def _protocols(chosen: list[str] | None, naming: Naming) -> list[Protocol]:
-    """Return those that are looked for. Raises UsageError, also for a drive with a model or option that is none."""
-    naming.check()
-    return [installed[name] for name in dict.fromkeys(chosen)] if chosen else list(installed.working())
-
-
 def _output(job: Job, *, table: bool, as_json: bool) -> Output:
     if table:
         live = LiveTable(job.counted)
         return Output(begin=live.start, show=live.show, end=live.stop)
     if as_json:
-        return Output(begin=_nothing, show=emit_event, end=lambda: emit_summary(job.counted()))
-    return Output(begin=_nothing, show=say_event, end=lambda: print_summary(job.counted()))
+        return Output(show=emit_event, end=lambda: emit_summary(job.counted()))
+    return Output(show=say_event, end=lambda: print_summary(job.counted()))
 
 
-def _nothing() -> None:
-    """Begin without a word."""
-
-
-def _say_detected(place: str, found: Detected) -> None:
-    say(
+def _tell_detected(place: str, found: Detected, *, as_json: bool) -> None:
+    text = (
         f"{place}: {found.settings}, {', '.join(found.protocols)}; {found.telegrams} telegrams, "
         f"{found.understood:.0%} of the characters understood, {found.spoilt:.0%} with a wrong parity or stop bit"
     )
-
-
-def _emit_detected(place: str, found: Detected) -> None:
-    emit(what="detected", port=place, **asdict(found))
+    tell(text, as_json=as_json, what="detected", port=place, **asdict(found))
 
 
 def _found_settings(
-    place: str, port: ListeningPort, protocols: list[Protocol], tell: Callable[[str, Detected], None]
+    place: str, port: ListeningPort, protocols: list[Protocol], told: Callable[[str, Detected], None]
 ) -> LineSettings:
     if note := port.configure(LineSettings()):
         raise UsageError(f"{place}: there is nothing to detect ({note}); leave --detect out")
@@ -257,5 +249,5 @@ def _found_settings(
         raise LinkError(
             f"{place}: nothing could be decoded with the usual line settings; check that there is traffic on this line"
         )
-    tell(place, found)
+    told(place, found)
     return found.settings

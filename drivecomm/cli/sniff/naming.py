@@ -66,7 +66,9 @@ class Naming:
         request = event.pair.request if event.pair else event.item
         if request is None or request.direction != "request":
             return _NOTHING
-        names = self._names_of(request.drive)
+        if request.drive not in self._known:
+            self._known[request.drive] = self._make(request.drive)
+        names = self._known[request.drive]
         if names is None:
             return _NOTHING
         parameter = names.parameter(request.message)
@@ -76,11 +78,6 @@ class Naming:
             return Meaning(parameter=parameter, reading=names.reading(request.message, event.item.message))
         except DriveCommError as error:
             return Meaning(parameter=parameter, refusal=str(error))
-
-    def _names_of(self, drive: str) -> ParameterNames | None:
-        if drive not in self._known:
-            self._known[drive] = self._make(drive)
-        return self._known[drive]
 
     def _make(self, drive: str) -> ParameterNames | None:
         protocol, _, address = drive.partition(":")

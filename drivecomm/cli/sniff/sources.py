@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,8 +61,3 @@ class Ear:
                 bursts += pieces[-1].time_s + began > last_s
                 last_s = max(last_s, pieces[-1].time_s + began)
         return LineSample(pieces=pieces, spoilt=self.port.spoilt - spoilt)
-
-
-def with_settings(piece: Piece, settings: LineSettings | None) -> Piece:
-    """Return a piece of a capture with the settings that the caller says, where it says some."""
-    return piece if settings is None else replace(piece, settings=settings)

@@ -1,7 +1,14 @@
-"""The stop command. It imports typer for its annotations only: `stop --all` is quicker without it."""
+"""The stop command, also without typer, whose loading takes longer than stopping a plant.
+
+Only the plain options are understood without it. Any other, and any mistake, is left to typer, which understands these
+the same way.
+"""
 
 from __future__ import annotations
 
+import os
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from drivecomm.cli.drive_names import plant_file
@@ -10,7 +17,12 @@ from drivecomm.errors import UsageError, meant
 from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import typer
+
+
+_WITH_A_VALUE = {"--port": "port", "-p": "port", "--plant": "plant", "--how": "how"}
 
 
 def stop(
@@ -25,13 +37,18 @@ def stop(
     how: Annotated[str, typer.Option("--how", help="ramp, coast, quick or dc_brake.")] = "ramp",
     model: Annotated[str | None, typer.Option("--model", "-m", help="Model name, or a .toml file.")] = None,
 ) -> int:
-    """Stop the motor. The address `*` stops all drives of the protocol at once; a broadcast is not confirmed.
+    """Stop the motor, or with --all every motor.
 
-    --all works on all lines at the same time: it broadcasts a stop for each protocol and then stops each drive of the
-    plant individually, so that it confirms. Exit code 5 unless every drive has confirmed; without a plant file none
-    can. Drives that are not armed in the plant file are stopped too.
+    The address `*` stops all drives of the protocol at once; a broadcast is not confirmed. --all works on all lines at
+    the same time: it broadcasts a stop for each protocol and then stops each drive of the plant individually, so that
+    it confirms. Exit code 5 unless every drive has confirmed; without a plant file none can. Drives that are not armed
+    in the plant file are stopped too.
     """
-    chosen = _kind_of_stop(how)
+    try:
+        chosen = Stop(how.lower().replace("-", "_"))
+    except ValueError:
+        known = meant(how, [stop.value for stop in Stop], "use one of")
+        raise UsageError(f"unknown kind of stop {how!r}; {known}") from None
     if not everything:
         if drive is None:
             raise UsageError("no drive given; write PROTOCOL:ADDRESS, or --all to stop everything")
@@ -42,15 +59,40 @@ def stop(
         return 0
     if drive is not None:
         raise UsageError(f"--all stops everything; leave {drive} out, or leave --all out")
-    from drivecomm.cli.stop.everything import Everything, stop_all  # noqa: PLC0415 - as above
+    from drivecomm.cli.stop.everything import stop_all  # noqa: PLC0415 - as above
 
-    file = plant_file(line.plant, port_given=line.port is not None)
-    return stop_all(Everything(port=line.port, plant=file, how=chosen, opening=line.opening), as_json=line.json)
+    return stop_all(line, plant_file(line.plant, port_given=line.port is not None), chosen)
 
 
-def _kind_of_stop(how: str) -> Stop:
-    try:
-        return Stop(how.lower().replace("-", "_"))
-    except ValueError:
-        known = meant(how, [stop.value for stop in Stop], "use one of")
-        raise UsageError(f"unknown kind of stop {how!r}; {known}") from None
+def quick_stop(arguments: list[str]) -> Callable[[], int] | None:
+    """Return what carries out `stop` with these arguments, None if typer has to read them."""
+    given = quick_arguments(arguments)
+    if given is None:
+        return None
+    plant = given.get("plant")
+    line = LineOptions(
+        port=given.get("port") or os.environ.get("DRIVECOMM_PORT") or None,
+        plant=Path(plant) if plant else None,
+        json="--json" in arguments,
+        given=frozenset(given),
+    )
+    return partial(stop, line, everything=True, how=given.get("how", "ramp"))
+
+
+def quick_arguments(arguments: list[str]) -> dict[str, str] | None:
+    """Return the values of the options, None where there is anything else than them, --all and --json."""
+    given: dict[str, str] = {}
+    left = iter(arguments)
+    for word in left:
+        if word in ("--all", "--json"):
+            continue
+        name, equals, value = word.partition("=")
+        if name not in _WITH_A_VALUE or (equals and not name.startswith("--")):
+            return None
+        found = value if equals else next(left, "")
+        if not found or found.startswith("-"):
+            return None
+        given[_WITH_A_VALUE[name]] = found
+    if "--all" not in arguments or given.get("how", "ramp") not in {stop.value for stop in Stop}:
+        return None
+    return given

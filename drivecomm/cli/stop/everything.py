@@ -8,7 +8,7 @@ not confirmed once more with all the attempts that they may have.
 from __future__ import annotations
 
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from queue import SimpleQueue
 from threading import Thread
@@ -36,50 +36,41 @@ if TYPE_CHECKING:
     from threading import Event
 
     from drivecomm.bus import Broadcast, Bus
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.plant import Plant
     from drivecomm.protocol import DriveConfig
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Everything:
-    """What to stop: what is behind a port, or in a plant.
-
-    how: where a drive cannot stop so, it is stopped down its ramp. opening: further keywords of `open_bus`; its line
-    facts go before what the plant says, and what the plant says of a line before the others.
-    """
-
-    port: str | None
-    plant: Path | None
-    how: Stop
-    opening: Mapping[str, Any] = field(default_factory=dict)
 
 
 _Item: TypeAlias = StopResult | BaseException | None
 _Tell: TypeAlias = "Callable[[StopResult], None]"
 
 
-def stop_all(everything: Everything, *, as_json: bool) -> int:
-    """Stop everything that is known, and say what was confirmed; returns the exit code."""
-    if everything.plant is None:
-        return _without_a_plant(everything, as_json=as_json)
+def stop_all(line: LineOptions, path: Path | None, how: Stop) -> int:
+    """Stop what is behind the port or in the plant file, and say what was confirmed; returns the exit code.
+
+    A drive that cannot stop this way is stopped down its ramp. Line facts of the command line go before what the plant
+    says.
+    """
+    if path is None:
+        return _without_a_plant(line, how)
     try:
-        plant, whole = _plant(everything.plant, as_json=as_json)
+        plant, whole = _plant(path, as_json=line.json)
     except FileFormatError as error:
-        if everything.port is None:
+        if line.port is None:
             raise
-        _without_a_plant(everything, as_json=as_json)
-        complain(error, as_json=as_json)
+        _without_a_plant(line, how)
+        complain(error, as_json=line.json)
         return error.exit_code
-    lines = list(_lines_of(plant, everything, whole=whole))
+    lines = list(_lines_of(plant, line, whole=whole))
     if not lines:
-        raise UsageError(f"{everything.plant}: there is no drive in this plant, so there is nothing to stop")
-    if everything.opening.get("record") is not None and len(lines) > 1:
+        raise UsageError(f"{path}: there is no drive in this plant, so there is nothing to stop")
+    if line.record is not None and len(lines) > 1:
         raise UsageError("--record is for one line, and this plant has several; leave it out")
     confirmed = whole
-    for news in _at_once(lines, everything.how):
+    for news in _at_once(lines, how):
         if news.drive:
             confirmed = confirmed and news.error is None
-        _show(news, everything.how, as_json=as_json)
+        _show(news, how, as_json=line.json)
     return 0 if confirmed else DriveError.exit_code
 
 
@@ -103,22 +94,20 @@ def _plant(path: Path, *, as_json: bool) -> tuple[Plant, bool]:
         return plant, False
 
 
-def _without_a_plant(everything: Everything, *, as_json: bool) -> int:
-    def tell(result: StopResult) -> None:
-        _show(result, everything.how, as_json=as_json)
-
-    all_of_them = StopRequest(how=everything.how, protocols=tuple((name, {}) for name in installed), everything=True)
-    if stop_by_holder(everything.port, all_of_them, tell, everything.opening) is not None:
+def _without_a_plant(line: LineOptions, how: Stop) -> int:
+    tell = partial(_show, wanted=how, as_json=line.json)
+    all_of_them = StopRequest(how=how, protocols=tuple((name, {}) for name in installed), everything=True)
+    if stop_by_holder(line.port, all_of_them, tell, line.opening) is not None:
         return DriveError.exit_code
-    with _bus(everything.port, everything.opening) as bus:
+    with _bus(line.port, line.opening) as bus:
         for name in installed:
             try:
                 # One after the other: the first has been stopped before the second is loaded.
-                told = _tell_all("", bus.broadcast(name), name, everything.how)
+                told = _tell_all("", bus.broadcast(name), name, how)
             except DriveCommError as error:
-                told = StopResult(protocol=name, how=everything.how, error=error)
+                told = StopResult(protocol=name, how=how, error=error)
             tell(told)
-    if not as_json:
+    if not line.json:
         say(
             "sent with each protocol's usual line settings, which is the best that can be done without --plant: nobody "
             "confirms a broadcast, so look at the motors"
@@ -136,16 +125,16 @@ class _Line:
     """Protocols of drives that may be there besides."""
 
 
-def _lines_of(plant: Plant, everything: Everything, *, whole: bool) -> Iterator[_Line]:
+def _lines_of(plant: Plant, line: LineOptions, *, whole: bool) -> Iterator[_Line]:
     # What is said on the command line goes before what the plant says of a line or a drive.
-    said = {key: value for key, value in everything.opening.items() if key in LINE_FACT_NAMES and value is not None}
+    said = line.said_facts
     for each in plant.lines:
         drives = plant.on_line(each.name)
         if drives or not whole:
             yield _Line(
                 name=each.name,
-                port=each.reached_at or (everything.port if len(plant.lines) == 1 else None),
-                opening={**everything.opening, **each.opening, **said},
+                port=each.reached_at or (line.port if len(plant.lines) == 1 else None),
+                opening={**line.opening, **each.opening, **said},
                 drives=tuple(replace(drive, options={**drive.options, **said}) for drive in drives),
                 also=() if whole else tuple(installed),
             )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from drivecomm.cli.control.client import StopRequest, stop_by_holder
 from drivecomm.cli.drive_names import plant_file
 from drivecomm.cli.line_options import naming
-from drivecomm.cli.output import complain, emit, say
+from drivecomm.cli.output import complain, tell
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.protocol import LINE_FACT_NAMES, DriveConfig, parse_drive
 
@@ -39,10 +39,7 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> Non
             everybody, _ = as_far_as_possible(partial(bus.broadcast, protocol), chosen)
             everybody.stop(how)
         done = f"stop ({how.value}) sent to all; nobody confirms a broadcast"
-        if line.json:
-            emit(drive=drive, done=done)
-        else:
-            say(f"{drive}  {done}")
+        tell(f"{drive}  {done}", as_json=line.json, drive=drive, done=done)
         return
     reached, name, broken = reached_for_stopping(line, drive)
     options = {**name.options, **chosen}
@@ -54,10 +51,7 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> Non
         with naming(name):
             one.stop(how)
     done = f"stop ({how.value}) commanded"
-    if line.json:
-        emit(**name.labels, done=done, result=None)
-    else:
-        say(f"{name.name}  {done}")
+    tell(f"{name.name}  {done}", as_json=line.json, **name.labels, done=done, result=None)
     if broken or without:
         complain(broken or without, as_json=line.json)
 
@@ -97,24 +91,10 @@ def reached_for_stopping(line: LineOptions, text: str) -> tuple[LineOptions, Dri
             plant, _ = salvaged(file)
             drive = plant.drive(text.partition(",")[0])
         except UsageError:
-            return *_by_its_address(line, text, error), str(error)
-        of = plant.line(drive.line)
-        settings = {key: value for key, value in of.settings.items() if getattr(line, key) is None}
-        reached = replace(
-            line,
-            port=line.port_of(of, str(file)),
-            echo="expect" if of.echo else line.echo,
-            given=line.given | {"port"},
-            **settings,
-        )
-        return reached, drive, str(error)
-
-
-def _by_its_address(line: LineOptions, text: str, error: FileFormatError) -> tuple[LineOptions, DriveConfig]:
-    """Return line and drive as they are named, without any plant. Raises the error where that does not suffice."""
-    if ":" not in text.partition(",")[0] or line.port is None:
-        raise error
-    return replace(line, given=line.given | {"port"}), replace(parse_drive(text), line=line.port)
+            if ":" not in text.partition(",")[0] or line.port is None:
+                raise error from None
+            return replace(line, given=line.given | {"port"}), replace(parse_drive(text), line=line.port), str(error)
+        return line.on(plant.line(drive.line), str(file)), drive, str(error)
 
 
 def _stopped_by_holder(line: LineOptions, reached: LineOptions, request: StopRequest) -> bool:
@@ -130,8 +110,5 @@ def _stopped_by_holder(line: LineOptions, reached: LineOptions, request: StopReq
         instead = "" if answer.how is request.how else f", because it cannot by {request.how.value}"
         done = f"stop ({answer.how.value}{instead}) {told}"
         who = answer.drive or f"{answer.protocol}:*"
-        if line.json:
-            emit(drive=who, done=done, result=None, by=str(holder))
-        else:
-            say(f"{who}  {done}, by {holder}")
+        tell(f"{who}  {done}, by {holder}", as_json=line.json, drive=who, done=done, result=None, by=str(holder))
     return True

@@ -1,20 +1,27 @@
-"""The watch command: what is to be watched, and the screen for it. The screen is loaded only when it is wanted."""
+"""The watch command: what is to be watched, its log, and the screen, which is loaded only when it is wanted."""
 
 from __future__ import annotations
 
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from drivecomm.cli.drive_names import plant_file
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.logging_option import Log
-from drivecomm.cli.watch.log_switch import LogSwitch
+from drivecomm.cli.value_files import Log
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.plant import read_plant
+from drivecomm.plant.value_log import open_log
 from drivecomm.plant.watching import WatchedLine, Watcher, lines_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.plant.value_log import ValueLog
+    from drivecomm.polling import PollResult
 
 
 def watch(
@@ -38,7 +45,7 @@ def watch(
         bool, typer.Option("--arm", help="Allow start and reset of drives that are armed in the plant file.")
     ] = False,
 ) -> int:
-    """Watch drives in a terminal: states, values, trends, faults, counters.
+    """Watch drives on a live screen in the terminal: states, values, trends, faults, counters.
 
     It commands nothing by itself; its keys can always stop a motor, and with --arm start or reset one. Exit code 3 when
     no line can be opened, 1 when values are missing in the log because the disk was full. It is not a safety function.
@@ -49,6 +56,8 @@ def watch(
         raise UsageError(f"--for {duration:g} s is not possible; give seconds above 0")
     lines = watched_lines(what or [], line)
     _must_be_a_terminal()
+    file = what[0] if what else plant_file(line.plant, port_given=False)
+    title = line.named_port if line.port is not None or file is None else Path(file).name
     switch = LogSwitch(log)
     chosen: dict[str, Any] = {"names": name} if name else {}
     watcher = Watcher(lines, period_s=period, **chosen)
@@ -56,7 +65,7 @@ def watch(
         missing = ", ".join(watcher.nobody_has)
         raise UsageError(f"no drive here has {missing}: no model says which parameter it is")
     watcher.told = switch.tell
-    screen = _screen()(watcher, title=_title(what or [], line), log=switch, armed=arm, duration_s=duration)
+    screen = _screen()(watcher, title=title, log=switch, armed=arm, duration_s=duration)
     if log is not None:
         switch.switch()
     try:
@@ -86,7 +95,8 @@ def watched_lines(what: list[str], line: LineOptions) -> list[WatchedLine]:
     options = _options(line)
     if what:
         line.refuse("the drives are named here", "plant")
-    what = what or _usual_plant(line)
+    elif usual := plant_file(line.plant, port_given=line.port is not None):
+        what = [str(usual)]
     plants = [word for word in what if word.endswith(".toml") and ":" not in word.partition(",")[0]]
     if plants and len(what) > 1:
         raise UsageError("give one plant file or drives, not both")
@@ -100,12 +110,6 @@ def watched_lines(what: list[str], line: LineOptions) -> list[WatchedLine]:
     return [WatchedLine(name=line.named_port, port=line.named_port, drives=drives, options=options)]
 
 
-def _usual_plant(line: LineOptions) -> list[str]:
-    """Return the plant file of who names nothing: of --plant, of $DRIVECOMM_PLANT, or plant.toml in this folder."""
-    usual = plant_file(line.plant, port_given=line.port is not None)
-    return [] if usual is None else [str(usual)]
-
-
 def _options(line: LineOptions) -> dict[str, Any]:
     given = {**line.facts, "low_latency": line.low_latency}
     if "echo" in line.given or line.echo != "off":
@@ -113,10 +117,6 @@ def _options(line: LineOptions) -> dict[str, Any]:
     if line.rs485:
         given["rs485"] = True
     return {name: value for name, value in given.items() if value is not None}
-
-
-def _title(what: list[str], line: LineOptions) -> str:
-    return line.named_port if line.port is not None else Path((what or _usual_plant(line))[0]).name
 
 
 def _screen() -> Any:
@@ -127,3 +127,53 @@ def _screen() -> Any:
             raise
         raise UsageError("watch needs textual, which is not installed; install drivecomm[watch]") from None
     return WatchScreen
+
+
+class LogSwitch:
+    """Keeps a log or does not. path: the file; None for one in this folder that is named after the time."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._log: ValueLog | None = None
+        self.is_on = False
+        self.said: Callable[[str], None] = lambda _: None
+        """Hears when values cannot be logged for want of room, and when they are again; set before it is switched."""
+
+    def switch(self) -> str:
+        """Switch it on or off; return what to say. Raises DriveCommError for a file that cannot be."""
+        if self.is_on:
+            self.is_on = False
+            return f"logging is paused; {self._name} is finished when watch ends"
+        if self._log is None:
+            path = self._path or Path(f"watch-{datetime.now(UTC):%Y%m%d-%H%M%S}.csv")
+            self._log = open_log(path, tell=self.said)
+        self.is_on = True
+        return f"logging to {self._name}"
+
+    def tell(self, result: PollResult) -> None:
+        """Write a result if the log is on."""
+        if self.is_on and self._log is not None:
+            self._log.write(result)
+
+    @property
+    def words(self) -> str:
+        """How it is, for the head of the screen."""
+        if self.is_on:
+            missing = f", {self._log.missing} missing" if self._log is not None and self._log.missing else ""
+            return f"log {self._name}{missing}"
+        return "log paused" if self._log is not None else "log off"
+
+    def close(self) -> str:
+        """Finish the file; return what is missing in it, or why it cannot be finished, empty when all is well."""
+        if self._log is None:
+            return ""
+        log, self._log, self.is_on = self._log, None, False
+        try:
+            log.close()
+        except (DriveCommError, OSError) as error:
+            return str(error)
+        return log.summary
+
+    @property
+    def _name(self) -> str:
+        return self._log.path.name if self._log is not None else ""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, Any, ClassVar
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from rich.text import Text
 from textual.app import App
@@ -13,13 +14,9 @@ from textual.widgets import DataTable, Footer, Static
 
 from drivecomm.bus import keep_async
 from drivecomm.cli.output import sentence
-from drivecomm.cli.watch.arming import HOLD, why_not
-from drivecomm.cli.watch.columns import PADDING, columns_for
-from drivecomm.cli.watch.panels import drive_panel, events_panel
-from drivecomm.cli.watch.parameters_screen import ParametersScreen
-from drivecomm.cli.watch.question import Question
-from drivecomm.cli.watch.trace_screen import TraceScreen
-from drivecomm.cli.watch.words import ASIDE, clock, summary_of
+from drivecomm.cli.watch.panels import PADDING, columns_for, drive_panel, events_panel
+from drivecomm.cli.watch.screens import ParametersScreen, Question, TraceScreen
+from drivecomm.cli.watch.words import ASIDE, HOLD, clock, summary_of, why_not
 from drivecomm.errors import DriveCommError
 
 if TYPE_CHECKING:
@@ -28,12 +25,11 @@ if TYPE_CHECKING:
     from textual.app import ComposeResult
     from textual.binding import BindingType
     from textual.events import Resize
-    from textual.screen import Screen
     from textual.timer import Timer
 
     from drivecomm.bus import AsyncDrive
-    from drivecomm.cli.watch.log_switch import LogSwitch
-    from drivecomm.plant.watching import DriveView, Watcher
+    from drivecomm.cli.watch.command import LogSwitch
+    from drivecomm.plant.watching import Board, DriveView, Watcher
 
 REFRESH_S = 0.5
 SAID_S = 8.0
@@ -95,8 +91,7 @@ class WatchScreen(App[Exception | None]):
     def compose(self) -> ComposeResult:
         """Place the table, what stands below it, and the keys."""
         yield Static(id="title", markup=False)
-        table: DataTable[Text] = DataTable(id="drives", cursor_type="row")
-        yield table
+        yield DataTable[Text](id="drives", cursor_type="row")
         with Container(id="below"):
             yield Static(id="drive", markup=False)
             with VerticalScroll(id="happened", can_focus=False):
@@ -138,7 +133,7 @@ class WatchScreen(App[Exception | None]):
             return
         board = self.watcher.board()
         self._show_title(summary_of(board), clock(board.elapsed_s))
-        self._show_table()
+        self._show_table(board)
         panel = self.query_one("#drive", Static)
         width = panel.content_size.width or self.size.width - PADDING
         # Where the panel has a height of its own, and does not make it by what it shows, there is room for a chart.
@@ -158,8 +153,7 @@ class WatchScreen(App[Exception | None]):
         left.truncate(room, overflow="ellipsis", pad=True)
         self.query_one("#title", Static).update(Text.assemble(left, " ", right))
 
-    def _show_table(self) -> None:
-        board = self.watcher.board()
+    def _show_table(self, board: Board) -> None:
         table = self.query_one("#drives", DataTable)
         columns = columns_for(self.watcher, board, self.size.width, self._trend)
         laid_out = tuple((column.key, column.head, column.width) for column in columns)
@@ -181,25 +175,19 @@ class WatchScreen(App[Exception | None]):
     def _view(self) -> DriveView:
         """The drive that is chosen."""
         drives = self.watcher.board().drives
-        return drives[min(self._main.query_one("#drives", DataTable).cursor_row, len(drives) - 1)]
-
-    @property
-    def _main(self) -> Screen[Any]:
-        """The screen with the table, which may be under another."""
-        return self.screen_stack[0]
+        return drives[min(self.screen_stack[0].query_one("#drives", DataTable).cursor_row, len(drives) - 1)]
 
     def say(self, text: str) -> None:
         """Put a sentence above the keys, for some seconds."""
         if self._saying is not None:
             self._saying.stop()
-        self._saying = self.set_timer(SAID_S, self._rest) if text else None
-        self._main.query_one("#message", Static).update(text or self._resting)
-        if self.screen is not self._main and text:
+        self._saying = self.set_timer(SAID_S, partial(self.say, "")) if text else None
+        # The screen with the table, which may be under another.
+        table = self.screen_stack[0]
+        table.query_one("#message", Static).update(text or self._resting)
+        if self.screen is not table and text:
             # The screens on top have no place for it.
             self.notify(text, markup=False)
-
-    def _rest(self) -> None:
-        self.say("")
 
     def on_data_table_row_highlighted(self) -> None:
         """Show the drive that the cursor came to."""
@@ -217,8 +205,6 @@ class WatchScreen(App[Exception | None]):
         if action == "stop_at_once":
             return not isinstance(self.screen, Question)
         return action not in {"parameters", "trace", "next_trend", "log", "stop", "reset", "start"}
-
-    # The keys
 
     def action_parameters(self) -> None:
         """Show the parameters of the drive."""
@@ -248,7 +234,7 @@ class WatchScreen(App[Exception | None]):
     def action_stop(self) -> None:
         """Stop the motor, after a question."""
         name = self._view.name
-        self._ask(f"Stop {name}?", "down its ramp; S stops without this question", lambda: self._stop(name))
+        self._ask(f"Stop {name}?", "down its ramp; S stops without this question", partial(self._stop, name))
 
     def action_stop_at_once(self) -> None:
         """Stop the motor."""
@@ -256,28 +242,27 @@ class WatchScreen(App[Exception | None]):
 
     def action_start(self) -> None:
         """Start the motor, if the drive is armed, after a question."""
-        drive = self._view.drive
-        if reason := why_not("start", drive, armed=self._armed):
-            self.say(reason)
+        if self._is_refused("start"):
             return
-        loss = self.watcher.drive(drive.name).capabilities.link_loss
-        self._ask(
-            f"Start {drive.name}?",
-            f"with the reference that it has; if its line falls silent: {loss}",
-            lambda: self._command(drive.name, "started", _start(self.watcher.drive(drive.name))),
-        )
+        name = self._view.name
+        drive = self.watcher.drive(name)
+        remark = f"with the reference that it has; if its line falls silent: {drive.capabilities.link_loss}"
+        self._ask(f"Start {name}?", remark, lambda: self._command(name, "started", _start(drive)))
 
     def action_reset(self) -> None:
         """Acknowledge a fault, if the drive is armed, after a question."""
-        drive = self._view.drive
-        if reason := why_not("reset", drive, armed=self._armed):
-            self.say(reason)
+        if self._is_refused("reset"):
             return
-        self._ask(
-            f"Reset {drive.name}?",
-            f"its fault: {self._view.fault}" if self._view.fault else "it has no fault now",
-            lambda: self._command(drive.name, "reset", self.watcher.drive(drive.name).reset()),
-        )
+        view = self._view
+        remark = f"its fault: {view.fault}" if view.fault else "it has no fault now"
+        reset = self.watcher.drive(view.name).reset
+        self._ask(f"Reset {view.name}?", remark, lambda: self._command(view.name, "reset", reset()))
+
+    def _is_refused(self, verb: Literal["start", "reset"]) -> bool:
+        reason = why_not(verb, self._view.drive, armed=self._armed)
+        if reason:
+            self.say(reason)
+        return bool(reason)
 
     def _stop(self, name: str) -> None:
         self._command(name, "stopped", self.watcher.drive(name).stop())

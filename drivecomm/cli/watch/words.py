@@ -1,9 +1,9 @@
-"""What the screen says, with colours that only repeat what the words say."""
+"""What the screen says, with colours that only repeat what the words say, and why it does not command a drive."""
 
 from __future__ import annotations
 
 from datetime import datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from rich.text import Text
 
@@ -12,6 +12,7 @@ from drivecomm.plant.watching import state_words
 
 if TYPE_CHECKING:
     from drivecomm.plant.watching import Board, DriveEvent, DriveView, WatchedValue
+    from drivecomm.protocol import DriveConfig
 
 FAULT, WARNING, DEAD, RUNNING, ASIDE = "bold red", "yellow", "dim", "green", "dim"
 
@@ -133,3 +134,22 @@ def clock(seconds: float) -> str:
     """Return a time since the beginning as hours, minutes and seconds."""
     whole = int(seconds)
     return f"{whole // 3600:02}:{whole // 60 % 60:02}:{whole % 60:02}"
+
+
+HOLD: Literal["hold"] = "hold"
+"""The policy for which nobody has to stay: the motor goes on."""
+
+
+def why_not(verb: Literal["start", "reset"], drive: DriveConfig, *, armed: bool) -> str:
+    """Return why this drive is not to be started or reset, empty when it may. armed: --arm was given."""
+    if not armed:
+        return f"{drive.name} is not commanded: watch was started without --arm"
+    if not drive.armed:
+        return f"{drive.name} is read-only: write armed = true for it in the plant file"
+    if verb == "start" and drive.link_loss is None:
+        return f"{drive.name} is not started: the plant file does not say its link_loss, what it does without a master"
+    if verb == "start" and drive.link_loss is not None and drive.link_loss.policy != HOLD:
+        # Another policy needs somebody who sets the drive's watchdog and stays; a screen may be closed at any moment.
+        way = f"drivecomm start {drive.name} --link-loss {drive.link_loss.policy}"
+        return f"{drive.name} is not started from here: use {way}, which stays with it"
+    return ""

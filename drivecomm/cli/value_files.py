@@ -1,7 +1,8 @@
-"""The option --log of commands that read values again and again."""
+"""The files that commands fill besides what they print: --log for values, --record for the bytes of a line."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -44,3 +45,34 @@ def opened_log(path: Path | None, *, as_json: bool) -> Iterator[Callable[[PollRe
             raise
     if log.missing:
         raise DriveCommError(log.summary)
+
+
+_LOGGER = logging.getLogger("drivecomm.capture")
+
+
+class _Said(logging.Handler):
+    """Says on the command line what the recording of the block says."""
+
+    def __init__(self, *, as_json: bool) -> None:
+        super().__init__(logging.WARNING)
+        self.said = False
+        self._as_json = as_json
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.said = True
+        complain(record.getMessage(), as_json=self._as_json)
+
+
+@contextmanager
+def recorded(path: Path, *, as_json: bool) -> Iterator[None]:
+    """Say what goes wrong with a recording meanwhile; raise DriveCommError at the end if anything did."""
+    handler = _Said(as_json=as_json)
+    propagates, _LOGGER.propagate = _LOGGER.propagate, False
+    _LOGGER.addHandler(handler)
+    try:
+        yield
+    finally:
+        _LOGGER.removeHandler(handler)
+        _LOGGER.propagate = propagates
+    if handler.said:
+        raise DriveCommError(f"{path}: the recording is incomplete")

@@ -1,27 +1,32 @@
-"""All parameters that a drive's model knows, read page by page as they are looked at."""
+"""The screens above the table of drives: parameters, telegrams, a question."""
 
 from __future__ import annotations
 
+import textwrap
+from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 from rich.text import Text
 from textual.binding import Binding
-from textual.screen import Screen
-from textual.widgets import DataTable, Footer, Static
+from textual.containers import Vertical
+from textual.screen import ModalScreen, Screen
+from textual.widgets import DataTable, Footer, RichLog, Static
 
 from drivecomm.cli.watch.words import ASIDE, WARNING, unit_of
 from drivecomm.errors import DriveCommError
+from drivecomm.link import trace_line
 
 if TYPE_CHECKING:
     from textual.app import ComposeResult
     from textual.binding import BindingType
     from textual.events import Resize
 
+    from drivecomm.link import TraceEvent
     from drivecomm.plant.watching import Watcher
     from drivecomm.protocol import ParameterInfo
 
 _CHROME = 4
-"""Lines that hold no parameter: title, heads, message, keys."""
+"""Lines that hold no parameter: title, heads, message, keys; and columns that hold no telegram."""
 
 
 class ParametersScreen(Screen[None]):
@@ -52,8 +57,7 @@ class ParametersScreen(Screen[None]):
     def compose(self) -> ComposeResult:
         """Show a table and the keys."""
         yield Static(id="title", markup=False)
-        table: DataTable[Text] = DataTable(cursor_type="row", zebra_stripes=True)
-        yield table
+        yield DataTable[Text](cursor_type="row", zebra_stripes=True)
         yield Static(id="message", markup=False)
         yield Footer()
 
@@ -97,10 +101,8 @@ class ParametersScreen(Screen[None]):
 
     def _show_page(self) -> None:
         self._page = min(self._page, self._pages - 1)
-        title = (
-            f"{self._drive}: {self._title}, {len(self._parameters)} parameters, page {self._page + 1} of {self._pages}"
-        )
-        self.query_one("#title", Static).update(title)
+        what = f"{self._title}, {len(self._parameters)} parameters"
+        self.query_one("#title", Static).update(f"{self._drive}: {what}, page {self._page + 1} of {self._pages}")
         table = self.query_one(DataTable)
         table.clear(columns=True)
         address = max(7, *(len(info.address) for info in self._shown))
@@ -133,3 +135,106 @@ class ParametersScreen(Screen[None]):
 
     def _say(self, text: str) -> None:
         self.query_one("#message", Static).update(text)
+
+
+REFRESH_S = 0.5
+_INDENT = 18
+_STYLES = {"damaged": "red", "noise": "red", "stray": "yellow", "note": "dim", "echo": "dim"}
+
+
+class TraceScreen(Screen[None]):
+    """Shows what goes over the line between the master and one drive; space holds it still."""
+
+    CSS = """
+    TraceScreen #title { height: 1; background: $panel; padding: 0 1; text-style: bold; }
+    TraceScreen RichLog { height: 1fr; padding: 0 1; background: $surface; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,t,q", "app.pop_screen", "back", key_display="esc"),
+        Binding("space", "hold", "hold still"),
+    ]
+
+    def __init__(self, watcher: Watcher, drive: str) -> None:
+        super().__init__()
+        self._watcher = watcher
+        self._drive = drive
+        self._latest: TraceEvent | None = None
+        self._held = False
+
+    def compose(self) -> ComposeResult:
+        """Show the latest telegrams and the keys."""
+        yield Static(self._title, id="title", markup=False)
+        yield RichLog(markup=False, max_lines=2000)
+        yield Footer()
+
+    def on_mount(self) -> None:
+        """Begin."""
+        self.show()
+        self.set_interval(REFRESH_S, self.show)
+        self.query_one(RichLog).focus()
+
+    @property
+    def _title(self) -> str:
+        return f"telegrams with {self._drive}{', held still' if self._held else ''}"
+
+    def show(self) -> None:
+        """Add the telegrams that have come since."""
+        if self._held:
+            return
+        log = self.query_one(RichLog)
+        for event in self._new_events():
+            for line in _lines_of(event, self.size.width - _CHROME):
+                log.write(Text(line, style=_STYLES.get(event.what, "")))
+            self._latest = event
+
+    def _new_events(self) -> list[TraceEvent]:
+        events = list(self._watcher.telegrams(self._drive))
+        for place in range(len(events) - 1, -1, -1):
+            if events[place] is self._latest:
+                return events[place + 1 :]
+        return events
+
+    def action_hold(self) -> None:
+        """Hold the trace still, or let it go on."""
+        self._held = not self._held
+        self.query_one("#title", Static).update(self._title)
+        self.show()
+
+
+def _lines_of(event: TraceEvent, width: int) -> list[str]:
+    """Return an event in lines that fit; whose it is stands above them all."""
+    return textwrap.wrap(trace_line(replace(event, drive="")), max(width, 2 * _INDENT), subsequent_indent=" " * _INDENT)
+
+
+class Question(ModalScreen[bool]):
+    """Asks; everything but y is no. text: the question. remark: what is to be known before it is answered."""
+
+    CSS = """
+    Question { align: center middle; background: $background 60%; }
+    Question > Vertical {
+        width: 62; max-width: 95%; height: auto; border: round $warning; padding: 1 2; background: $panel;
+    }
+    Question .remark { color: $text-muted; margin-top: 1; }
+    Question .keys { margin-top: 1; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("y", "answer(True)", "yes"),
+        Binding("n,escape,q,enter", "answer(False)", "no"),
+    ]
+
+    def __init__(self, text: str, remark: str = "") -> None:
+        super().__init__()
+        self._text = text
+        self._remark = remark
+
+    def compose(self) -> ComposeResult:
+        """Show the question."""
+        with Vertical():
+            yield Static(self._text, markup=False)
+            if self._remark:
+                yield Static(self._remark, classes="remark", markup=False)
+            yield Static("y yes   n no", classes="keys", markup=False)
+
+    def action_answer(self, answer: bool) -> None:
+        """Close with the answer."""
+        self.dismiss(answer)

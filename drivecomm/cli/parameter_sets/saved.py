@@ -1,23 +1,76 @@
-"""The compare command."""
+"""The backup and compare commands, and the drives whose parameters are saved, compared or restored."""
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.output import emit, say
-from drivecomm.cli.parameter_sets.drive_of_set import Communication, SetModel, drive_of_set
-from drivecomm.cli.progress import progress_bar
-from drivecomm.commissioning.parameter_sets import back_up, compare as compared, factory_set, read_set
+from drivecomm.cli.options import Drive, Model
+from drivecomm.cli.output import emit, progress_bar, say
+from drivecomm.commissioning.parameter_sets import (
+    back_up,
+    compare as compared,
+    factory_set,
+    must_be_free,
+    read_set,
+    write_set,
+)
 from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from drivecomm import bus
     from drivecomm.commissioning.parameter_sets import Comparison, Difference, Entry, ParameterSet, Part
+
+
+SetModel = Annotated[
+    str | None, typer.Option("--model", "-m", help="Model name, or a .toml file; that of the set if absent.")
+]
+Communication = Annotated[
+    bool, typer.Option("--communication", help="Include communication settings: address, baud rate and the like.")
+]
+
+
+def backup(
+    drive: Drive,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="TOML file; an existing one is replaced.")],
+    line: LineOptions,
+    model: Model = None,
+    everything: Annotated[bool, typer.Option("--all", help="Also measured values, which are never restored.")] = False,
+) -> int:
+    """Save the parameters of a drive to a file. What cannot be read is listed in it."""
+    _, name = line.reaching(drive)
+    must_be_free(file, str(name))
+    parts: list[Part] = ["settings", "communication", *(["measured"] if everything else [])]  # type: ignore[list-item]
+    with drive_of_set(line, drive, model) as one, progress_bar("reading", shown=not line.json) as progress:
+        found = back_up(one, parts, progress=progress)
+    write_set(file, found)
+    if line.json:
+        emit(**name.labels, model=found.model, file=str(file), parameters=len(found.entries),
+             not_read=dict(found.not_read))  # fmt: skip
+        return 0
+    for address, reason in found.not_read.items():
+        say(f"{name.name}  {address}  not read: {reason}")
+    say(f"{name.name}  {len(found.entries)} parameters in {file}")
+    return 0
+
+
+@contextmanager
+def drive_of_set(
+    line: LineOptions, text: str, model: str | None, known: ParameterSet | None = None
+) -> Iterator[bus.Drive]:
+    """Open the line of a drive and yield it. known: a set whose model is used where none is given."""
+    reached, name = line.reaching(text)
+    of_set = {"model": known.model} if known and known.model and known.protocol == name.protocol else {}
+    with reached.drive_at(replace(name, options={**of_set, **name.options}), model) as one:
+        yield one
+
 
 FACTORY = "factory"
 
@@ -46,8 +99,19 @@ def compare(
         if model is not None:
             raise UsageError("both are files, which say their models, so --model has no effect; leave it out")
     files = {word: read_set(path) for word in (left, right) if (path := _file(word))}
-    read = _Operands(files, model, parts, line)
-    ours, theirs = read(left, right), read(right, left)
+
+    def operand(word: str, other: str) -> ParameterSet:
+        """Return the parameters of a file or a drive, or the factory values of the other drive."""
+        if word in files:
+            return files[word]
+        read, drive = (factory_set, other) if word == FACTORY else (back_up, word)
+        with (
+            drive_of_set(line, drive, model, files.get(other)) as one,
+            progress_bar("reading", shown=not line.json) as progress,
+        ):
+            return read(one, parts, progress=progress)
+
+    ours, theirs = operand(left, right), operand(right, left)
     found = compared(ours, theirs, parts)
     _show_comparison(found, left, right, as_json=line.json)
     return 0 if found.same else 1
@@ -58,24 +122,6 @@ def _file(word: str) -> Path | None:
     path = Path(word)
     is_drive = word == FACTORY or ":" in word.partition(",")[0]
     return path if not is_drive and (path.suffix or path.exists()) else None
-
-
-class _Operands:
-    """What is compared, read from drives where it is in no file."""
-
-    def __init__(self, files: dict[str, ParameterSet], model: str | None, parts: list[Part], line: LineOptions) -> None:
-        self._files, self._model, self._parts, self._line = files, model, parts, line
-
-    def __call__(self, word: str, other: str) -> ParameterSet:
-        """Return the parameters of a file or a drive, or the factory values of the other drive."""
-        if word in self._files:
-            return self._files[word]
-        read, drive = (factory_set, other) if word == FACTORY else (back_up, word)
-        with (
-            drive_of_set(self._line, drive, self._model, self._files.get(other)) as one,
-            progress_bar("reading", shown=not self._line.json) as progress,
-        ):
-            return read(one, self._parts, progress=progress)
 
 
 def _show_comparison(found: Comparison, left: str, right: str, *, as_json: bool) -> None:

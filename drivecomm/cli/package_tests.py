@@ -1,0 +1,156 @@
+"""The commands that test a protocol package: conformance, and the vectors commands."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drivecomm.cli.options import Json, ProtocolOption
+from drivecomm.cli.output import complain, emit, say, tell
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.protocol import installed, parse_options, protocol_options
+
+if TYPE_CHECKING:
+    from drivecomm.testing import CheckResult, Report
+
+
+def conformance(
+    protocol: Annotated[str, typer.Argument(help="An installed protocol.")],
+    only: Annotated[str, typer.Option("--only", metavar="NAME", help="Checks whose name contains this.")] = "",
+    html: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write the report as a page too.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="A few seconds: fewer examples, one model, no ports.")] = False,
+    stop: Annotated[bool, typer.Option("--stop", help="Stop at the first check that fails.")] = False,
+    json: Json = False,
+) -> int:
+    """Run the conformance tests of a protocol package. Exit code 1 when a check fails."""
+    from drivecomm.testing import FULL, QUICK, Report, left_out, results  # noqa: PLC0415 - only this command needs them
+
+    plugin = installed[protocol]
+    if html is not None:
+        _write(html, "")
+    found: list[CheckResult] = []
+    for result in results(plugin, QUICK if quick else FULL, only=only):
+        found.append(result)
+        _tell(result, as_json=json)
+        if stop and not result.passed:
+            break
+    report = Report(results=tuple(found), left_out=left_out())
+    if json:
+        emit(protocol=protocol, passed=len(report.passed), failed=len(report.failed), left_out=report.left_out)
+    else:
+        _summarise(protocol, report)
+    if html is not None:
+        from drivecomm.testing import page  # noqa: PLC0415
+
+        _write(html, page(plugin, report))
+    return 0 if report.ok else 1
+
+
+def _tell(result: CheckResult, *, as_json: bool) -> None:
+    """Print the result of a check: as JSON of each, as text of those that fail."""
+    if as_json:
+        check = result.check
+        emit(
+            check=check.name,
+            passed=result.passed,
+            reason=result.reason,
+            meaning=check.meaning,
+            seconds=round(result.seconds, 4),
+        )
+    elif not result.passed:
+        say(f"FAILED {result.name}: {result.reason}")
+
+
+def _summarise(protocol: str, report: Report) -> None:
+    from drivecomm.testing import sections_of  # noqa: PLC0415 - as above
+
+    for number, section in enumerate(sections_of(report)):
+        if number or report.failed:
+            say()
+        say(section.title)
+        for row in section.rows:
+            held = f"{row.number - len(row.failed)}/{row.number}"
+            say(f"  {'FAILED' if row.failed else 'ok':<6} {held:>9}  {row.kind}: {row.meaning}")
+    say()
+    for what in report.left_out:
+        say(f"left out: {what}")
+    say(f"{protocol}: {len(report.passed)} checks passed, {len(report.failed)} failed, {report.seconds:.1f} s")
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UsageError(
+            f"{path}: the report cannot be written there ({error.strerror}); choose another file"
+        ) from error
+
+
+def check(
+    files: Annotated[
+        list[Path] | None, typer.Argument(metavar="[FILE...]", help="Those of the installed protocols if absent.")
+    ] = None,
+    json: Json = False,
+) -> int:
+    """Run every check of every vector. Exit code 1 when one fails."""
+    from drivecomm.testing import load_vectors, packaged_vectors, run_checks  # noqa: PLC0415
+
+    code = 0
+    sets = []
+    if files:
+        for path in files:
+            try:
+                loaded = load_vectors(path)
+                sets.append((str(path), installed[loaded.protocol], loaded))
+            except FileFormatError as error:
+                complain(error, as_json=json)
+                code = error.exit_code
+    else:
+        sets = [(plugin.name, plugin, packaged_vectors(plugin)) for plugin in installed.working()]
+    for name, plugin, loaded in sets:
+        report = run_checks(plugin, loaded)
+        for failure in report.failed:
+            text = f"FAILED {failure.name}: {failure.reason}"
+            tell(text, as_json=json, check=failure.name, passed=False, reason=failure.reason)
+        passed, failed = len(report.passed), len(report.failed)
+        text = f"{name}: {passed} checks passed, {failed} failed"
+        tell(text, as_json=json, vectors=name, protocol=plugin.name, passed=passed, failed=failed)
+        code = code or (1 if report.failed else 0)
+    return code
+
+
+def from_capture(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A capture, .jsonl or .pcapng.")],
+    protocol: Annotated[str, typer.Option("--protocol", help="The protocol whose telegrams are wanted.")],
+    output: Annotated[Path | None, typer.Option("--output", help="The vector file; printed if absent.")] = None,
+    option: ProtocolOption = None,
+) -> int:
+    """Turn a capture into vectors: each sound telegram of a protocol once, replies with their requests.
+
+    They say what was on the line and what drivecomm makes of it today: look at the fields before you rely on them.
+    """
+    from drivecomm.capture import read_capture  # noqa: PLC0415 - only this command needs captures
+    from drivecomm.traffic.replay import vectors_text  # noqa: PLC0415
+
+    plugin = installed[protocol]
+    options = parse_options(option or [])
+    protocol_options(plugin, options)
+    capture = read_capture(file)
+    for remark in capture.remarks:
+        sys.stderr.write(f"drivecomm: {remark}\n")
+    text = vectors_text(capture, plugin, name=file.name, options=options)
+    count = text.count("[[vector]]")
+    if not count:
+        raise UsageError(f"{file}: no telegram of {protocol} is in this capture; check --protocol and its options")
+    if output is None:
+        sys.stdout.write(text)
+        return 0
+    try:
+        output.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"{output}: cannot be written ({error.strerror or error}); choose another file") from error
+    say(f"{count} vectors in {output}")
+    return 0

@@ -1,0 +1,141 @@
+"""The commands without a port: protocols, encode and decode."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from drivecomm.cli.options import Json, ProtocolOption
+from drivecomm.cli.output import complain, emit, say, tell
+from drivecomm.errors import TelegramError, UsageError
+from drivecomm.link import fields_text
+from drivecomm.models import model_names
+from drivecomm.protocol import Direction, decode as decode_telegram, encode as encode_telegram, installed, parse_options
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import Telegram
+
+
+def encode(
+    protocol: Annotated[str, typer.Argument(help="Which protocol.")],
+    fields: Annotated[
+        list[str], typer.Argument(metavar="NAME=VALUE...", help="Fields as decode shows them, such as kind=enquiry.")
+    ],
+    direction: Annotated[
+        Literal["request", "reply"], typer.Option("--direction", "-d", help="To the drive, or from it.")
+    ] = "request",
+    option: ProtocolOption = None,
+    json: Json = False,
+) -> int:
+    """Build one telegram from its fields and print it in hexadecimal."""
+    written = dict(_pair(text) for text in fields)
+    given = {name: _field(value) for name, value in written.items()}
+    data = _encoded(protocol, direction, given, written, parse_options(option or []))
+    tell(data.hex(" ").upper(), as_json=json, protocol=protocol, direction=direction, data=data, fields=given)
+    return 0
+
+
+def _encoded(
+    protocol: str, direction: Direction, given: dict[str, Any], written: dict[str, str], options: dict[str, Any]
+) -> bytes:
+    """Encode; a field that is refused as a number is tried as text, for VABus data 1234 are four characters."""
+    try:
+        return encode_telegram(protocol, given, direction=direction, **options)
+    except TelegramError as error:
+        if not isinstance(given.get(error.field), int):
+            raise
+        given[error.field] = written[error.field]
+        return _encoded(protocol, direction, given, written, options)
+
+
+def _pair(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise UsageError(f"{text!r} is not a field; write name=value")
+    return name, value
+
+
+def _field(value: str) -> Any:
+    """Return a field's value in the type that vectors give it: numbers for numbers, text for texts."""
+    if value.startswith("[") and value.endswith("]"):
+        return [int(part, 0) for part in value[1:-1].split(",")]
+    if value.lower() in ("true", "false"):
+        return value.lower() == "true"
+    try:
+        return int(value, 0)
+    except ValueError:
+        return value
+
+
+def decode(
+    data: Annotated[list[str], typer.Argument(help="The telegram in hexadecimal, with any spacing.")],
+    protocol: Annotated[str | None, typer.Option("--protocol", help="Default: all installed ones.")] = None,
+    direction: Annotated[
+        Literal["request", "reply"] | None, typer.Option("--direction", "-d", help="Default: both.")
+    ] = None,
+    option: ProtocolOption = None,
+    json: Json = False,
+) -> int:
+    """Decode one telegram. Without --protocol, find the installed protocols that it fits."""
+    content = _bytes(data)
+    names = [protocol] if protocol else [plugin.name for plugin in installed.working()]
+    ways: list[Direction] = [direction] if direction else ["request", "reply"]
+    fits: list[Telegram] = []
+    refusals: list[tuple[str, Direction, TelegramError]] = []
+    for name in names:
+        for way in ways:
+            try:
+                fits.append(decode_telegram(name, content, direction=way, **parse_options(option or [])))
+            except TelegramError as refusal:
+                refusals.append((name, way, refusal))
+    for telegram in fits:
+        text = f"{telegram.protocol} {telegram.direction}: {fields_text(telegram.message)}"
+        found = {"protocol": telegram.protocol, "direction": telegram.direction, "valid": True}
+        tell(text, as_json=json, **found, data=telegram.data, fields=telegram.fields)
+    if fits:
+        return 0
+    for name, way, error in refusals:
+        text = f"{name} {way}: refused ({error.category}): {error}"
+        why = {"category": error.category, "reason": str(error)}
+        tell(text, as_json=json, protocol=name, direction=way, valid=False, **why)
+    sys.stderr.write("drivecomm: these bytes are not a telegram of the protocols tried\n")
+    return TelegramError.exit_code
+
+
+def _bytes(words: list[str]) -> bytes:
+    text = "".join("".join(words).split()).replace(":", "").replace(",", "").replace("-", "")
+    text = text.replace("0x", "").replace("0X", "").replace("\\x", "")
+    try:
+        return bytes.fromhex(text)
+    except ValueError:
+        raise UsageError(f"{' '.join(words)!r} is not hexadecimal; write bytes such as 04 41 or 0441") from None
+
+
+def protocols(json: Json = False) -> int:
+    """List the installed protocols with their defaults and models."""
+    broken = installed.broken()
+    for name in installed:
+        if name in broken:
+            complain(broken[name], as_json=json)
+            continue
+        plugin = installed[name]
+        facts = plugin.facts
+        if json:
+            emit(
+                protocol=name,
+                title=plugin.title,
+                addresses=[plugin.addresses.start, plugin.addresses.stop - 1],
+                broadcast=plugin.broadcast_address,
+                line=str(facts.settings),
+                reply_timeout_s=facts.timing.reply_timeout_s,
+                models=model_names(plugin.package, plugin.name),
+                parameters=list(plugin.parameter_examples),
+            )
+            continue
+        span = f"{plugin.addresses.start}-{plugin.addresses.stop - 1}"
+        say(f"{name:<11} {plugin.title}")
+        say(f"{'':<11} addresses {span}, {facts.settings}, parameters like {', '.join(plugin.parameter_examples)}")
+        say(f"{'':<11} models {', '.join(model_names(plugin.package, plugin.name)) or 'none'}")
+    return 2 if broken else 0
