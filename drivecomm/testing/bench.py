@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from drivecomm.bus import open_bus
 from drivecomm.errors import DriveCommError, NotSupported
 from drivecomm.protocol import Framed, resolve_options
-from drivecomm.testing.checking import CheckFailure, shown
-from drivecomm.testing.subjects import known_model
+from drivecomm.testing.checking import CheckFailure, known_model, shown
 from drivecomm.virtual import DriveProxy, VirtualLine
 
 if TYPE_CHECKING:

@@ -22,10 +22,9 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.models import model_names
 from drivecomm.protocol import installed
-from drivecomm.testing.checking import Check, registered
-from drivecomm.testing.checks import HAS_PROPERTIES, foreign, live
+from drivecomm.testing.checking import Case, Check, known_model, registered
+from drivecomm.testing.checks import HAS_PROPERTIES, confusion, exchanges
 from drivecomm.testing.report import Report, carry_out, try_out
-from drivecomm.testing.subjects import Case, forms_of, known_model
 from drivecomm.testing.vectors import VectorFile, packaged_vectors
 
 if TYPE_CHECKING:
@@ -120,12 +119,12 @@ def all_checks(plugin: Protocol, extent: Extent = FULL) -> Iterator[Check]:
         for model in models:
             for each in registered(theme):
                 yield Check(f"{name}/models/{model}/{each.name}", _with_model(each, plugin, model), each.meaning)
-    for other in foreign.others(plugin):
+    for other in confusion.others(plugin):
         prefix = f"{name}/foreign traffic/{other.name}"
         yield from (each.on(prefix, plugin, other) for each in registered("foreign traffic"))
     yield from _properties(plugin, extent)
-    for exchange in live.sample(vectors.exchanges, extent.live):
-        yield from (each.on(f"{name}/{vectors.name}/{exchange.id}", plugin, exchange) for each in registered("live"))
+    for vector in exchanges.sample(vectors.exchanges, extent.live):
+        yield from (each.on(f"{name}/{vectors.name}/{vector.id}", plugin, vector) for each in registered("live"))
 
 
 def checks_of(plugin: Protocol, vectors: VectorFile, extent: Extent = FULL) -> Iterator[Check]:
@@ -147,8 +146,8 @@ def checks_of(plugin: Protocol, vectors: VectorFile, extent: Extent = FULL) -> I
         yield from (way.on(f"{prefix}/{exchange.id}", plugin, exchange) for way in ways)
     for refuse in vectors.refusals:
         yield from (each.on(f"{prefix}/{refuse.id}", plugin, refuse) for each in registered("refusals"))
-    for named in forms_of(plugin):
-        yield from (each.on(f"{prefix}/{named.name}", named.form) for each in registered("schemas"))
+    for title, form in plugin.forms().items():
+        yield from (each.on(f"{prefix}/{title}", form) for each in registered("schemas"))
     for stream in vectors.streams:
         yield from (each.on(f"{prefix}/{stream.id}", plugin, stream) for each in registered("streams"))
     yield from _checks_of_cases(prefix, cases[:: extent.costly_every], costly=True)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
 from drivecomm.protocol import installed
 from drivecomm.testing.line_trace import LineTrace
 from drivecomm.testing.recording import Record, RecordingDrive
-from drivecomm.testing.sites import InProcess, Served, ServingThread, note
-from drivecomm.testing.watched_line import WatchedDrive, WatchedLine
+from drivecomm.testing.watched_line import ServingThread, WatchedDrive, WatchedLine
 from drivecomm.virtual import PlantServer, VirtualPlant
 
 if TYPE_CHECKING:
@@ -20,7 +18,6 @@ if TYPE_CHECKING:
 
     from drivecomm.plant import Plant
     from drivecomm.protocol import VirtualDrive
-    from drivecomm.testing.sites import Site
 
 
 class WatchedPlant:
@@ -73,20 +70,13 @@ def watched_plant(plant: Plant, place: Callable[[], str] | None) -> WatchedPlant
         return RecordingDrive(protocols[name], drive, records[name])
 
     virtual = VirtualPlant(plant, around=watched)
-    traces = {name: LineTrace(line.drives) for name, line in virtual.lines.items()}
-    sites: dict[str, Site]
-    thread = None
-    if place is None:
-        sites = {name: InProcess(line, traces[name]) for name, line in virtual.lines.items()}
-    else:
-        for name, line in virtual.lines.items():
-            line.monitor = partial(note, traces[name])
-        server = PlantServer(virtual)
-        thread = ServingThread(server)
-        sites = {name: Served(address, server.now, thread) for name, address in server.addresses.items()}
+    traces = {name: LineTrace(line) for name, line in virtual.lines.items()}
+    server = None if place is None else PlantServer(virtual)
+    thread = None if server is None else ServingThread(server)
     lines = {}
     for name, line in virtual.lines.items():
         planted = [virtual.drive(drive.name) for drive in plant.on_line(name)]
-        drives = {each.name: WatchedDrive(each.name, each, records[each.name], each.type.new) for each in planted}
-        lines[name] = WatchedLine(sites[name], drives, traces[name], line.faults)
+        drives = [WatchedDrive(each.name, each, records[each.name], each.type.new) for each in planted]
+        served = (thread, server.addresses[name]) if server is not None and thread is not None else None
+        lines[name] = WatchedLine(line, drives, traces[name], served)
     return WatchedPlant(virtual, lines, thread)

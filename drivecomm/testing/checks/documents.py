@@ -9,8 +9,7 @@ from importlib import resources
 from typing import TYPE_CHECKING
 
 from drivecomm.models import check_model, model_names, packaged_models
-from drivecomm.testing.checking import check, expect, raise_all
-from drivecomm.testing.subjects import known_model
+from drivecomm.testing.checking import check, expect, known_model, raise_all
 from drivecomm.testing.vectors import packaged_vectors
 
 if TYPE_CHECKING:

@@ -13,10 +13,9 @@ from hypothesis import HealthCheck, Phase, given, settings, strategies as st
 from drivecomm.errors import DriveCommError, TelegramError
 from drivecomm.protocol import Framed, Framer, Noise, fields_of
 from drivecomm.testing import strategies
-from drivecomm.testing.checking import CheckFailure, check, expect, shown
-from drivecomm.testing.checks.framing import finds, frames
+from drivecomm.testing.checking import CheckFailure, check, expect, known_model, shown
 from drivecomm.testing.checks.schemas import same_both_ways
-from drivecomm.testing.subjects import forms_of, known_model
+from drivecomm.testing.checks.telegrams import finds, frames
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -178,8 +177,8 @@ def measures_rising(source: Drawn, data: DataObject) -> None:
 def compiled_is_interpreted(source: Drawn, data: DataObject) -> None:
     """Compiled and interpreted schemas read and write alike."""
     received = data.draw(source.near)
-    for named in forms_of(source.plugin):
-        same_both_ways(named, received)
+    for title, form in source.plugin.forms().items():
+        same_both_ways(title, form, received)
 
 
 @check("properties")

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
 from drivecomm.protocol import Noise
-from drivecomm.testing.checking import check, expect, shown
-from drivecomm.testing.checks.framing import finds
-from drivecomm.testing.subjects import known_model
+from drivecomm.testing.checking import check, expect, known_model, shown
+from drivecomm.testing.checks.telegrams import finds
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Message, VirtualDrive, VirtualReply
-    from drivecomm.testing.subjects import Case
+    from drivecomm.testing.checking import Case
     from drivecomm.testing.vectors import Vector
 
 _NOW = 1.0
