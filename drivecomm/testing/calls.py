@@ -19,7 +19,7 @@ from drivecomm.testing.checking import CheckFailure, expect, known_model
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive, Broadcast, Bus, Drive, Exchanges
+    from drivecomm.bus import AsyncBus, Bus, Exchanges
     from drivecomm.link import Echo, Port
     from drivecomm.protocol import Exchange, Model, Protocol
     from drivecomm.testing.exchange_vectors import Call, ExchangeVector
@@ -39,8 +39,7 @@ class Line(NamedTuple):
 def call_blocking(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
     """Carry out the calls one after the other and judge what comes of each. Raises CheckFailure."""
     with open_bus(line.port, echo=line.echo) as bus:
-        partner = _partner(bus, plugin, vector)
-        line.ready(_reply_time_s(plugin, vector, partner))
+        partner = _partner(bus, plugin, vector, line)
         for call in vector.calls:
             try:
                 result = _verb(partner, call)(**_arguments(call))
@@ -57,8 +56,7 @@ def call_awaited(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
 
 async def _call_awaited(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
     async with open_bus_async(line.port, echo=line.echo) as bus:
-        partner = _partner(bus, plugin, vector)
-        line.ready(_reply_time_s(plugin, vector, partner))
+        partner = _partner(bus, plugin, vector, line)
         for call in vector.calls:
             try:
                 result = await _verb(partner, call)(**_arguments(call))
@@ -88,22 +86,19 @@ def model_of(plugin: Protocol, vector: ExchangeVector) -> Model | None:
     return known_model(plugin, vector.model) if vector.model else None
 
 
-def _partner(bus: Bus | AsyncBus, plugin: Protocol, vector: ExchangeVector) -> Any:
-    """Return the drive of the vector, or all drives."""
+def _partner(bus: Bus | AsyncBus, plugin: Protocol, vector: ExchangeVector, line: Line) -> Any:
+    """Return the drive of the vector, or all drives; from them the master waits for no reply."""
     try:
         model = model_of(plugin, vector)
         if vector.address == plugin.broadcast_address:
-            return bus.broadcast(plugin.name, model=model, **vector.options)
-        return bus.drive(plugin.name, vector.address, model=model, **vector.options)
+            everybody = bus.broadcast(plugin.name, model=model, **vector.options)
+            line.ready(0.0)
+            return everybody
+        drive = bus.drive(plugin.name, vector.address, model=model, **vector.options)
     except DriveCommError as error:
         raise CheckFailure(f"there is no such drive: {error}") from error
-
-
-def _reply_time_s(
-    plugin: Protocol, vector: ExchangeVector, partner: Drive | AsyncDrive | Broadcast | AsyncBroadcast
-) -> float:
-    """Return how long the master must wait for a reply; to all drives it waits for none."""
-    return 0.0 if vector.address == plugin.broadcast_address else partner.party.facts.timing.reply_timeout_s
+    line.ready(drive.party.facts.timing.reply_timeout_s)
+    return drive
 
 
 def _verb(partner: Any, call: Call) -> Callable[..., Any]:

@@ -114,7 +114,9 @@ def all_checks(plugin: Protocol, extent: Extent = FULL) -> Iterator[Check]:
         yield from (each.on(f"{name}/{theme}", plugin) for each in registered(theme))
     vectors = _vectors(plugin)
     yield from checks_of(plugin, vectors, extent)
-    models = _models(plugin, extent)
+    models = [plugin.default_model]
+    if extent.every_model:
+        models += [other for other in model_names(plugin.package, name) if other != plugin.default_model]
     for theme in ("parameters", "commands", "confusion"):
         for model in models:
             for each in registered(theme):
@@ -167,26 +169,21 @@ def _properties(plugin: Protocol, extent: Extent) -> Iterator[Check]:
 
     @lru_cache
     def source(direction: Direction) -> properties.Drawn:
-        return properties.drawn(plugin, direction)
+        return properties.Drawn(plugin, direction)
 
-    def holds(function: Any, direction: Direction) -> Callable[[], None]:
+    def tries(function: Any, direction: Direction) -> Callable[[], None]:
         return lambda: properties.try_examples(function, source(direction), extent.examples)
 
     directions: dict[Direction, str] = {"request": "requests", "reply": "replies"}
     for each in registered("properties"):
         for direction, telegrams in directions.items():
             name = f"{plugin.name}/properties/{telegrams}/{each.name}"
-            yield Check(name, holds(each.function, direction), each.meaning)
+            yield Check(name, tries(each.function, direction), each.meaning)
 
 
 def _with_model(each: Registered, plugin: Protocol, model: str) -> Callable[[], None]:
     # A model that cannot be read is a failure of each of its checks, and not of all of them at once.
     return lambda: each.function(plugin, known_model(plugin, model))
-
-
-def _models(plugin: Protocol, extent: Extent) -> list[str]:
-    others = [name for name in model_names(plugin.package, plugin.name) if name != plugin.default_model]
-    return [plugin.default_model, *(others if extent.every_model else ())]
 
 
 def _vectors(plugin: Protocol) -> VectorFile:

@@ -51,14 +51,15 @@ class Entry:
         return None if value is None else float(value)
 
     def data(self, key: str) -> bytes:
-        """Return at least one byte from hexadecimal digits in any spacing."""
-        return self._data(key, self.given[key])
+        """Take out hexadecimal digits in any spacing, and return the bytes; there is at least one."""
+        return self._data(key, self.given.pop(key))
 
     def data_list(self, key: str) -> tuple[bytes, ...]:
-        """Return a list of byte strings, which may be empty."""
-        if not all(isinstance(value, str) for value in self.given[key]):
+        """Take out a list of such texts, which may be empty."""
+        values = self.given.pop(key)
+        if not all(isinstance(value, str) for value in values):
             raise self.error(f"{key} is not a list of texts", key)
-        return tuple(self._data(key, value) for value in self.given[key])
+        return tuple(self._data(key, value) for value in values)
 
     def _data(self, key: str, digits: str) -> bytes:
         try:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import defaultdict, deque
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
@@ -15,15 +16,13 @@ from drivecomm.protocol import DriveConfig, installed, parse_drive
 from drivecomm.testing.line_trace import LineTrace
 from drivecomm.testing.recording import Record, RecordingDrive
 from drivecomm.testing.watched_line import ServingThread, WatchedDrive, WatchedLine
-from drivecomm.testing.watched_plant import watched_plant
-from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
+from drivecomm.virtual import PlantServer, Server, VirtualLine, VirtualPlant, parse_listen, virtual_drive
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from types import TracebackType
 
     from drivecomm.protocol import Model
-    from drivecomm.testing.watched_plant import WatchedPlant
 
 _MOST_TRACES = 8
 """Property tests make a line for each example, and the last ones are those that failed."""
@@ -104,9 +103,11 @@ class LineMaker:
         UsageError for what cannot be.
         """
         known = plant if isinstance(plant, Plant) else read_plant(Path(plant))
-        if listen not in (None, "pty", "tcp", "rfc2217"):
-            raise UsageError(f"a plant is served at pty, tcp or rfc2217, and not at {listen!r}")
-        made = watched_plant(known, None if listen is None else partial(self._place, listen))
+        if listen is not None:
+            if listen not in ("pty", "tcp", "rfc2217"):
+                raise UsageError(f"a plant is served at pty, tcp or rfc2217, and not at {listen!r}")
+            known = replace(known, lines=tuple(replace(line, listen=self._place(listen)) for line in known.lines))
+        made = watched_plant(known, in_real_time=listen is not None)
         self._open.enter_context(closing(made))
         self._made += len(made.lines)
         self._last.extend((name, line, "") for name, line in made.lines.items())
@@ -174,3 +175,59 @@ class LineMaker:
         if listen == "pty":
             return f"pty:{self._folder() / 'port'}"
         return f"{listen}:127.0.0.1:0" if listen in ("tcp", "rfc2217") else listen
+
+
+class WatchedPlant:
+    """Lines with virtual drives on them, and the script of what goes wrong.
+
+    lines, drives: all of them by name. In virtual time each line has a clock of its own.
+    """
+
+    def __init__(
+        self, plant: VirtualPlant, lines: Mapping[str, WatchedLine], thread: ServingThread | None = None
+    ) -> None:
+        self.lines = dict(lines)
+        self.drives = {drive.name: drive for line in lines.values() for drive in line.drives}
+        self._plant = plant
+        self._thread = thread
+
+    @property
+    def plant(self) -> VirtualPlant:
+        """The plant itself, to steer it and to add to its script. Raises UsageError when it is served in real time."""
+        if self._thread is not None:
+            raise UsageError("this plant is served in real time; make it without listen= to steer it")
+        return self._plant
+
+    def line(self, name: str) -> WatchedLine:
+        """Return the line with this name. Raises UsageError."""
+        if name not in self.lines:
+            raise UsageError(f"there is no line {name!r} in this plant; it has {', '.join(self.lines)}")
+        return self.lines[name]
+
+    def drive(self, name: str) -> WatchedDrive:
+        """Return the drive with this name. Raises UsageError."""
+        if name not in self.drives:
+            raise UsageError(f"there is no drive {name!r} in this plant; it has {', '.join(self.drives) or 'none'}")
+        return self.drives[name]
+
+    def close(self) -> None:
+        """Stop serving; what was received can still be looked at. The end of the test does it anyway."""
+        if self._thread is not None:
+            self._thread.close()
+
+
+def watched_plant(plant: Plant, *, in_real_time: bool) -> WatchedPlant:
+    """Make a plant, served where its lines say to listen or in virtual time. Raises UsageError, PortError."""
+    protocols = {drive.name: installed[drive.protocol] for drive in plant.drives}
+    records: defaultdict[str, Record] = defaultdict(Record)
+    virtual = VirtualPlant(plant, around=lambda name, drive: RecordingDrive(protocols[name], drive, records[name]))
+    traces = {name: LineTrace(line) for name, line in virtual.lines.items()}
+    server = PlantServer(virtual) if in_real_time else None
+    thread = None if server is None else ServingThread(server)
+    lines = {}
+    for name, line in virtual.lines.items():
+        planted = [virtual.drive(drive.name) for drive in plant.on_line(name)]
+        drives = [WatchedDrive(each.name, each, records[each.name], each.type.new) for each in planted]
+        served = (thread, server.addresses[name]) if server is not None and thread is not None else None
+        lines[name] = WatchedLine(line, drives, traces[name], served)
+    return WatchedPlant(virtual, lines, thread)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from threading import RLock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from drivecomm.errors import DriveCommError
 from drivecomm.link import fields_text
@@ -13,9 +13,12 @@ from drivecomm.protocol import Framed, Telegram
 from drivecomm.virtual import DriveProxy
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.protocol import Damaged, Message, Protocol, VirtualDrive, VirtualReply
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 MOST_KEPT = 50_000
 """How many telegrams are kept; a test of a million exchanges must not fill the memory with them."""
@@ -58,50 +61,38 @@ class Record:
         self.damaged: deque[Damaged] = deque(maxlen=MOST_KEPT)
 
 
+def _alone(act: Callable[Concatenate[RecordingDrive, P], T]) -> Callable[Concatenate[RecordingDrive, P], T]:
+    def act_alone(drive: RecordingDrive, /, *arguments: P.args, **options: P.kwargs) -> T:
+        with drive.record.alone:
+            return act(drive, *arguments, **options)
+
+    return act_alone
+
+
 class RecordingDrive(DriveProxy):
     """Stands in place of a virtual drive and does what it does; what is for it is written down before."""
 
     def __init__(self, plugin: Protocol, drive: VirtualDrive, record: Record) -> None:
         super().__init__(drive)
         self._plugin = plugin
-        self._record = record
-        self._alone = record.alone
+        self.record = record
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Write down what is for the drive, and let it act."""
-        with self._alone:
+        with self.record.alone:
             if not isinstance(find, Framed):
-                self._record.damaged.append(find)
+                self.record.damaged.append(find)
             elif self._is_meant(find.message):
                 name, message = self._plugin.name, find.message
                 telegram = Telegram(protocol=name, direction="request", data=find.data, message=message)
-                self._record.received.append(Received(time_s=now, telegram=telegram))
+                self.record.received.append(Received(time_s=now, telegram=telegram))
             return super().hear(find, now)
 
-    def peek(self, parameter: str, now: float) -> int | str:
-        """Return what it holds. Raises ParameterAddressError."""
-        with self._alone:
-            return super().peek(parameter, now)
-
-    def poke(self, parameter: str, raw: int | str) -> None:
-        """Set what it holds. Raises ParameterAddressError."""
-        with self._alone:
-            super().poke(parameter, raw)
-
-    def trip(self, code: int, now: float) -> None:
-        """Make it trip."""
-        with self._alone:
-            super().trip(code, now)
-
-    def power_cycle(self, now: float) -> None:
-        """Switch its mains off and on, if it forgets anything by that."""
-        with self._alone:
-            super().power_cycle(now)
-
-    def follow(self, now: float) -> None:
-        """Let it do what it does by itself."""
-        with self._alone:
-            super().follow(now)
+    peek = _alone(DriveProxy.peek)
+    poke = _alone(DriveProxy.poke)
+    trip = _alone(DriveProxy.trip)
+    power_cycle = _alone(DriveProxy.power_cycle)
+    follow = _alone(DriveProxy.follow)
 
     def _is_meant(self, message: Message) -> bool:
         if getattr(message, "broadcast", False) is True:

@@ -67,8 +67,8 @@ class Report:
         return bool(self.results) and all(result.passed for result in self.results)
 
     def __str__(self) -> str:
-        lines = [f"{len(self.passed)} checks passed, {len(self.failed)} failed"]
-        return "\n".join([*lines, *(f"{failure.name}: {failure.reason}" for failure in self.failed)])
+        head = f"{len(self.passed)} checks passed, {len(self.failed)} failed"
+        return "\n".join([head, *(f"{failure.name}: {failure.reason}" for failure in self.failed)])
 
 
 def try_out(check: Check) -> CheckResult:
@@ -100,7 +100,6 @@ class Row:
     meaning: str
     number: int
     failed: tuple[CheckResult, ...]
-    seconds: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,29 +124,17 @@ def sections_of(report: Report) -> list[Section]:
     """Return a report by theme, in the order in which it was made."""
     themes: dict[str, list[CheckResult]] = {}
     for result in report.results:
-        themes.setdefault(_theme(result.name), []).append(result)
+        parts = result.name.split("/")
+        themes.setdefault(parts[1] if len(parts) > 2 else parts[0], []).append(result)
     return [Section(title=theme, rows=_rows(verdicts)) for theme, verdicts in themes.items()]
-
-
-def _theme(name: str) -> str:
-    parts = name.split("/")
-    return parts[1] if len(parts) > 2 else parts[0]
 
 
 def _rows(results: Iterable[CheckResult]) -> tuple[Row, ...]:
     kinds: dict[tuple[str, str], list[CheckResult]] = {}
     for result in results:
         kinds.setdefault((result.check.kind, result.check.meaning), []).append(result)
-    return tuple(
-        Row(
-            kind=kind,
-            meaning=meaning,
-            number=len(each),
-            failed=tuple(result for result in each if not result.passed),
-            seconds=sum(result.seconds for result in each),
-        )
-        for (kind, meaning), each in kinds.items()
-    )
+    failed = {key: tuple(result for result in each if not result.passed) for key, each in kinds.items()}
+    return tuple(Row(kind=key[0], meaning=key[1], number=len(kinds[key]), failed=failed[key]) for key in kinds)
 
 
 _PAGE = Template("""<!DOCTYPE html>

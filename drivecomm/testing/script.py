@@ -188,19 +188,16 @@ class ScriptedPort:
         self._sending_until = 0.0
         self._coming: list[_Character] = []
 
-    def follow(self, script: Script) -> None:
-        """Play this script from now on."""
-        self._script = script
-        self._come(script.begin(self._time))
+    def follow(self, steps: Sequence[WireStep], reply_time_s: float) -> None:
+        """Play these steps from now on, as a `Script`."""
+        self._script = Script(steps, reply_time_s=reply_time_s, wire_s=self._wire_s)
+        self._come(self._script.begin(self._time))
 
-    def wire_s(self, characters: float) -> float:
-        """Return how long so many characters take with the master's line settings."""
-        return self._settings.wire_s(characters)
-
-    @property
-    def unread(self) -> bytes:
-        """What the master has not read yet, come or still to come; its own echo left out."""
-        return bytes(character.byte for character in self._coming if not character.echo)
+    def over(self) -> None:
+        """Judge the end; what has come or is still to come was not read. Raises CheckFailure."""
+        if self._script is not None:
+            unread = bytes(character.byte for character in self._coming if not character.echo)
+            self._script.over(self._time, unread)
 
     def now(self) -> float:
         """Return the time in seconds since the beginning."""
@@ -218,9 +215,9 @@ class ScriptedPort:
     def write(self, data: bytes) -> None:
         """Let the script judge what is sent, and answer it. Raises CheckFailure for anything that is not in it."""
         began = max(self._time, self._sending_until)
-        self._sending_until = began + self.wire_s(len(data))
+        self._sending_until = began + self._wire_s(len(data))
         if self._echo:
-            self._coming += [_Character(began + self.wire_s(number), byte, True) for number, byte in enumerate(data, 1)]
+            self._coming += [_Character(began + self._wire_s(place), byte, True) for place, byte in enumerate(data, 1)]
         if self._script is not None:
             self._come(self._script.sent(data, began))
 
@@ -247,8 +244,11 @@ class ScriptedPort:
     def close(self) -> None:
         """Nothing to give back."""
 
+    def _wire_s(self, characters: float) -> float:
+        return self._settings.wire_s(characters)
+
     def _come(self, arriving: list[Arriving]) -> None:
         for each in arriving:
             for number, byte in enumerate(each.data, 1):
-                ends = each.ends if self._in_lumps else each.begins + self.wire_s(number)
+                ends = each.ends if self._in_lumps else each.begins + self._wire_s(number)
                 self._coming.append(_Character(ends, byte))

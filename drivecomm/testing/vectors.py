@@ -154,15 +154,14 @@ def _with_id(table: Table, kind: str, seen: set[str]) -> Table:
     return table
 
 
-_COMMON = {**dict.fromkeys(("id", "source", "direction", "note"), TEXT), "options": TABLE}
 _VECTOR = {
-    **_COMMON,
-    **dict.fromkeys(("hex", "answers_to", "mismatch", "error", "reason", "ascii", "printed_words"), TEXT),
+    **dict.fromkeys(("id", "source", "direction", "hex", "answers_to", "mismatch", "error", "reason"), TEXT),
+    **dict.fromkeys(("ascii", "printed_words", "note"), TEXT),
     **dict.fromkeys(("valid", "printed", "canonical", "reply_expected", "answers"), CHOICE),
-    **dict.fromkeys(("fields", "meaning"), TABLE),
+    **dict.fromkeys(("options", "fields", "meaning"), TABLE),
 }
-_STREAM = {**_COMMON, "hex": TEXT, "frames": LIST}
-_REFUSE = {**_COMMON, "reason": TEXT, "fields": TABLE}
+_STREAM = {**dict.fromkeys(("id", "direction", "hex", "source", "note"), TEXT), "frames": LIST, "options": TABLE}
+_REFUSE = {**dict.fromkeys(("id", "direction", "reason", "source", "note"), TEXT), "fields": TABLE, "options": TABLE}
 _DIRECTIONS = ("request", "reply")
 
 
@@ -183,24 +182,19 @@ def _vector(table: Table) -> Vector:
         entry.choice("error", CATEGORIES)
     if "answers_to" in given:
         given["answers_to"] = entry.data("answers_to")
-    return Vector(data=entry.data("hex"), **_without_hex(given))
+    return Vector(data=entry.data("hex"), **given)
 
 
 def _stream(table: Table) -> Stream:
     entry = Entry(table, _STREAM, "id", "direction", "hex", "frames")
     entry.choice("direction", _DIRECTIONS)
-    data, frames = entry.data("hex"), entry.data_list("frames")
-    return Stream(data=data, **{**_without_hex(entry.given), "frames": frames})
+    return Stream(data=entry.data("hex"), frames=entry.data_list("frames"), **entry.given)
 
 
 def _refuse(table: Table) -> Refuse:
     entry = Entry(table, _REFUSE, "id", "direction", "fields")
     entry.choice("direction", _DIRECTIONS)
     return Refuse(**entry.given)
-
-
-def _without_hex(given: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in given.items() if key != "hex"}
 
 
 _READERS: dict[str, tuple[str, Callable[[Table], Any]]] = {

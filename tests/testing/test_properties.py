@@ -13,7 +13,7 @@ from drivecomm.errors import DriveCommError, FileFormatError
 from drivecomm.protocol import installed
 from drivecomm.testing import CheckFailure, packaged_vectors
 from drivecomm.testing.checking import registered
-from drivecomm.testing.checks.properties import drawn, measures_rising, try_examples
+from drivecomm.testing.checks.properties import Drawn, measures_rising, try_examples
 
 PROPERTIES = [each.function for each in registered("properties")]
 EXAMPLES = int(os.environ.get("DRIVECOMM_EXAMPLES", "25"))
@@ -32,7 +32,7 @@ def _judged():
 # Asking the encoder for the limits of every field takes longer than drawing from them.
 @lru_cache
 def source(name, direction):
-    return drawn(installed[name], direction)
+    return Drawn(installed[name], direction)
 
 
 @pytest.mark.parametrize("holds", PROPERTIES, ids=lambda holds: holds.__name__)

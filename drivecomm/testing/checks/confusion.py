@@ -197,11 +197,7 @@ def _write(on: Bench, parameter: str, value: Any) -> Reading | None:
 
 def _answer_with(on: Bench, data: bytes) -> None:
     """Let all that the drive answers be this instead."""
-
-    def between(_: Framed, reply: VirtualReply | None) -> VirtualReply | None:
-        return None if reply is None else VirtualReply(data=data, delay_s=reply.delay_s)
-
-    on.virtual.between = between
+    on.virtual.between = lambda _, reply: reply and VirtualReply(data=data, delay_s=reply.delay_s)
 
 
 _READS = 60
@@ -251,15 +247,15 @@ def _answers(drive: Overheard, data: bytes) -> bool:
 @check("foreign traffic")
 def does_not_spoil_a_reading(plugin: Protocol, other: Protocol) -> None:
     """With telegrams of another protocol on the line before, during and after each request, no reading is wrong."""
-    good = tried = 0
+    good = 0
+    own = _own(other)
+    foreign = [vector.data for vector in own[:: max(1, len(own) // _READS)]]
     with bench(plugin) as on:
         parameters = [info.address for info in (on.drive.model.parameters.values() if on.drive.model else ())]
-        foreign = [vector.data for vector in _own(other)]
-        for number, data in enumerate(foreign[:: max(1, len(foreign) // _READS)]):
+        for number, data in enumerate(foreign):
             parameter = parameters[number % len(parameters)]
             # Before the request, while it is on its way, and where its answer is expected.
             on.line.call_at(on.line.time + (0.0, 0.002, 0.02)[number % 3], lambda data=data: on.line.inject(data))  # type: ignore[misc]
-            tried += 1
             try:
                 reading = on.drive.read(parameter)
             except ReplyError:
@@ -269,10 +265,9 @@ def does_not_spoil_a_reading(plugin: Protocol, other: Protocol) -> None:
                 continue
             good += 1
             held = on.virtual.peek(parameter, on.line.time)
-            expect(
-                reading.raw == held,
-                f"beside {shown(data)} of {other.name}, {parameter} reads {reading.raw!r}, the drive holds {held!r}",
-            )
+            beside = f"beside {shown(data)} of {other.name}"
+            expect(reading.raw == held, f"{beside}, {parameter} reads {reading.raw!r}, the drive holds {held!r}")
+    tried = len(foreign)
     expect(good > tried / 3, f"beside telegrams of {other.name} only {good} of {tried} reads come to anything")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from decimal import Decimal
+from functools import partial
 from typing import TYPE_CHECKING
 
 from drivecomm.bus import Exchanges
@@ -13,7 +14,7 @@ from drivecomm.testing.calls import Line, call_awaited, call_blocking, exchange_
 from drivecomm.testing.checking import CheckFailure, check, decoded
 from drivecomm.testing.checks.telegrams import noise_of
 from drivecomm.testing.live_line import live_partner
-from drivecomm.testing.script import Script, ScriptedPort, play
+from drivecomm.testing.script import ScriptedPort, play
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -179,15 +180,8 @@ def _encoded(codec: Codec, message: Message, **changes: object) -> bytes | None:
 
 
 def _play(face: Face, plugin: Protocol, vector: ExchangeVector, port: ScriptedPort, echo: Echo = "off") -> None:
-    playing: list[Script] = []
-
-    def ready(reply_time_s: float) -> None:
-        script = Script(vector.steps, reply_time_s=reply_time_s, wire_s=port.wire_s)
-        playing.append(script)
-        port.follow(script)
-
-    face(plugin, vector, Line(lambda: port, ready, echo))
-    playing[0].over(port.now(), port.unread)
+    face(plugin, vector, Line(lambda: port, partial(port.follow, vector.steps), echo))
+    port.over()
 
 
 @check("live", "terminal")

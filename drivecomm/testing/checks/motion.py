@@ -15,7 +15,7 @@ from drivecomm.testing.checking import CheckFailure, check, expect, raise_all
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.protocol import Capabilities, DriveStatus, Model, Protocol
+    from drivecomm.protocol import DriveStatus, Model, Protocol
     from drivecomm.testing.bench import Bench
 
 # A reference has steps; the coarsest that is known is 0.01 Hz, or a 16384th of the range.
@@ -32,7 +32,8 @@ _STOPPING = {
 @check("commands")
 def runs_at_the_reference(plugin: Protocol, model: Model) -> None:
     """After set_reference and start the motor turns as fast as it was told to, and the status says so."""
-    able = _capabilities(plugin, model)
+    with bench(plugin, model) as on:
+        able = on.drive.capabilities
     if able.reference_hz:
         for hz in (10, Decimal("22.5")):
             with bench(plugin, model) as on:
@@ -134,8 +135,7 @@ def is_reset_and_stands(plugin: Protocol, model: Model) -> None:
         on.settle()
         on.drive.reset()
         on.settle()
-        status = on.drive.status()
-        expect(not status.fault and not on.virtual.motor.fault, "after the reset there is still a fault")
+        expect(not on.drive.status().fault and not on.virtual.motor.fault, "after the reset there is still a fault")
         expect(not on.virtual.motor.running, "after the reset the motor runs")
 
 
@@ -147,8 +147,7 @@ def asking_moves_nothing(plugin: Protocol, model: Model) -> None:
             if running:
                 _some_reference(on)
                 _started(on)
-            motor = on.virtual.motor
-            before = (motor.command, motor.target_hz, motor.fault)
+            before = _commanded(on)
             asking: list[Callable[[], object]] = [on.drive.status, on.drive.probe, on.drive.identify]
             asking += [partial(on.drive.read, parameter) for parameter in list(model.parameters)[:40]]
             for ask in asking:
@@ -157,10 +156,10 @@ def asking_moves_nothing(plugin: Protocol, model: Model) -> None:
                 except DriveError:
                     continue
                 on.line.advance(1.0)
-                after = (motor.command, motor.target_hz, motor.fault)
+                after = _commanded(on)
                 expect(after == before, f"asked only, and the motor goes from {before} to {after}")
             on.settle()
-            expect((motor.command, motor.target_hz, motor.fault) == before, "asked only, and the motor changes later")
+            expect(_commanded(on) == before, "asked only, and the motor changes later")
 
 
 @check("commands")
@@ -177,9 +176,9 @@ def does_not_repeat_an_old_command(plugin: Protocol, model: Model) -> None:
         expect(not on.virtual.motor.running, "a reference starts a drive that somebody else has stopped")
 
 
-def _capabilities(plugin: Protocol, model: Model) -> Capabilities:
-    with bench(plugin, model) as on:
-        return on.drive.capabilities
+def _commanded(on: Bench) -> tuple[object, ...]:
+    motor = on.virtual.motor
+    return motor.command, motor.target_hz, motor.fault
 
 
 def _some_reference(on: Bench) -> None:
