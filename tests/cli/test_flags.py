@@ -3,7 +3,6 @@
 from dataclasses import fields
 
 import pytest
-import typer
 
 import drivecomm.bus.bus
 import drivecomm.cli.replay
@@ -136,11 +135,10 @@ def test_all_flags_are_tried():
 
 
 def test_all_commands_with_line_options_are_tried():
-    root = typer.main.get_command(app)
     with_line = {
         " ".join(words)
-        for words, command in commands_of(root)
-        if {"rs485", "attempts"} <= {option.name for option in command.params}
+        for words, command in commands_of(app)
+        if {"rs485", "attempts"} <= {option.name for option in command.loaded.params}
     }
     tried = {" ".join(call[: 2 if call[0] == "models" else 1]) for call in COMMANDS}
     # The demo plays for minutes and the watch needs a terminal; tests of their own try their flags.
