@@ -82,6 +82,13 @@ class Bench(NamedTuple):
             return info.address
         return ""
 
+    def set_some_reference(self) -> None:
+        """Set a reference, without which some drives are not started."""
+        if self.drive.capabilities.reference_percent:
+            self.drive.set_reference(percent=40)
+        elif self.drive.capabilities.reference_hz:
+            self.drive.set_reference(hz=20)
+
     def settle(self) -> None:
         """Let so much time pass that the motor has done what it was told to."""
         self.line.advance(_SETTLED_S)

@@ -67,7 +67,7 @@ def runs_backwards(plugin: Protocol, model: Model) -> None:
         if not on.drive.capabilities.reverse:
             _refused(on, lambda: on.drive.start(reverse=True), "starting backwards")
             return
-        _some_reference(on)
+        on.set_some_reference()
         on.drive.start(reverse=True)
         on.settle()
         found = on.virtual.motor.output_hz
@@ -86,7 +86,7 @@ def stops_in_every_way(plugin: Protocol, model: Model) -> None:
             if how not in on.drive.capabilities.stops:
                 _refused(on, partial(on.drive.stop, how), f"stopping by {how.value}")
                 continue
-            _some_reference(on)
+            on.set_some_reference()
             _started(on)
             on.drive.stop(how)
             found = on.virtual.motor.command
@@ -122,7 +122,7 @@ def tells_its_faults(plugin: Protocol, model: Model) -> None:
 def is_reset_and_stands(plugin: Protocol, model: Model) -> None:
     """A tripped drive refuses to start; a reset clears the fault, and the motor does not move by it."""
     with bench(plugin, model) as on:
-        _some_reference(on)
+        on.set_some_reference()
         _started(on)
         on.virtual.trip(next(iter(model.faults), 4), on.line.time)
         on.line.advance(1.0)
@@ -145,7 +145,7 @@ def asking_moves_nothing(plugin: Protocol, model: Model) -> None:
     for running in (False, True):
         with bench(plugin, model) as on:
             if running:
-                _some_reference(on)
+                on.set_some_reference()
                 _started(on)
             before = _commanded(on)
             asking: list[Callable[[], object]] = [on.drive.status, on.drive.probe, on.drive.identify]
@@ -166,12 +166,12 @@ def asking_moves_nothing(plugin: Protocol, model: Model) -> None:
 def does_not_repeat_an_old_command(plugin: Protocol, model: Model) -> None:
     """After somebody else has stopped the drive, setting the reference does not start it again."""
     with bench(plugin, model) as on:
-        _some_reference(on)
+        on.set_some_reference()
         _started(on)
         on.bus.drive(plugin.name, on.virtual.address, model=model).stop()
         on.settle()
         expect(not on.virtual.motor.running, "stopped by another object for the same drive, it still runs")
-        _some_reference(on)
+        on.set_some_reference()
         on.settle()
         expect(not on.virtual.motor.running, "a reference starts a drive that somebody else has stopped")
 
@@ -179,13 +179,6 @@ def does_not_repeat_an_old_command(plugin: Protocol, model: Model) -> None:
 def _commanded(on: Bench) -> tuple[object, ...]:
     motor = on.virtual.motor
     return motor.command, motor.target_hz, motor.fault
-
-
-def _some_reference(on: Bench) -> None:
-    if on.drive.capabilities.reference_percent:
-        on.drive.set_reference(percent=40)
-    elif on.drive.capabilities.reference_hz:
-        on.drive.set_reference(hz=20)
 
 
 def _started(on: Bench) -> None:

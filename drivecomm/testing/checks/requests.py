@@ -49,6 +49,7 @@ def a_start_is_not_repeated(plugin: Protocol, model: Model) -> None:
         with bench(plugin, model) as on:
             if reverse and not on.drive.capabilities.reverse:
                 continue
+            on.set_some_reference()
             starting = _losing_what_starts(on)
             try:
                 on.drive.start(reverse=reverse)
@@ -65,6 +66,7 @@ def a_start_is_not_repeated(plugin: Protocol, model: Model) -> None:
 def a_stop_is_repeated(plugin: Protocol, model: Model) -> None:
     """A stop whose first answer is lost is sent again, and the motor stands afterwards."""
     with bench(plugin, model) as on:
+        on.set_some_reference()
         on.drive.start()
         on.settle()
         before = len(on.virtual.heard)
@@ -200,9 +202,11 @@ _CHANGES, _MOVES, _HALTS = "changes a parameter", "makes the motor run", "stops 
 def _acting(plugin: Protocol, model: Model) -> list[tuple[str, Framed]]:
     """Return telegrams that change something in a virtual drive, each with what it does."""
     with bench(plugin, model) as on:
+        on.set_some_reference()
         running = _watching(on, lambda: on.virtual.motor.running)
         on.drive.start()
     with bench(plugin, model) as on:
+        on.set_some_reference()
         on.drive.start()
         on.settle()
         target = _watching(on, lambda: on.virtual.motor.command)
