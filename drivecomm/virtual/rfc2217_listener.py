@@ -69,8 +69,8 @@ class _Setting:
     def __set_name__(self, owner: type[PretendedPort], name: str) -> None:
         self._name = name
 
-    def __get__(self, port: PretendedPort, owner: type[PretendedPort]) -> Any:
-        return getattr(port.settings or LineSettings(), self._name)
+    def __get__(self, port: PretendedPort | None, owner: type[PretendedPort]) -> Any:
+        return self if port is None else getattr(port.settings or LineSettings(), self._name)
 
     def __set__(self, port: PretendedPort, value: Any) -> None:
         port.settings = replace(port.settings or LineSettings(), **{self._name: value})

@@ -10,7 +10,7 @@ from drivecomm.cli.app import app
 from drivecomm.cli.lazy_commands import flowing
 from drivecomm.cli.line_options import WITHOUT_EFFECT, LineOptions
 from drivecomm.plant import read_plant
-from drivecomm.traffic.replay import Asking
+from drivecomm.traffic.replay import ReplayMaster
 from drivecomm.virtual import VirtualPlant
 
 PLANT = """
@@ -107,9 +107,9 @@ def heard(shell, tmp_path, monkeypatch):
 
     def asking(found, plugins, **how):
         seen.append(sorted((key, str(value)) for key, value in how.items()))
-        return Asking(found, plugins, **how)
+        return ReplayMaster(found, plugins, **how)
 
-    monkeypatch.setattr(drivecomm.cli.replay, "Asking", asking)
+    monkeypatch.setattr(drivecomm.cli.replay, "ReplayMaster", asking)
     monkeypatch.setattr(drivecomm.bus.bus.Bus, "scan", scanned)
     monkeypatch.setattr(drivecomm.bus.bus, "port_opener", port_opener)
     monkeypatch.setattr(drivecomm.bus.bus, "open_bus", open_bus)
