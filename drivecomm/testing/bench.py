@@ -83,7 +83,7 @@ class Bench(NamedTuple):
         return ""
 
     def set_some_reference(self) -> None:
-        """Set a reference, without which some drives are not started."""
+        """Set a reference in a unit that the drive takes."""
         if self.drive.capabilities.reference_percent:
             self.drive.set_reference(percent=40)
         elif self.drive.capabilities.reference_hz:

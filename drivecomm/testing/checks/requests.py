@@ -10,7 +10,7 @@ from contextlib import suppress
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import DriveCommError, NoReplyError, ReplyError
+from drivecomm.errors import DriveCommError, NoReplyError, ReplyError, StateError
 from drivecomm.protocol import Framed, resolve_options
 from drivecomm.testing.bench import bench
 from drivecomm.testing.checking import CheckFailure, check, decoded, expect, shown
@@ -49,7 +49,7 @@ def a_start_is_not_repeated(plugin: Protocol, model: Model) -> None:
         with bench(plugin, model) as on:
             if reverse and not on.drive.capabilities.reverse:
                 continue
-            on.set_some_reference()
+            _set_needed_reference(on, plugin, model)
             starting = _losing_what_starts(on)
             try:
                 on.drive.start(reverse=reverse)
@@ -66,7 +66,7 @@ def a_start_is_not_repeated(plugin: Protocol, model: Model) -> None:
 def a_stop_is_repeated(plugin: Protocol, model: Model) -> None:
     """A stop whose first answer is lost is sent again, and the motor stands afterwards."""
     with bench(plugin, model) as on:
-        on.set_some_reference()
+        _set_needed_reference(on, plugin, model)
         on.drive.start()
         on.settle()
         before = len(on.virtual.heard)
@@ -94,6 +94,15 @@ def a_deaf_drive_is_reported(plugin: Protocol, model: Model) -> None:
                 raise CheckFailure(f"nobody answers, and {name} raises {type(error).__name__}: {error}") from error
             else:
                 raise CheckFailure(f"nobody answers, and {name} is taken for done")
+
+
+def _set_needed_reference(on: Bench, plugin: Protocol, model: Model) -> None:
+    """Set a reference if a drive of this model is not started without one; others are left as they are."""
+    with bench(plugin, model) as other:
+        try:
+            other.drive.start()
+        except StateError:
+            on.set_some_reference()
 
 
 def _readable(on: Bench, model: Model) -> str:
@@ -202,11 +211,11 @@ _CHANGES, _MOVES, _HALTS = "changes a parameter", "makes the motor run", "stops 
 def _acting(plugin: Protocol, model: Model) -> list[tuple[str, Framed]]:
     """Return telegrams that change something in a virtual drive, each with what it does."""
     with bench(plugin, model) as on:
-        on.set_some_reference()
+        _set_needed_reference(on, plugin, model)
         running = _watching(on, lambda: on.virtual.motor.running)
         on.drive.start()
     with bench(plugin, model) as on:
-        on.set_some_reference()
+        _set_needed_reference(on, plugin, model)
         on.drive.start()
         on.settle()
         target = _watching(on, lambda: on.virtual.motor.command)
