@@ -19,10 +19,10 @@ from .report import (
     CheckResult as CheckResult,
     Report as Report,
     carry_out as carry_out,
+    page as page,
     sections_of as sections_of,
     try_out as try_out,
 )
-from .report_page import page as page
 from .script import play as play
 from .strategies import (
     conversations as conversations,
@@ -32,7 +32,6 @@ from .strategies import (
     pieces as pieces,
     telegrams as telegrams,
 )
-from .subjects import NamedForm as NamedForm
 from .vectors import (
     CATEGORIES as CATEGORIES,
     FORMAT as FORMAT,

@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.bus import open_bus
 from drivecomm.errors import DriveCommError, NotSupported
+from drivecomm.plant import UNDISTURBED, FaultPlan
 from drivecomm.protocol import Framed, resolve_options
-from drivecomm.testing.checking import CheckFailure, shown
-from drivecomm.testing.subjects import known_model
+from drivecomm.testing.checking import CheckFailure, known_model, shown
 from drivecomm.virtual import DriveProxy, VirtualLine
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from drivecomm.bus import Bus, Drive
-    from drivecomm.plant import FaultPlan
     from drivecomm.protocol import Damaged, LineSettings, Model, Protocol, Reading, Value, VirtualDrive, VirtualReply
 
 # Longer than any ramp from standstill to the highest frequency, and than the time after which a fault can be reset.
@@ -44,11 +43,6 @@ class Overheard(DriveProxy):
         self.heard.append(find)
         self.said.append(reply)
         return self.between(find, reply)
-
-    @property
-    def has_mains(self) -> bool:
-        """Whether the drive's mains can be switched; the contract leaves that to the package."""
-        return hasattr(self.inner, "power_cycle")
 
 
 class Bench(NamedTuple):
@@ -88,6 +82,13 @@ class Bench(NamedTuple):
             return info.address
         return ""
 
+    def set_some_reference(self) -> None:
+        """Set a reference in a unit that the drive takes."""
+        if self.drive.capabilities.reference_percent:
+            self.drive.set_reference(percent=40)
+        elif self.drive.capabilities.reference_hz:
+            self.drive.set_reference(hz=20)
+
     def settle(self) -> None:
         """Let so much time pass that the motor has done what it was told to."""
         self.line.advance(_SETTLED_S)
@@ -103,17 +104,17 @@ class Bench(NamedTuple):
 @contextmanager
 def bench(
     plugin: Protocol,
-    model: Model | str = "",
+    model: Model | None = None,
     *,
     addresses: Sequence[int] = (),
     options: Mapping[str, Any] | None = None,
-    faults: FaultPlan | None = None,
+    faults: FaultPlan = UNDISTURBED,
 ) -> Iterator[Bench]:
     """Give a bench with a drive of this model at the first of these addresses and others at the rest.
 
-    model: the protocol's own default if empty. addresses: the protocol's first one if absent. options: of all drives.
+    model: the protocol's own default if absent. addresses: the protocol's first one if empty. options: of all drives.
     """
-    known = known_model(plugin, model or plugin.default_model) if isinstance(model, str) else model
+    known = known_model(plugin, plugin.default_model) if model is None else model
     given = dict(options or {})
     facts, chosen = resolve_options(plugin, known, given)
     drives = []
@@ -121,7 +122,7 @@ def bench(
         drive = plugin.virtual(address, chosen, known)
         drive.settings, drive.gap_s = facts.settings, facts.gap_s
         drives.append(Overheard(drive))
-    line = VirtualLine(drives) if faults is None else VirtualLine(drives, faults=faults)
+    line = VirtualLine(drives, faults=faults)
     with open_bus(line.port) as bus:
         drive_at = bus.drive(plugin.name, drives[0].address, model=known, **given)
         yield Bench(drives[0], tuple(drives[1:]), line, bus, drive_at)

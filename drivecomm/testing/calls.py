@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from decimal import Decimal
 from enum import Enum
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm import errors
 from drivecomm.bus import open_bus, open_bus_async
 from drivecomm.errors import DriveCommError, NotSupported
 from drivecomm.protocol import Stop
-from drivecomm.testing.checking import CheckFailure, expect
-from drivecomm.testing.subjects import known_model
+from drivecomm.testing.checking import CheckFailure, expect, known_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive, Broadcast, Bus, Drive, Exchanges
+    from drivecomm.bus import AsyncBus, Bus, Exchanges
     from drivecomm.link import Echo, Port
-    from drivecomm.protocol import Exchange, Protocol
+    from drivecomm.protocol import Exchange, Model, Protocol
     from drivecomm.testing.exchange_vectors import Call, ExchangeVector
 
 VERBS = ("read", "write", "status", "start", "stop", "reset", "set_reference", "probe", "identify")
@@ -39,14 +39,14 @@ class Line(NamedTuple):
 def call_blocking(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
     """Carry out the calls one after the other and judge what comes of each. Raises CheckFailure."""
     with open_bus(line.port, echo=line.echo) as bus:
-        partner = _partner(bus, plugin, vector)
-        line.ready(_reply_time_s(plugin, vector, partner))
+        partner = _partner(bus, plugin, vector, line)
         for call in vector.calls:
             try:
-                outcome = CallResult(_verb(partner, call)(**_arguments(call)))
+                result = _verb(partner, call)(**_arguments(call))
             except DriveCommError as error:
-                outcome = CallResult(error=error)
-            compare(call, outcome)
+                judge_error(call, error)
+            else:
+                judge(call, result)
 
 
 def call_awaited(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
@@ -56,14 +56,14 @@ def call_awaited(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
 
 async def _call_awaited(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
     async with open_bus_async(line.port, echo=line.echo) as bus:
-        partner = _partner(bus, plugin, vector)
-        line.ready(_reply_time_s(plugin, vector, partner))
+        partner = _partner(bus, plugin, vector, line)
         for call in vector.calls:
             try:
-                outcome = CallResult(await _verb(partner, call)(**_arguments(call)))
+                result = await _verb(partner, call)(**_arguments(call))
             except DriveCommError as error:
-                outcome = CallResult(error=error)
-            compare(call, outcome)
+                judge_error(call, error)
+            else:
+                judge(call, result)
 
 
 def exchange_of(verbs: Exchanges, call: Call) -> Exchange[Any]:
@@ -81,35 +81,32 @@ def exchange_of(verbs: Exchanges, call: Call) -> Exchange[Any]:
     return exchange
 
 
-def _partner(bus: Bus | AsyncBus, plugin: Protocol, vector: ExchangeVector) -> Any:
-    """Return the drive of the vector, or all drives."""
-    options = dict(vector.options)
+def model_of(plugin: Protocol, vector: ExchangeVector) -> Model | None:
+    """Return the model that a conversation is with, None where it names none."""
+    return known_model(plugin, vector.model) if vector.model else None
+
+
+def _partner(bus: Bus | AsyncBus, plugin: Protocol, vector: ExchangeVector, line: Line) -> Any:
+    """Return the drive of the vector, or all drives; from them the master waits for no reply."""
     try:
-        model = known_model(plugin, vector.model) if vector.model else None
+        model = model_of(plugin, vector)
         if vector.address == plugin.broadcast_address:
-            return bus.broadcast(plugin.name, model=model, **options)
-        return bus.drive(plugin.name, vector.address, model=model, **options)
+            everybody = bus.broadcast(plugin.name, model=model, **vector.options)
+            line.ready(0.0)
+            return everybody
+        drive = bus.drive(plugin.name, vector.address, model=model, **vector.options)
     except DriveCommError as error:
         raise CheckFailure(f"there is no such drive: {error}") from error
-
-
-def _reply_time_s(
-    plugin: Protocol, vector: ExchangeVector, partner: Drive | AsyncDrive | Broadcast | AsyncBroadcast
-) -> float:
-    """Return how long the master must wait for a reply; to all drives it waits for none."""
-    return 0.0 if vector.address == plugin.broadcast_address else partner.party.facts.timing.reply_timeout_s
+    line.ready(drive.party.facts.timing.reply_timeout_s)
+    return drive
 
 
 def _verb(partner: Any, call: Call) -> Callable[..., Any]:
-    if call.call in VERBS:
-        verb: Callable[..., Any] | None = getattr(partner, call.call, None)
-        if verb is None:
-            raise NotSupported(f"all drives at once have no verb {call.call!r}")
-        return verb
-    extra: Callable[..., Any] | None = getattr(partner, "call", None)
-    if extra is None:
+    known = call.call in VERBS
+    verb: Callable[..., Any] | None = getattr(partner, call.call if known else "call", None)
+    if verb is None:
         raise NotSupported(f"all drives at once have no verb {call.call!r}")
-    return lambda **arguments: extra(call.call, **arguments)
+    return verb if known else partial(verb, call.call)
 
 
 def _arguments(call: Call) -> dict[str, Any]:
@@ -124,31 +121,33 @@ def _arguments(call: Call) -> dict[str, Any]:
     return given
 
 
-@dataclass(frozen=True, slots=True)
-class CallResult:
-    """The result of a call, or the error that it raised."""
-
-    result: Any = None
-    error: DriveCommError | None = None
-
-
-def compare(call: Call, outcome: CallResult) -> None:
-    """Compare what came of a call with what was expected. Raises CheckFailure."""
-    expected, error = call.expected, outcome.error
-    if expected.error:
-        kind: type[DriveCommError] = getattr(errors, expected.error)
-        if error is None:
-            raise CheckFailure(f"{call.call} gives {as_data(outcome.result)!r}, expected is {expected.error}")
-        expect(
-            isinstance(error, kind) and expected.error_text in str(error),
-            f"{call.call} raises {type(error).__name__} ({error}), expected is {expected.error}"
-            + (f" with {expected.error_text!r}" if expected.error_text else ""),
-        )
-        return
-    if error is not None:
+def judge_error(call: Call, error: DriveCommError) -> None:
+    """Raise CheckFailure unless a call was expected to raise this."""
+    expected = call.expected
+    if not expected.error:
         raise CheckFailure(f"{call.call} raises {type(error).__name__}: {error}") from error
-    if expected.result is not None:
-        _compare_result(call.call, outcome.result, expected.result)
+    expect(
+        isinstance(error, getattr(errors, expected.error)) and expected.error_text in str(error),
+        f"{call.call} raises {type(error).__name__} ({error}), expected is {expected.error}"
+        + (f" with {expected.error_text!r}" if expected.error_text else ""),
+    )
+
+
+def judge(call: Call, result: object) -> None:
+    """Raise CheckFailure unless a call was expected to give this result."""
+    found, wanted = as_data(result), call.expected.result
+    if call.expected.error:
+        raise CheckFailure(f"{call.call} gives {found!r}, expected is {call.expected.error}")
+    if wanted is None:
+        return
+    if not wanted:
+        expect(found is None or found == {}, f"{call.call} gives {found!r}, expected is nothing")
+        return
+    if not isinstance(found, dict):
+        found = {"value": found}
+    for key, value in wanted.items():
+        expect(key in found, f"{call.call} gives nothing named {key}; it gives {found}")
+        expect(same(found[key], value), f"{call.call} gives {key} = {found[key]!r}, expected is {value!r}")
 
 
 def as_data(value: object) -> Any:
@@ -166,18 +165,6 @@ def as_data(value: object) -> Any:
     if isinstance(value, list | tuple):
         return [as_data(each) for each in value]
     return value
-
-
-def _compare_result(name: str, result: object, wanted: Mapping[str, Any]) -> None:
-    found = as_data(result)
-    if not wanted:
-        expect(found is None or found == {}, f"{name} gives {found!r}, expected is nothing")
-        return
-    if not isinstance(found, dict):
-        found = {"value": found}
-    for key, value in wanted.items():
-        expect(key in found, f"{name} gives nothing named {key}; it gives {found}")
-        expect(same(found[key], value), f"{name} gives {key} = {found[key]!r}, expected is {value!r}")
 
 
 def same(found: object, wanted: object) -> bool:

@@ -20,14 +20,20 @@ The theme says what a check is given, and how often it is run:
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields as dataclass_fields
+from functools import lru_cache
 from inspect import getdoc
 from typing import TYPE_CHECKING, Any, TypeVar
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from drivecomm.errors import TelegramError
+from drivecomm.models import load_model
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from drivecomm.protocol import Codec, Direction, Message, Model, Protocol
     from drivecomm.testing.vectors import Vector
 
 F = TypeVar("F", bound=Callable[..., None])
@@ -78,7 +84,7 @@ class Registered:
         return (getdoc(self.function) or "").partition("\n")[0]
 
 
-_registered: dict[str, list[Registered]] = {}
+_registered: defaultdict[str, list[Registered]] = defaultdict(list)
 
 
 def check(
@@ -88,8 +94,7 @@ def check(
 
     def register(function: F) -> F:
         title = name or function.__name__.replace("_", " ")
-        found = Registered(function=function, name=title, applies_to=applies_to, costly=costly)
-        _registered.setdefault(theme, []).append(found)
+        _registered[theme].append(Registered(function=function, name=title, applies_to=applies_to, costly=costly))
         return function
 
     return register
@@ -97,7 +102,7 @@ def check(
 
 def registered(theme: str) -> Sequence[Registered]:
     """Return the checks of a theme, in the order in which they were registered."""
-    return _registered.get(theme, ())
+    return _registered[theme]
 
 
 def is_valid(vector: Vector) -> bool:
@@ -121,3 +126,53 @@ def raise_all(wrong: Sequence[str]) -> None:
 def shown(data: bytes) -> str:
     """Return bytes as messages show them."""
     return data.hex(" ").upper() or "nothing"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """A vector of a protocol. listed: all sound telegrams of the file and of the package, by direction."""
+
+    plugin: Protocol
+    vector: Vector
+    listed: frozenset[tuple[Direction, bytes]]
+
+    @property
+    def codec(self) -> Codec:
+        """A codec with the vector's options."""
+        return codec_for(self.plugin, self.vector.options)
+
+    def lists(self, data: bytes) -> bool:
+        """Whether the vectors list this telegram as a sound one."""
+        return (self.vector.direction, data) in self.listed
+
+
+def decoded(codec: Codec, data: bytes, direction: Direction) -> Message | None:
+    """Return what a codec decodes these bytes to, None where it refuses them."""
+    try:
+        return codec.decode(data, direction)
+    except TelegramError:
+        return None
+
+
+def with_flips(data: bytes, place: int) -> Iterator[bytes]:
+    """Yield the bytes with one wrong bit in the byte at this place, from the lowest bit to the highest."""
+    return (data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :] for bit in range(8))
+
+
+def codec_for(plugin: Protocol, options: Mapping[str, Any]) -> Codec:
+    """Return a protocol's codec with these options. Raises CheckFailure for one that the protocol does not have."""
+    known = sorted(field.name for field in dataclass_fields(plugin.options))
+    unknown = sorted(set(options) - set(known))
+    if unknown:
+        raise CheckFailure(f"{plugin.name} has no option {unknown[0]!r}; it has {', '.join(known)}")
+    return plugin.codec(plugin.options(**options))
+
+
+def known_model(plugin: Protocol, name: str) -> Model:
+    """Return a model of the protocol's package, read once: checks need it many times. Raises as `load_model` does."""
+    return _loaded(plugin.package, plugin.name, name)
+
+
+@lru_cache
+def _loaded(package: str, protocol: str, name: str) -> Model:
+    return load_model(package, protocol, name)

@@ -22,10 +22,9 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.models import model_names
 from drivecomm.protocol import installed
-from drivecomm.testing.checking import Check, registered
-from drivecomm.testing.checks import HAS_PROPERTIES, foreign, live
+from drivecomm.testing.checking import Case, Check, known_model, registered
+from drivecomm.testing.checks import HAS_PROPERTIES, confusion, exchanges
 from drivecomm.testing.report import Report, carry_out, try_out
-from drivecomm.testing.subjects import Case, forms_of, known_model
 from drivecomm.testing.vectors import VectorFile, packaged_vectors
 
 if TYPE_CHECKING:
@@ -115,17 +114,19 @@ def all_checks(plugin: Protocol, extent: Extent = FULL) -> Iterator[Check]:
         yield from (each.on(f"{name}/{theme}", plugin) for each in registered(theme))
     vectors = _vectors(plugin)
     yield from checks_of(plugin, vectors, extent)
-    models = _models(plugin, extent)
+    models = [plugin.default_model]
+    if extent.every_model:
+        models += [other for other in model_names(plugin.package, name) if other != plugin.default_model]
     for theme in ("parameters", "commands", "confusion"):
         for model in models:
             for each in registered(theme):
                 yield Check(f"{name}/models/{model}/{each.name}", _with_model(each, plugin, model), each.meaning)
-    for other in foreign.others(plugin):
+    for other in confusion.others(plugin):
         prefix = f"{name}/foreign traffic/{other.name}"
         yield from (each.on(prefix, plugin, other) for each in registered("foreign traffic"))
     yield from _properties(plugin, extent)
-    for exchange in live.sample(vectors.exchanges, extent.live):
-        yield from (each.on(f"{name}/{vectors.name}/{exchange.id}", plugin, exchange) for each in registered("live"))
+    for vector in exchanges.sample(vectors.exchanges, extent.live):
+        yield from (each.on(f"{name}/{vectors.name}/{vector.id}", plugin, vector) for each in registered("live"))
 
 
 def checks_of(plugin: Protocol, vectors: VectorFile, extent: Extent = FULL) -> Iterator[Check]:
@@ -147,8 +148,8 @@ def checks_of(plugin: Protocol, vectors: VectorFile, extent: Extent = FULL) -> I
         yield from (way.on(f"{prefix}/{exchange.id}", plugin, exchange) for way in ways)
     for refuse in vectors.refusals:
         yield from (each.on(f"{prefix}/{refuse.id}", plugin, refuse) for each in registered("refusals"))
-    for named in forms_of(plugin):
-        yield from (each.on(f"{prefix}/{named.name}", named.form) for each in registered("schemas"))
+    for title, form in plugin.forms().items():
+        yield from (each.on(f"{prefix}/{title}", form) for each in registered("schemas"))
     for stream in vectors.streams:
         yield from (each.on(f"{prefix}/{stream.id}", plugin, stream) for each in registered("streams"))
     yield from _checks_of_cases(prefix, cases[:: extent.costly_every], costly=True)
@@ -168,26 +169,21 @@ def _properties(plugin: Protocol, extent: Extent) -> Iterator[Check]:
 
     @lru_cache
     def source(direction: Direction) -> properties.Drawn:
-        return properties.drawn(plugin, direction)
+        return properties.Drawn(plugin, direction)
 
-    def holds(function: Any, direction: Direction) -> Callable[[], None]:
+    def tries(function: Any, direction: Direction) -> Callable[[], None]:
         return lambda: properties.try_examples(function, source(direction), extent.examples)
 
     directions: dict[Direction, str] = {"request": "requests", "reply": "replies"}
     for each in registered("properties"):
         for direction, telegrams in directions.items():
             name = f"{plugin.name}/properties/{telegrams}/{each.name}"
-            yield Check(name, holds(each.function, direction), each.meaning)
+            yield Check(name, tries(each.function, direction), each.meaning)
 
 
 def _with_model(each: Registered, plugin: Protocol, model: str) -> Callable[[], None]:
     # A model that cannot be read is a failure of each of its checks, and not of all of them at once.
     return lambda: each.function(plugin, known_model(plugin, model))
-
-
-def _models(plugin: Protocol, extent: Extent) -> list[str]:
-    others = [name for name in model_names(plugin.package, plugin.name) if name != plugin.default_model]
-    return [plugin.default_model, *(others if extent.every_model else ())]
 
 
 def _vectors(plugin: Protocol) -> VectorFile:

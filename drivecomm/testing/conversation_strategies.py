@@ -75,8 +75,7 @@ def _verb_calls(protocol: str, model: str) -> SearchStrategy[VerbCall]:
 
 def _reads(plugin: Protocol, model: Model) -> Iterator[SearchStrategy[VerbCall]]:
     with bench(plugin, model) as on:
-        addresses = [info.address for info in model.parameters.values() if "r" in info.access]
-        calls = [VerbCall("read", (address,)) for address in addresses]
+        calls = [VerbCall("read", (info.address,)) for info in model.parameters.values() if "r" in info.access]
         readable = [call for call in calls if _takes(on.drive, call)]
     if readable:
         yield st.sampled_from(readable)
@@ -132,9 +131,9 @@ def _commands(plugin: Protocol, model: Model) -> Iterator[SearchStrategy[VerbCal
         yield st.sampled_from([VerbCall(verb) for verb in ("status", "reset", "probe", "identify")])
         yield st.sampled_from([VerbCall("stop", (how,)) for how in sorted(can.stops, key=lambda how: how.value)])
         yield st.sampled_from([VerbCall("start"), *([VerbCall("start", (), {"reverse": True})] if can.reverse else [])])
-        units = [unit for unit, known in (("percent", can.reference_percent), ("hz", can.reference_hz)) if known]
-        for unit in units:
-            yield _references(unit, on.drive)
+        for unit in ("percent", "hz"):
+            if getattr(can, f"reference_{unit}"):
+                yield _references(unit, on.drive)
 
 
 def _references(unit: str, drive: Drive) -> SearchStrategy[VerbCall]:
@@ -178,8 +177,5 @@ def _reach(accepts: Callable[[int], bool]) -> int:
     refused = step
     while refused - sound > 1:
         middle = (sound + refused) // 2
-        if accepts(middle):
-            sound = middle
-        else:
-            refused = middle
+        sound, refused = (middle, refused) if accepts(middle) else (sound, middle)
     return sound

@@ -7,26 +7,21 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from drivecomm.errors import FileFormatError
     from drivecomm.tomlfile import Kind, Table
 
 
 class Entry:
     """A table of a vector file that has these keys and no others. Raises FileFormatError, as all that it does.
 
-    given: what the table holds.
+    given: what the table holds. error: makes the error that says what is wrong with it, or with one key of it.
     """
 
     def __init__(self, table: Table, known: Mapping[str, Kind], *needed: str) -> None:
-        self.table = table
+        self.error = table.error
         self.given = table.take(known, *needed)
         for key in needed:
             if isinstance(self.given[key], str):
                 self.filled(key)
-
-    def error(self, what: str, key: str = "") -> FileFormatError:
-        """Return the error that says what is wrong with this entry, or one key of it."""
-        return self.table.error(what, key)
 
     def only(self, owner: str, *keys: str, allowed: bool) -> None:
         """Refuse keys that make no sense in an entry of this sort."""
@@ -51,21 +46,20 @@ class Entry:
     def seconds(self, key: str) -> float | None:
         """Return a time that is not negative, None where it is absent."""
         value = self.given.get(key)
-        if value is None:
-            return None
-        if not 0 <= value < 1e9:
+        if value is not None and not 0 <= value < 1e9:
             raise self.error(f"{key} cannot be {value!r}; write seconds from 0 to 1e9", key)
-        return float(value)
+        return None if value is None else float(value)
 
     def data(self, key: str) -> bytes:
-        """Return at least one byte from hexadecimal digits in any spacing."""
-        return self._data(key, self.given[key])
+        """Take out hexadecimal digits in any spacing, and return the bytes; there is at least one."""
+        return self._data(key, self.given.pop(key))
 
     def data_list(self, key: str) -> tuple[bytes, ...]:
-        """Return a list of byte strings, which may be empty."""
-        if not all(isinstance(value, str) for value in self.given[key]):
+        """Take out a list of such texts, which may be empty."""
+        values = self.given.pop(key)
+        if not all(isinstance(value, str) for value in values):
             raise self.error(f"{key} is not a list of texts", key)
-        return tuple(self._data(key, value) for value in self.given[key])
+        return tuple(self._data(key, value) for value in values)
 
     def _data(self, key: str, digits: str) -> bytes:
         try:

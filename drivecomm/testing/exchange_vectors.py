@@ -25,13 +25,8 @@ if TYPE_CHECKING:
 
 Action: TypeAlias = Literal["send", "reply", "silence", "garbage", "pause_s"]
 
-ERROR_NAMES = tuple(
-    sorted(
-        name
-        for name, kind in vars(errors).items()
-        if isinstance(kind, type) and issubclass(kind, errors.DriveCommError)
-    )
-)
+_CLASSES = ((name, kind) for name, kind in vars(errors).items() if isinstance(kind, type))
+ERROR_NAMES = tuple(sorted(name for name, kind in _CLASSES if issubclass(kind, errors.DriveCommError)))
 """The error tree by name."""
 
 
@@ -114,25 +109,16 @@ ACTIONS = tuple(_STEPS)
 def read_exchange(table: Table) -> ExchangeVector:
     """Return an exchange vector from its table. Raises FileFormatError."""
     entry = Entry(table, _EXCHANGE, "id", "source", "address", "calls", "steps")
-    given = entry.given
-    steps = _steps(table.tables("steps"))
+    given, steps = entry.given, _steps(table.tables("steps"))
     calls = [_call(each) for each in table.tables("calls")]
     if not calls:
         raise entry.error("calls is empty", "calls")
     # What the whole is judged by stands beside it and not inside its last call.
     if calls[-1].expected != Expected():
         raise entry.error("the last call's result and error stand beside calls, not in it", "calls")
-    return ExchangeVector(
-        id=given["id"],
-        source=given["source"],
-        printed=given.get("printed", False),
-        address=given["address"],
-        model=given.get("model", ""),
-        options=given.get("options", {}),
-        calls=(*calls[:-1], replace(calls[-1], expected=_expected(entry))),
-        steps=steps,
-        note=given.get("note", ""),
-    )
+    calls[-1] = replace(calls[-1], expected=_expected(entry))
+    own = {key: value for key, value in given.items() if key not in _EXPECTED}
+    return ExchangeVector(**{**own, "calls": tuple(calls), "steps": steps})
 
 
 def _call(table: Table) -> Call:
@@ -144,11 +130,9 @@ def _expected(entry: Entry) -> Expected:
     given = entry.given
     entry.only("an exchange that ends in an error", "result", allowed="error" not in given)
     entry.only("an exchange without error", "error_text", allowed="error" in given)
-    return Expected(
-        result=given.get("result"),
-        error=entry.choice("error", ERROR_NAMES) if "error" in given else "",
-        error_text=given.get("error_text", ""),
-    )
+    if "error" in given:
+        entry.choice("error", ERROR_NAMES)
+    return Expected(**{key: given[key] for key in _EXPECTED if key in given})
 
 
 def _steps(tables: Sequence[Table]) -> tuple[WireStep, ...]:

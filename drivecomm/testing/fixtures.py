@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import defaultdict, deque
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import replace
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
@@ -15,17 +15,14 @@ from drivecomm.plant import FaultPlan, Plant, read_plant
 from drivecomm.protocol import DriveConfig, installed, parse_drive
 from drivecomm.testing.line_trace import LineTrace
 from drivecomm.testing.recording import Record, RecordingDrive
-from drivecomm.testing.sites import InProcess, Served, served
-from drivecomm.testing.watched_line import WatchedDrive, WatchedLine
-from drivecomm.testing.watched_plant import watched_plant
-from drivecomm.virtual import VirtualLine, virtual_drive
+from drivecomm.testing.watched_line import ServingThread, WatchedDrive, WatchedLine
+from drivecomm.virtual import PlantServer, Server, VirtualLine, VirtualPlant, parse_listen, virtual_drive
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from types import TracebackType
 
     from drivecomm.protocol import Model
-    from drivecomm.testing.watched_plant import WatchedPlant
 
 _MOST_TRACES = 8
 """Property tests make a line for each example, and the last ones are those that failed."""
@@ -52,9 +49,10 @@ class LineMaker:
         self._seed = seed
         self._folder = folder
         self._made = 0
-        self._last: deque[_Made] = deque(maxlen=_MOST_TRACES)
+        self._last: deque[tuple[str, WatchedLine, str]] = deque(maxlen=_MOST_TRACES)
         self._open = ExitStack()
-        self._models: dict[tuple[str, str], Model] = {}
+        # A property test makes the same drive a hundred times.
+        self._load_model = lru_cache(load_model)
 
     def line(
         self,
@@ -105,20 +103,26 @@ class LineMaker:
         UsageError for what cannot be.
         """
         known = plant if isinstance(plant, Plant) else read_plant(Path(plant))
-        made = watched_plant(known, None if listen is None else self._place_for(listen))
+        if listen is not None:
+            if listen not in ("pty", "tcp", "rfc2217"):
+                raise UsageError(f"a plant is served at pty, tcp or rfc2217, and not at {listen!r}")
+            known = replace(known, lines=tuple(replace(line, listen=self._place(listen)) for line in known.lines))
+        made = watched_plant(known, in_real_time=listen is not None)
         self._open.enter_context(closing(made))
-        for name, line in made.lines.items():
-            self._made += 1
-            self._last.append(_Made(line=line, name=name, seeded=False))
+        self._made += len(made.lines)
+        self._last.extend((name, line, "") for name, line in made.lines.items())
         return made
 
     def traces(self) -> Iterator[tuple[str, str]]:
         """Yield a title and the decoded trace of each line; of more than eight, of the last eight."""
-        for made in self._last:
-            where = made.line.port if isinstance(made.line.port, str) else "in virtual time"
-            drives = ", ".join(drive.name for drive in made.line.drives) or "no drives"
-            text = "\n".join([*self._faults_told(made), made.line.trace()])
-            yield f"line {made.name}: {drives}, {where}", text
+        for name, line, again in self._last:
+            where = line.port if isinstance(line.port, str) else "in virtual time"
+            drives = ", ".join(drive.name for drive in line.drives) or "no drives"
+            plan, head = line.faults, ""
+            if plan.rate:
+                happened = ", ".join(f"{fault.value} {count}" for fault, count in plan.happened.items()) or "none yet"
+                head = f"faults: rate {plan.rate}, seed {plan.seed}{again}; happened: {happened}\n"
+            yield f"line {name}: {drives}, {where}", head + line.trace()
 
     def __enter__(self) -> Self:
         return self
@@ -131,72 +135,99 @@ class LineMaker:
     def _line(
         self, names: list[DriveConfig], *, listen: str | None, faults: float | FaultPlan, echo: bool, paced: bool
     ) -> WatchedLine:
-        recorded = {}
-        watched = {}
+        drives: dict[str, RecordingDrive] = {}
+        watched = []
         for name in names:
-            if str(name) in recorded:
+            if str(name) in drives:
                 raise UsageError(f"{name} is on this line twice; two drives cannot have the same address")
-            options = {**name.options, "model": self._model(name)}
-            make = partial(virtual_drive, name.protocol, name.address, **options)
+            make = partial(virtual_drive, name.protocol, name.address, **{**name.options, "model": self._model(name)})
             record = Record()
-            recorded[str(name)] = drive = RecordingDrive(installed[name.protocol], make(), record)
-            watched[str(name)] = WatchedDrive(str(name), drive, record, make)
-        drives = list(recorded.values())
-        plan = faults if isinstance(faults, FaultPlan) else FaultPlan(rate=_share(faults), seed=self._seed + self._made)
-        trace = LineTrace(drives)
-        site: InProcess | Served
+            drives[str(name)] = RecordingDrive(installed[name.protocol], make(), record)
+            watched.append(WatchedDrive(str(name), drives[str(name)], record, make))
+        plan, again = faults, ""
+        if not isinstance(plan, FaultPlan):
+            if not 0 <= plan <= 1:
+                raise UsageError(f"faults are a share of the transmissions from 0 to 1, and not {plan}")
+            plan = FaultPlan(rate=plan, seed=self._seed + self._made)
+            again = f"; the same again with --drivecomm-seed={self._seed}"
         if listen is None:
-            site = InProcess(VirtualLine(drives, faults=plan, echo=echo), trace)
+            on_line, served = VirtualLine(drives.values(), faults=plan, echo=echo), None
+            trace = LineTrace(on_line)
         else:
-            place = self._place(listen)
-            site = self._open.enter_context(
-                closing(served(drives, place, faults=plan, echo=echo, paced=paced, trace=trace))
-            )
-        line = WatchedLine(site, watched, trace, plan)
+            server = Server(drives.values(), parse_listen(self._place(listen)), echo=echo, paced=paced)
+            on_line = server.line
+            on_line.faults = plan
+            trace = LineTrace(on_line)
+            served = self._open.enter_context(closing(ServingThread(server))), server.address
+        line = WatchedLine(on_line, watched, trace, served)
         self._made += 1
-        self._last.append(_Made(line=line, name=str(self._made), seeded=plan is not faults))
+        self._last.append((str(self._made), line, again))
         return line
 
     def _model(self, name: DriveConfig) -> Model:
-        """Return a drive's model; a property test makes the same drive a hundred times."""
         plugin = installed[name.protocol]
         chosen = name.options.get("model", plugin.default_model)
-        if not isinstance(chosen, str):
-            return load_model(plugin.package, name.protocol, chosen)
-        if (name.protocol, chosen) not in self._models:
-            self._models[name.protocol, chosen] = load_model(plugin.package, name.protocol, chosen)
-        return self._models[name.protocol, chosen]
+        load = self._load_model if isinstance(chosen, str) else load_model
+        return load(plugin.package, name.protocol, chosen)
 
     def _place(self, listen: str) -> str:
-        return self._place_for(listen)() if listen in ("pty", "tcp", "rfc2217") else listen
-
-    def _place_for(self, listen: str) -> Callable[[], str]:
-        """Return what gives a new place of a kind, each time that it is called. Raises UsageError."""
+        """Return a new place of a kind; any other text is a place itself."""
         if listen == "pty":
-            return lambda: f"pty:{self._folder() / 'port'}"
-        if listen in ("tcp", "rfc2217"):
-            return lambda: f"{listen}:127.0.0.1:0"
-        raise UsageError(f"a plant is served at pty, tcp or rfc2217, and not at {listen!r}")
-
-    def _faults_told(self, made: _Made) -> list[str]:
-        plan = made.line.faults
-        if not plan.rate:
-            return []
-        happened = ", ".join(f"{fault.value} {count}" for fault, count in plan.happened.items()) or "none yet"
-        again = f"; the same again with --drivecomm-seed={self._seed}" if made.seeded else ""
-        return [f"faults: rate {plan.rate}, seed {plan.seed}{again}; happened: {happened}"]
+            return f"pty:{self._folder() / 'port'}"
+        return f"{listen}:127.0.0.1:0" if listen in ("tcp", "rfc2217") else listen
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Made:
-    """A line, its name or number in its test, and whether its faults are those of the option --drivecomm-seed."""
+class WatchedPlant:
+    """Lines with virtual drives on them, and the script of what goes wrong.
 
-    line: WatchedLine
-    name: str
-    seeded: bool
+    lines, drives: all of them by name. In virtual time each line has a clock of its own.
+    """
+
+    def __init__(
+        self, plant: VirtualPlant, lines: Mapping[str, WatchedLine], thread: ServingThread | None = None
+    ) -> None:
+        self.lines = dict(lines)
+        self.drives = {drive.name: drive for line in lines.values() for drive in line.drives}
+        self._plant = plant
+        self._thread = thread
+
+    @property
+    def plant(self) -> VirtualPlant:
+        """The plant itself, to steer it and to add to its script. Raises UsageError when it is served in real time."""
+        if self._thread is not None:
+            raise UsageError("this plant is served in real time; make it without listen= to steer it")
+        return self._plant
+
+    def line(self, name: str) -> WatchedLine:
+        """Return the line with this name. Raises UsageError."""
+        if name not in self.lines:
+            raise UsageError(f"there is no line {name!r} in this plant; it has {', '.join(self.lines)}")
+        return self.lines[name]
+
+    def drive(self, name: str) -> WatchedDrive:
+        """Return the drive with this name. Raises UsageError."""
+        if name not in self.drives:
+            raise UsageError(f"there is no drive {name!r} in this plant; it has {', '.join(self.drives) or 'none'}")
+        return self.drives[name]
+
+    def close(self) -> None:
+        """Stop serving; what was received can still be looked at. The end of the test does it anyway."""
+        if self._thread is not None:
+            self._thread.close()
 
 
-def _share(rate: float) -> float:
-    if not 0 <= rate <= 1:
-        raise UsageError(f"faults are a share of the transmissions from 0 to 1, and not {rate}")
-    return rate
+def watched_plant(plant: Plant, *, in_real_time: bool) -> WatchedPlant:
+    """Make a plant, served where its lines say to listen or in virtual time. Raises UsageError, PortError."""
+    protocols = {drive.name: installed[drive.protocol] for drive in plant.drives}
+    records: defaultdict[str, Record] = defaultdict(Record)
+    virtual = VirtualPlant(plant, around=lambda name, drive: RecordingDrive(protocols[name], drive, records[name]))
+    traces = {name: LineTrace(line) for name, line in virtual.lines.items()}
+    server = PlantServer(virtual) if in_real_time else None
+    thread = None if server is None else ServingThread(server)
+    lines = {}
+    for name, line in virtual.lines.items():
+        planted = [virtual.drive(drive.name) for drive in plant.on_line(name)]
+        drives = [WatchedDrive(each.name, each, records[each.name], each.type.new) for each in planted]
+        served = (thread, server.addresses[name]) if server is not None and thread is not None else None
+        lines[name] = WatchedLine(line, drives, traces[name], served)
+    return WatchedPlant(virtual, lines, thread)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from threading import Lock
 from typing import TYPE_CHECKING
 
@@ -13,54 +12,41 @@ from drivecomm.protocol import Damaged, Framed, Framer
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from drivecomm.capture import Piece
-    from drivecomm.protocol import Codec, Direction, Find, VirtualDrive
+    from drivecomm.protocol import Direction, Find, LineSettings
+    from drivecomm.virtual import Transmission, VirtualLine
 
-_MOST_PIECES = 5000
+_MOST_HEARD = 5000
 _MOST_LINES = 80
 
 
-@dataclass(frozen=True, slots=True)
-class TracedPiece:
-    """A piece, and whether it met others on the wire or broke off."""
-
-    piece: Piece
-    disturbed: bool
-
-
 class LineTrace:
-    """The last 5000 pieces on one line. Nothing is decoded until the trace is read."""
+    """The last 5000 transmissions on one line, from now on. Nothing is decoded until the trace is read."""
 
-    def __init__(self, drives: Sequence[VirtualDrive]) -> None:
-        self._drives = drives
-        self._heard: deque[TracedPiece] = deque(maxlen=_MOST_PIECES)
+    def __init__(self, line: VirtualLine) -> None:
+        self._drives = line.drives
+        self._heard: deque[Transmission] = deque(maxlen=_MOST_HEARD)
         self._guard = Lock()
+        line.monitor = self._add
 
-    def add(self, piece: Piece, *, disturbed: bool = False) -> None:
-        """Note down what was on the line."""
+    def _add(self, sent: Transmission) -> None:
         with self._guard:
-            self._heard.append(TracedPiece(piece, disturbed))
+            self._heard.append(sent)
 
-    def lines(self) -> Iterator[str]:
-        """Yield one line of text for each telegram, and for what is none: time, direction, bytes, meaning."""
+    def text(self) -> str:
+        """Return a line for each telegram, and for what is none: time, direction, bytes, meaning; the last 80 lines."""
         with self._guard:
             heard = list(self._heard)
         gap_s = max((drive.gap_s for drive in self._drives), default=0.0)
-        for together in _joined(heard, gap_s):
-            yield from self._told(together)
-
-    def text(self) -> str:
-        """Return the last 80 lines."""
-        lines = list(self.lines())
+        lines = [line for together in _joined(heard, gap_s) for line in self._told(together)]
         if not lines:
             return "nothing was on the line"
         left_out = len(lines) - _MOST_LINES
         head = [f"({left_out} earlier ones are left out)"] if left_out > 0 else []
         return "\n".join([*head, *lines[-_MOST_LINES:]])
 
-    def _told(self, together: Sequence[TracedPiece]) -> Iterator[str]:
-        source, place = together[0].piece.source, 0
-        data = b"".join(heard.piece.data for heard in together)
+    def _told(self, together: Sequence[Transmission]) -> Iterator[str]:
+        source, place = together[0].source, 0
+        data = b"".join(heard.data for heard in together)
         remarks = self._remarks(together)
         for find in self._finds(data, "reply" if source == "drive" else "request"):
             if isinstance(find, Framed):
@@ -76,24 +62,30 @@ class LineTrace:
         """Return what the protocol that understands most of it makes of these bytes."""
         # Drives of one protocol need not be asked one by one.
         codecs = {type(drive.codec): drive.codec for drive in self._drives}
-        readings = [_once(_read(codec, direction, data)) for codec in codecs.values()]
+        framers = [Framer(codec, direction) for codec in codecs.values()]
+        readings = [_once([*framer.feed(data), *framer.flush()]) for framer in framers]
         return max(readings, key=_understood, default=[])
 
-    def _remarks(self, together: Sequence[TracedPiece]) -> list[str]:
+    def _remarks(self, together: Sequence[Transmission]) -> list[str]:
         said = []
-        settings = together[0].piece.settings
+        settings = _settings_of(together[0])
         if settings is not None and all(settings != drive.settings for drive in self._drives):
             said.append(f"sent with {settings}, which no drive here listens with")
-        if any(heard.disturbed for heard in together):
+        if any(heard.garbled for heard in together):
             said.append("met others on the wire, or broke off")
         return said
 
 
-def _joined(heard: Iterable[TracedPiece], gap_s: float) -> Iterator[list[TracedPiece]]:
-    """Yield pieces that came from one side without a pause between them."""
-    together: list[TracedPiece] = []
+def _settings_of(sent: Transmission) -> LineSettings | None:
+    # What a drive sends has the settings of that drive, which are no news; over plain TCP they are not known.
+    return sent.settings if sent.source == "master" and not sent.agreed else None
+
+
+def _joined(heard: Iterable[Transmission], gap_s: float) -> Iterator[list[Transmission]]:
+    """Yield what came from one side without a pause in it."""
+    together: list[Transmission] = []
     for each in heard:
-        if together and not _follows(each.piece, together[-1].piece, gap_s):
+        if together and not _follows(each, together[-1], gap_s):
             yield together
             together = []
         together.append(each)
@@ -101,23 +93,18 @@ def _joined(heard: Iterable[TracedPiece], gap_s: float) -> Iterator[list[TracedP
         yield together
 
 
-def _follows(piece: Piece, last: Piece, gap_s: float) -> bool:
-    same = (piece.source, piece.settings) == (last.source, last.settings)
-    return same and piece.time_s - last.time_s <= gap_s
+def _follows(sent: Transmission, last: Transmission, gap_s: float) -> bool:
+    same = (sent.source, _settings_of(sent)) == (last.source, _settings_of(last))
+    return same and sent.ended - last.ended <= gap_s
 
 
-def _time_of(together: Sequence[TracedPiece], place: int) -> float:
-    """Return when the piece came that the byte at this place is in."""
+def _time_of(together: Sequence[Transmission], place: int) -> float:
+    """Return when the byte at this place came."""
     for heard in together:
-        if place < len(heard.piece.data):
-            return heard.piece.time_s
-        place -= len(heard.piece.data)
-    return together[-1].piece.time_s
-
-
-def _read(codec: Codec, direction: Direction, data: bytes) -> list[Find]:
-    framer = Framer(codec, direction)
-    return [*framer.feed(data), *framer.flush()]
+        if place < len(heard.data):
+            return heard.ended
+        place -= len(heard.data)
+    return together[-1].ended
 
 
 def _once(finds: list[Find]) -> list[Find]:

@@ -38,19 +38,17 @@ class LivePartner:
         self._listener = listener
         self._stop = Event()
         self._done = Event()
-        self._thread = Thread(target=self._serve, name="conformance")
         self._script: Script | None = None
         self._failure: CheckFailure | None = None
         self._coming: list[Arriving] = []
+        # It begins at once: some ports want to be talked to before a master can open them.
+        self._thread = Thread(target=self._serve, name="conformance")
+        self._thread.start()
 
     @property
     def address(self) -> str:
         """The port that a master opens."""
         return self._listener.address
-
-    def start(self) -> None:
-        """Let a master open the port: some ports want to be talked to for that."""
-        self._thread.start()
 
     def begin(self, reply_time_s: float) -> None:
         """Play from now on."""
@@ -88,12 +86,14 @@ class LivePartner:
 
     def _play(self, script: Script, came: bytes) -> None:
         while not self._stop.is_set():
-            self._send_what_is_due()
+            while self._coming and self._coming[0].begins <= time.monotonic():
+                self._listener.send(self._coming.pop(0).data)
             expected = script.expected()
             if not expected and not self._coming:
                 self._done.set()
             if not came or (len(came) < len(expected) and expected.startswith(came)):
-                came += self._listener.receive(self._patience_s())
+                due_s = self._coming[0].begins - time.monotonic() if self._coming else _TICK_S
+                came += self._listener.receive(max(0.0, min(_TICK_S, due_s)))
                 continue
             length = len(expected) or len(came)
             try:
@@ -104,15 +104,6 @@ class LivePartner:
                 return
             came = came[length:]
 
-    def _send_what_is_due(self) -> None:
-        while self._coming and self._coming[0].begins <= time.monotonic():
-            self._listener.send(self._coming.pop(0).data)
-
-    def _patience_s(self) -> float:
-        if not self._coming:
-            return _TICK_S
-        return max(0.0, min(_TICK_S, self._coming[0].begins - time.monotonic()))
-
 
 @contextmanager
 def live_partner(kind: PortKind, vector: ExchangeVector) -> Iterator[LivePartner]:
@@ -122,7 +113,6 @@ def live_partner(kind: PortKind, vector: ExchangeVector) -> Iterator[LivePartner
         listener = parse_listen(place)
         listener.open()
         partner = LivePartner(vector, listener)
-        partner.start()
         try:
             yield partner
         finally:

@@ -5,16 +5,20 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from threading import RLock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
+from drivecomm.errors import DriveCommError
 from drivecomm.link import fields_text
 from drivecomm.protocol import Framed, Telegram
 from drivecomm.virtual import DriveProxy
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.protocol import Damaged, Message, Protocol, VirtualDrive, VirtualReply
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 MOST_KEPT = 50_000
 """How many telegrams are kept; a test of a million exchanges must not fill the memory with them."""
@@ -46,37 +50,23 @@ class Received:
 class Record:
     """What one drive has heard; of all, the last 50 000 are kept.
 
-    alone: held by whoever works with the drive, so that it can be looked at while another thread serves it.
+    received: the sound telegrams that were for it, broadcasts included. damaged: what had the shape of a telegram and
+    was none, whoever it was meant for. alone: held by whoever works with the drive, so that it can be looked at while
+    another thread serves it.
     """
 
     def __init__(self) -> None:
         self.alone = RLock()
-        self._received: deque[Received] = deque(maxlen=MOST_KEPT)
-        self._damaged: deque[Damaged] = deque(maxlen=MOST_KEPT)
+        self.received: deque[Received] = deque(maxlen=MOST_KEPT)
+        self.damaged: deque[Damaged] = deque(maxlen=MOST_KEPT)
 
-    def add(self, find: Received | Damaged) -> None:
-        """Write down a telegram that was for the drive, or one that was damaged."""
-        with self.alone:
-            if isinstance(find, Received):
-                self._received.append(find)
-            else:
-                self._damaged.append(find)
 
-    def received(self) -> tuple[Received, ...]:
-        """Return the sound telegrams that were for the drive, broadcasts included."""
-        with self.alone:
-            return tuple(self._received)
+def _alone(act: Callable[Concatenate[RecordingDrive, P], T]) -> Callable[Concatenate[RecordingDrive, P], T]:
+    def act_alone(drive: RecordingDrive, /, *arguments: P.args, **options: P.kwargs) -> T:
+        with drive.record.alone:
+            return act(drive, *arguments, **options)
 
-    def damaged(self) -> tuple[Damaged, ...]:
-        """Return what had the shape of a telegram and was none, whoever it was meant for."""
-        with self.alone:
-            return tuple(self._damaged)
-
-    def forget(self) -> None:
-        """Forget all of it."""
-        with self.alone:
-            self._received.clear()
-            self._damaged.clear()
+    return act_alone
 
 
 class RecordingDrive(DriveProxy):
@@ -85,45 +75,24 @@ class RecordingDrive(DriveProxy):
     def __init__(self, plugin: Protocol, drive: VirtualDrive, record: Record) -> None:
         super().__init__(drive)
         self._plugin = plugin
-        self._record = record
-        self._alone = record.alone
+        self.record = record
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Write down what is for the drive, and let it act."""
-        with self._alone:
+        with self.record.alone:
             if not isinstance(find, Framed):
-                self._record.add(find)
+                self.record.damaged.append(find)
             elif self._is_meant(find.message):
-                telegram = Telegram(
-                    protocol=self._plugin.name, direction="request", data=find.data, message=find.message
-                )
-                self._record.add(Received(time_s=now, telegram=telegram))
+                name, message = self._plugin.name, find.message
+                telegram = Telegram(protocol=name, direction="request", data=find.data, message=message)
+                self.record.received.append(Received(time_s=now, telegram=telegram))
             return super().hear(find, now)
 
-    def peek(self, parameter: str, now: float) -> int | str:
-        """Return what it holds. Raises ParameterAddressError."""
-        with self._alone:
-            return super().peek(parameter, now)
-
-    def poke(self, parameter: str, raw: int | str) -> None:
-        """Set what it holds. Raises ParameterAddressError."""
-        with self._alone:
-            super().poke(parameter, raw)
-
-    def trip(self, code: int, now: float) -> None:
-        """Make it trip."""
-        with self._alone:
-            super().trip(code, now)
-
-    def power_cycle(self, now: float) -> None:
-        """Switch its mains off and on, if it forgets anything by that."""
-        with self._alone:
-            super().power_cycle(now)
-
-    def follow(self, now: float) -> None:
-        """Let it do what it does by itself."""
-        with self._alone:
-            super().follow(now)
+    peek = _alone(DriveProxy.peek)
+    poke = _alone(DriveProxy.poke)
+    trip = _alone(DriveProxy.trip)
+    power_cycle = _alone(DriveProxy.power_cycle)
+    follow = _alone(DriveProxy.follow)
 
     def _is_meant(self, message: Message) -> bool:
         if getattr(message, "broadcast", False) is True:
@@ -176,3 +145,29 @@ def _differing(received: Received, wanted: Mapping[str, Any]) -> list[str]:
         # A field that is a tuple or a decimal in Python is a list or a text where it is written down; both will do.
         if fields.get(name, _ABSENT) != value and (name not in fields or getattr(message, name, _ABSENT) != value)
     ]
+
+
+def held_form(another: VirtualDrive, parameter: str, raw: int | str) -> int | str:
+    """Return what a drive shows that holds this raw value; the value itself where that cannot be tried out.
+
+    A VABus drive holds eight hexadecimal characters, and the raw number is 1000: so another drive of the same sort is
+    set to 1000 and shows what it then holds. It cannot be tried where the drive refuses the value, and where it does
+    not heed it: what it measures cannot be set.
+    """
+
+    def after(value: int | str) -> int | str | None:
+        try:
+            another.poke(parameter, value)
+            return another.peek(parameter, 0.0)
+        except (DriveCommError, ValueError):
+            return None
+
+    before = another.peek(parameter, 0.0)
+    shown = after(raw)
+    if shown is None:
+        return raw
+    if shown != before:
+        return shown
+    # It held this before, or it does not heed what it is set to.
+    others = (after(raw + step) for step in (1, -1)) if isinstance(raw, int) else ()
+    return shown if any(other not in (None, shown) for other in others) else raw

@@ -6,10 +6,10 @@ No I/O, no clock: the time is told.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, TypeVar
 
 from drivecomm.errors import ReplyError
-from drivecomm.protocol import Ask, answered
+from drivecomm.protocol import Ask, LineSettings, answered
 from drivecomm.testing.checking import CheckFailure, shown
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Exchange, Message, Tell
     from drivecomm.testing.exchange_vectors import WireStep
+
 
 T = TypeVar("T")
 
@@ -159,3 +160,95 @@ def play(exchange: Exchange[T], script: Iterable[Expectation]) -> T:
     if (left := next(steps, None)) is not None:
         raise ScriptError(f"the exchange is over, and the script goes on with {left[0]}")
     return result
+
+
+class _Character(NamedTuple):
+    ends: float
+    byte: int
+    echo: bool = False
+
+
+class ScriptedPort:
+    """The master's end of a line on which a script is played.
+
+    echo: it hears what it sends. in_lumps: bytes are handed over when the last one of a telegram is there, as by an
+    adapter that collects them. The script is given before the first byte is sent.
+    """
+
+    paced = True
+    real_time = False
+    descriptor = None
+
+    def __init__(self, *, echo: bool = False, in_lumps: bool = False) -> None:
+        self._script: Script | None = None
+        self._echo = echo
+        self._in_lumps = in_lumps
+        self._settings = LineSettings()
+        self._time = 0.0
+        self._sending_until = 0.0
+        self._coming: list[_Character] = []
+
+    def follow(self, steps: Sequence[WireStep], reply_time_s: float) -> None:
+        """Play these steps from now on, as a `Script`."""
+        self._script = Script(steps, reply_time_s=reply_time_s, wire_s=self._wire_s)
+        self._come(self._script.begin(self._time))
+
+    def over(self) -> None:
+        """Judge the end; what has come or is still to come was not read. Raises CheckFailure."""
+        if self._script is not None:
+            unread = bytes(character.byte for character in self._coming if not character.echo)
+            self._script.over(self._time, unread)
+
+    def now(self) -> float:
+        """Return the time in seconds since the beginning."""
+        return self._time
+
+    def wall_time(self) -> float:
+        """Return the same time."""
+        return self._time
+
+    def configure(self, settings: LineSettings) -> str:
+        """Set the line settings, by which characters take their time."""
+        self._settings = settings
+        return ""
+
+    def write(self, data: bytes) -> None:
+        """Let the script judge what is sent, and answer it. Raises CheckFailure for anything that is not in it."""
+        began = max(self._time, self._sending_until)
+        self._sending_until = began + self._wire_s(len(data))
+        if self._echo:
+            self._coming += [_Character(began + self._wire_s(place), byte, True) for place, byte in enumerate(data, 1)]
+        if self._script is not None:
+            self._come(self._script.sent(data, began))
+
+    def read(self, until: float, at_least: int) -> bytes:
+        """Let time pass until this many bytes have come, or until then."""
+        wanted = max(1, at_least)
+        ready = self._coming[wanted - 1].ends if len(self._coming) >= wanted else until
+        self._time = max(self._time, min(ready, until))
+        return self.take()
+
+    def take(self) -> bytes:
+        """Return what has come by now."""
+        came = [character.byte for character in self._coming if character.ends <= self._time]
+        self._coming = self._coming[len(came) :]
+        return bytes(came)
+
+    def hold_back(self, at_least: int) -> None:
+        """Nothing to hold back: there is no descriptor."""
+
+    def wait(self, until: float) -> None:
+        """Let time pass."""
+        self._time = max(self._time, until)
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+    def _wire_s(self, characters: float) -> float:
+        return self._settings.wire_s(characters)
+
+    def _come(self, arriving: list[Arriving]) -> None:
+        for each in arriving:
+            for number, byte in enumerate(each.data, 1):
+                ends = each.ends if self._in_lumps else each.begins + self._wire_s(number)
+                self._coming.append(_Character(ends, byte))

@@ -17,7 +17,7 @@ encoder takes it together with the others.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from hypothesis import strategies as st
 
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
     from drivecomm.plant import Fault
     from drivecomm.protocol import Codec, Direction, Message, Protocol
+
+    _Accepts: TypeAlias = Callable[[Mapping[str, Any]], bool]
 
 __all__ = [
     "VerbCall",
@@ -114,16 +116,10 @@ def junk_fields(protocol: Protocol | str, direction: Direction) -> Any:
         vector.fields for vector in packaged_vectors(plugin).vectors if vector.fields and vector.direction == direction
     ]
     names = sorted({name for fields in entries for name in fields})
+    numbers = st.integers(-3, 300), st.integers(-(1 << 40), 1 << 40), st.floats()
     anything = st.one_of(
-        st.none(),
-        st.booleans(),
-        st.integers(-3, 300),
-        st.integers(-(1 << 40), 1 << 40),
-        st.floats(),
-        st.text(max_size=8),
-        st.text(min_size=90, max_size=300),
-        st.binary(max_size=4),
-        st.decimals(),
+        *(st.none(), st.booleans(), *numbers, st.text(max_size=8), st.text(min_size=90, max_size=300)),
+        *(st.binary(max_size=4), st.decimals()),
         st.lists(st.integers(-2, 300) | st.text(max_size=2), max_size=4),
         st.dictionaries(st.text(max_size=2), st.integers(), max_size=2),
         st.sampled_from(sorted({str(value) for fields in entries for value in fields.values()})),
@@ -173,7 +169,12 @@ def _fields(plugin: Protocol, direction: Direction) -> SearchStrategy[dict[str, 
         for vector in packaged_vectors(plugin).vectors
         if vector.valid and vector.direction == direction and accepts(vector.fields)
     ]
-    return st.one_of([_mutated(base, shapes, accepts) for base in shapes])
+    return st.one_of(
+        [
+            _mutations(base, {name: _values(name, base, shapes, accepts) for name in base if name != "kind"}, accepts)
+            for base in shapes
+        ]
+    )
 
 
 def _damaged(data: bytes) -> SearchStrategy[bytes]:
@@ -189,10 +190,7 @@ def _damaged(data: bytes) -> SearchStrategy[bytes]:
 
 @st.composite
 def _mutations(
-    draw: DrawFn,
-    base: dict[str, Any],
-    values: Mapping[str, SearchStrategy[Any]],
-    accepts: Callable[[Mapping[str, Any]], bool],
+    draw: DrawFn, base: dict[str, Any], values: Mapping[str, SearchStrategy[Any]], accepts: _Accepts
 ) -> dict[str, Any]:
     """Draw new values for some fields, one after the other; each stays if the encoder takes it."""
     fields = dict(base)
@@ -204,18 +202,8 @@ def _mutations(
     return fields
 
 
-def _mutated(
-    base: dict[str, Any], shapes: Sequence[Mapping[str, Any]], accepts: Callable[[Mapping[str, Any]], bool]
-) -> SearchStrategy[dict[str, Any]]:
-    values = {name: _values(name, base, shapes, accepts) for name in base if name != "kind"}
-    return _mutations(base, values, accepts)
-
-
 def _values(
-    name: str,
-    fields: dict[str, Any],
-    shapes: Sequence[Mapping[str, Any]],
-    accepts: Callable[[Mapping[str, Any]], bool],
+    name: str, fields: dict[str, Any], shapes: Sequence[Mapping[str, Any]], accepts: _Accepts
 ) -> SearchStrategy[Any]:
     value = fields[name]
     seen = st.sampled_from([shape[name] for shape in shapes if name in shape])

@@ -111,8 +111,7 @@ def load_vectors(path: str | Path, *, protocol: str | None = None) -> VectorFile
 
     Raises FileFormatError that names the file, the entry and what is wrong with it.
     """
-    place = Path(path)
-    return _read(place, place.name, str(place), protocol)
+    return _read(Path(path), str(path), protocol)
 
 
 def packaged_vectors(plugin: Protocol) -> VectorFile:
@@ -125,11 +124,10 @@ def packaged_vectors(plugin: Protocol) -> VectorFile:
 
 @lru_cache
 def _packaged(package: str, protocol: str) -> VectorFile:
-    name = "vectors.toml"
-    return _read(resources.files(package) / name, name, f"{package}/{name}", protocol)
+    return _read(resources.files(package) / "vectors.toml", f"{package}/vectors.toml", protocol)
 
 
-def _read(place: Path | Traversable, name: str, shown: str, protocol: str | None) -> VectorFile:
+def _read(place: Path | Traversable, shown: str, protocol: str | None) -> VectorFile:
     top = read_toml(place, "a vector file", shown=shown)
     if type(top.content.get("format")) is not int or top.content["format"] != FORMAT:
         raise top.error(f"a vector file begins with format = {FORMAT}", "format")
@@ -140,16 +138,9 @@ def _read(place: Path | Traversable, name: str, shown: str, protocol: str | None
         raise top.error(f"holds vectors of {given['protocol']!r}, not of {protocol!r}", "protocol")
     seen: set[str] = set()
     read: dict[str, tuple[Any, ...]] = {}
-    for kind, reader in _READERS.items():
-        read[kind] = tuple(reader(_with_id(table, kind, seen)) for table in top.tables(kind))
-    return VectorFile(
-        name=name,
-        protocol=given["protocol"],
-        vectors=read["vector"],
-        streams=read["stream"],
-        refusals=read["refuse"],
-        exchanges=read["exchange"],
-    )
+    for kind, (attribute, reader) in _READERS.items():
+        read[attribute] = tuple(reader(_with_id(table, kind, seen)) for table in top.tables(kind))
+    return VectorFile(name=place.name, protocol=given["protocol"], **read)
 
 
 def _with_id(table: Table, kind: str, seen: set[str]) -> Table:
@@ -164,30 +155,13 @@ def _with_id(table: Table, kind: str, seen: set[str]) -> Table:
 
 
 _VECTOR = {
-    **dict.fromkeys(
-        (
-            "id",
-            "source",
-            "direction",
-            "hex",
-            "answers_to",
-            "mismatch",
-            "error",
-            "reason",
-            "ascii",
-            "printed_words",
-            "note",
-        ),
-        TEXT,
-    ),
+    **dict.fromkeys(("id", "source", "direction", "hex", "answers_to", "mismatch", "error", "reason"), TEXT),
+    **dict.fromkeys(("ascii", "printed_words", "note"), TEXT),
     **dict.fromkeys(("valid", "printed", "canonical", "reply_expected", "answers"), CHOICE),
     **dict.fromkeys(("options", "fields", "meaning"), TABLE),
 }
 _STREAM = {**dict.fromkeys(("id", "direction", "hex", "source", "note"), TEXT), "frames": LIST, "options": TABLE}
-_REFUSE = {
-    **dict.fromkeys(("id", "direction", "reason", "source", "note"), TEXT),
-    **dict.fromkeys(("fields", "options"), TABLE),
-}
+_REFUSE = {**dict.fromkeys(("id", "direction", "reason", "source", "note"), TEXT), "fields": TABLE, "options": TABLE}
 _DIRECTIONS = ("request", "reply")
 
 
@@ -195,7 +169,7 @@ def _vector(table: Table) -> Vector:
     valid = table.content.get("valid") is not False
     needed = ["id", "source", "direction", "hex", "valid", "fields" if valid else "error"]
     entry = Entry(table, _VECTOR, *needed, *(["answers"] if "answers_to" in table.content else []))
-    given, direction = dict(entry.given), entry.choice("direction", _DIRECTIONS)
+    given, direction = entry.given, entry.choice("direction", _DIRECTIONS)
     entry.only("a valid telegram", "error", allowed=not valid)
     entry.only("a refused telegram", "fields", "meaning", "canonical", "answers_to", allowed=valid)
     entry.only("a reply", "reply_expected", allowed=direction == "request")
@@ -208,16 +182,13 @@ def _vector(table: Table) -> Vector:
         entry.choice("error", CATEGORIES)
     if "answers_to" in given:
         given["answers_to"] = entry.data("answers_to")
-    del given["hex"]
     return Vector(data=entry.data("hex"), **given)
 
 
 def _stream(table: Table) -> Stream:
     entry = Entry(table, _STREAM, "id", "direction", "hex", "frames")
     entry.choice("direction", _DIRECTIONS)
-    given = dict(entry.given)
-    del given["hex"]
-    return Stream(data=entry.data("hex"), **{**given, "frames": entry.data_list("frames")})
+    return Stream(data=entry.data("hex"), frames=entry.data_list("frames"), **entry.given)
 
 
 def _refuse(table: Table) -> Refuse:
@@ -226,9 +197,9 @@ def _refuse(table: Table) -> Refuse:
     return Refuse(**entry.given)
 
 
-_READERS: dict[str, Callable[[Table], Any]] = {
-    "vector": _vector,
-    "stream": _stream,
-    "refuse": _refuse,
-    "exchange": read_exchange,
+_READERS: dict[str, tuple[str, Callable[[Table], Any]]] = {
+    "vector": ("vectors", _vector),
+    "stream": ("streams", _stream),
+    "refuse": ("refusals", _refuse),
+    "exchange": ("exchanges", read_exchange),
 }

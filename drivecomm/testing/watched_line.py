@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+import time
 from functools import cached_property
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.testing.recording import closest, in_words, listing, matches
+from drivecomm.errors import UsageError
+from drivecomm.testing.recording import closest, held_form, in_words, listing, matches
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from drivecomm.plant import FaultPlan
     from drivecomm.protocol import Damaged, Motor, VirtualDrive
     from drivecomm.testing.line_trace import LineTrace
     from drivecomm.testing.recording import Received, Record
-    from drivecomm.testing.sites import Site
-    from drivecomm.virtual import VirtualLine, VirtualPort
+    from drivecomm.virtual import PlantServer, Server, VirtualLine
 
 WITHIN_S = 1.0
 """How long an assertion waits, in the time of the line: another program's telegram may still be on its way."""
@@ -35,33 +35,48 @@ class WatchedLine:
     it is a path or a URL for any program, and time is real. drives: the drives, in the order in which they were named.
     """
 
-    def __init__(self, site: Site, drives: Mapping[str, WatchedDrive], trace: LineTrace, faults: FaultPlan) -> None:
-        self.faults = faults
-        self.drives = tuple(drives.values())
-        self._site = site
-        self._drives = dict(drives)
+    def __init__(
+        self,
+        line: VirtualLine,
+        drives: Iterable[WatchedDrive],
+        trace: LineTrace,
+        served: tuple[ServingThread, str] | None = None,
+    ) -> None:
+        self.faults = line.faults
+        self.drives = tuple(drives)
+        self._line = line
+        self._drives = {drive.name: drive for drive in self.drives}
         self._trace = trace
+        self._thread = served[0] if served else None
+        self._address = served[1] if served else ""
         for drive in self.drives:
             drive.line = self
 
     @property
     def port(self) -> Any:
         """What a master opens: a path, a URL, or what `open_bus` calls to open a port."""
-        port: str | Callable[[], VirtualPort] = self._site.port
-        return port
+        return self._address or self._line.port
 
     @property
     def virtual(self) -> VirtualLine:
         """The virtual line itself. Raises UsageError when it is served in real time."""
-        return self._site.virtual
+        if self._thread is not None:
+            raise UsageError(
+                f"the line at {self.port} is served in real time; make it without listen= for a VirtualLine"
+            )
+        return self._line
 
     def now(self) -> float:
         """Return the time on the line's clock, in seconds; it begins with 0."""
-        return self._site.now()
+        return self._line.time if self._thread is None else self._thread.server.now()
 
     def advance(self, seconds: float) -> None:
         """Let time pass: at once in virtual time, by waiting in real time."""
-        self._site.passes(seconds)
+        if self._thread is None:
+            self._line.advance(seconds)
+        else:
+            self._thread.check()
+            time.sleep(seconds)
 
     def call_at(self, time_s: float, action: Callable[[], None]) -> None:
         """Do something at a time of the line's clock, in the middle of an exchange perhaps; at once if it is past.
@@ -104,7 +119,8 @@ class WatchedLine:
 
     def close(self) -> None:
         """Stop serving; what was received can still be looked at. The end of the test does it anyway."""
-        self._site.close()
+        if self._thread is not None:
+            self._thread.close()
 
     def __repr__(self) -> str:
         return f"<WatchedLine {', '.join(self._drives)}>"
@@ -123,7 +139,7 @@ class WatchedDrive:
         self.name = name
         self._drive = drive
         self._record = record
-        self._forms = HeldForms(another)
+        self._make_another = another
 
     @property
     def port(self) -> Any:
@@ -135,16 +151,20 @@ class WatchedDrive:
     @property
     def received(self) -> tuple[Received, ...]:
         """The sound telegrams that were for it, broadcasts included, in their order."""
-        return self._record.received()
+        with self._record.alone:
+            return tuple(self._record.received)
 
     @property
     def damaged(self) -> tuple[Damaged, ...]:
         """What it heard that had the shape of a telegram and was none, whoever it was for."""
-        return self._record.damaged()
+        with self._record.alone:
+            return tuple(self._record.damaged)
 
     def forget_received(self) -> None:
         """Forget what was received so far."""
-        self._record.forget()
+        with self._record.alone:
+            self._record.received.clear()
+            self._record.damaged.clear()
 
     def received_with(self, **fields: Any) -> tuple[Received, ...]:
         """Return those telegrams that have these fields, `kind` among them, with these values."""
@@ -159,11 +179,8 @@ class WatchedDrive:
         needed = 1 if times is None else times
         self.line.comes_about(lambda: len(self.received_with(**fields)) >= needed, within_s)
         found = self.received_with(**fields)
-        if times is None and found:
-            return
-        if times is not None and len(found) == times:
-            return
-        raise AssertionError(self._reason(fields, found, times))
+        if not found if times is None else len(found) != times:
+            raise AssertionError(self._reason(fields, found, times))
 
     def assert_nothing_received(self, *, for_s: float = SILENT_S, **fields: Any) -> None:
         """Fail if it received anything, or anything with these fields, by now and within this time of the line."""
@@ -178,13 +195,11 @@ class WatchedDrive:
         received = self.received
         if found:
             return f"{said}:\n{listing(found)}"
-        if not received:
-            damaged = len(self.damaged)
-            rest = f", but it heard {damaged} damaged ones" if damaged else ", nor anything else"
-            return said + rest
-        return (
-            f"{said}\nclosest: {closest(received, fields)}\nall {len(received)} that it received:\n{listing(received)}"
-        )
+        if received:
+            everything = f"all {len(received)} that it received:\n{listing(received)}"
+            return f"{said}\nclosest: {closest(received, fields)}\n{everything}"
+        damaged = len(self.damaged)
+        return said + (f", but it heard {damaged} damaged ones" if damaged else ", nor anything else")
 
     # What it holds
 
@@ -203,10 +218,14 @@ class WatchedDrive:
         __tracebackhide__ = True
         if self.holds(parameter) == raw:
             return
-        form = self._forms.of(parameter, raw)
+        form = held_form(self._another, parameter, raw)
         if not self.line.comes_about(lambda: self.holds(parameter) in (raw, form), within_s):
             shown = "" if form == raw else f" ({form!r})"
             raise AssertionError(f"{self.name} holds {self.holds(parameter)!r} in {parameter}, and not {raw!r}{shown}")
+
+    @cached_property
+    def _another(self) -> VirtualDrive:
+        return self._make_another()
 
     # What happens to it
 
@@ -235,45 +254,33 @@ class WatchedDrive:
         return f"<WatchedDrive {self.name}>"
 
 
-class HeldForms:
-    """What a raw number looks like in a drive.
+class ServingThread:
+    """Serves from the beginning until it is closed. Raises PortError when a port cannot be had."""
 
-    A VABus drive holds eight hexadecimal characters, and the raw number is 1000: so another drive of the same sort is
-    set to 1000 and shows what it then holds. another: makes such a drive.
-    """
+    def __init__(self, server: Server | PlantServer) -> None:
+        self.server = server
+        self._stop = Event()
+        self._error: BaseException | None = None
+        server.__enter__()
+        self._thread = Thread(target=self._serve, name="drivecomm virtual line", daemon=True)
+        self._thread.start()
 
-    def __init__(self, another: Callable[[], VirtualDrive]) -> None:
-        self._make = another
-        self._known: dict[tuple[str, int | str], int | str] = {}
+    def check(self) -> None:
+        """Raise RuntimeError when serving has come to an end by an error."""
+        if self._error is not None:
+            raise RuntimeError(f"the virtual line is not served any more: {self._error!r}") from self._error
 
-    def of(self, parameter: str, raw: int | str) -> int | str:
-        """Return what a drive shows that holds this; the raw value itself where that cannot be tried out.
+    def close(self) -> None:
+        """End the thread and close the ports; raise the error that ended serving before. May be called again."""
+        self._stop.set()
+        self._thread.join()
+        self.server.__exit__(None, None, None)
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
 
-        It cannot where the drive refuses the value, and where it does not heed it: what it measures cannot be set.
-        """
-        if (parameter, raw) not in self._known:
-            self._known[parameter, raw] = self._tried(parameter, raw)
-        return self._known[parameter, raw]
-
-    @cached_property
-    def _another(self) -> VirtualDrive:
-        return self._make()
-
-    def _tried(self, parameter: str, raw: int | str) -> int | str:
-        before = self._another.peek(parameter, 0.0)
-        shown = self._after(parameter, raw)
-        if shown is None:
-            return raw
-        if shown != before:
-            return shown
-        # It held this before, or it does not heed what it is set to.
-        others = (self._after(parameter, raw + step) for step in (1, -1)) if isinstance(raw, int) else ()
-        return shown if any(other not in (None, shown) for other in others) else raw
-
-    def _after(self, parameter: str, raw: int | str) -> int | str | None:
-        """Return what the other drive shows after it was set to this, None when it does not take it."""
+    def _serve(self) -> None:
         try:
-            self._another.poke(parameter, raw)
-            return self._another.peek(parameter, 0.0)
-        except (DriveCommError, ValueError):
-            return None
+            self.server.run(self._stop)
+        except BaseException as error:  # noqa: BLE001 - told to the test, whose thread is another one
+            self._error = error

@@ -11,7 +11,6 @@ from drivecomm.protocol.schema import Emission, Form, Leaf, constant, hex_number
 from drivecomm.testing import (
     Check,
     CheckFailure,
-    NamedForm,
     Refuse,
     Report,
     Stream,
@@ -323,18 +322,18 @@ def test_a_schema_that_reads_two_things():
     said = undecided("{} + 1", "{}")
     form = Form(Ack, "address" / Leaf(1, lambda data: data[0], lambda value: bytes([value]), emission=said))
     with pytest.raises(CheckFailure, match=r"as Ack\(address=66\) compiled and as Ack\(address=65\) interpreted"):
-        same_both_ways(NamedForm("form", form), b"A")
+        same_both_ways("form", form, b"A")
 
 
 def test_a_schema_that_writes_two_things():
     said = undecided("{}", "{} + 1")
     form = Form(Ack, "address" / Leaf(1, lambda data: data[0], lambda value: bytes([value]), emission=said))
     with pytest.raises(CheckFailure, match=r"writes .* as b'B' compiled and as b'A' interpreted"):
-        same_both_ways(NamedForm("form", form), b"A")
+        same_both_ways("form", form, b"A")
 
 
 def test_a_schema_that_reads_and_writes_one_thing():
-    assert same_both_ways(NamedForm("form", Form(Ack, constant(b"A"), "address" / hex_number(2))), b"A0F") is None
+    assert same_both_ways("form", Form(Ack, constant(b"A"), "address" / hex_number(2)), b"A0F") is None
 
 
 def test_a_report_about_nothing_is_not_good():

@@ -15,7 +15,7 @@ from drivecomm.testing import (
     packaged_vectors,
 )
 from drivecomm.testing.checking import registered
-from drivecomm.testing.checks import exchanges, live
+from drivecomm.testing.checks import exchanges
 
 VABUS = installed["vabus"]
 ENQUIRY = bytes.fromhex("04 41 30 30 34 38 31 05")
@@ -198,10 +198,10 @@ def test_an_address_that_is_not_looked_at_is_found_by_what_another_drive_says(in
 
 
 LIVE = [
-    live.goes_as_written_over_a_terminal,
-    live.goes_as_written_over_a_terminal_awaited,
-    live.goes_as_written_over_a_socket,
-    live.goes_as_written_in_a_thread,
+    exchanges.goes_as_written_over_a_terminal,
+    exchanges.goes_as_written_over_a_terminal_awaited,
+    exchanges.goes_as_written_over_a_socket,
+    exchanges.goes_as_written_in_a_thread,
 ]
 
 
@@ -215,15 +215,15 @@ def test_in_real_time_what_deviates_is_noticed(name):
     vector, why = WRONG[name]
     # The reply time is the drive's own here: to a wrong telegram nobody answers.
     with pytest.raises(CheckFailure, match=why):
-        live.play("tcp", call_blocking, VABUS, replace(vector, options={"attempts": 1}))
+        exchanges.play_at_port("tcp", call_blocking, VABUS, replace(vector, options={"attempts": 1}))
 
 
 def test_a_sample_is_of_those_that_take_no_time():
     slow = reading(send(ENQUIRY), SILENCE)
     quick = [replace(SOUND, id=str(number)) for number in range(10)]
-    assert [vector.id for vector in live.sample([slow, *quick], 3)] == ["0", "3", "6"]
-    assert live.sample([slow], 3) == []
-    assert live.sample(quick, 0) == []
+    assert [vector.id for vector in exchanges.sample([slow, *quick], 3)] == ["0", "3", "6"]
+    assert exchanges.sample([slow], 3) == []
+    assert exchanges.sample(quick, 0) == []
 
 
 @pytest.mark.parametrize("name", sorted(installed))

@@ -4,6 +4,7 @@ DRIVECOMM_EXAMPLES sets how many examples of each are tried.
 """
 
 import os
+from copy import copy
 from dataclasses import replace
 from functools import lru_cache
 
@@ -14,7 +15,7 @@ from drivecomm.errors import DriveCommError, FileFormatError
 from drivecomm.protocol import installed
 from drivecomm.testing import CheckFailure, packaged_vectors
 from drivecomm.testing.checking import registered
-from drivecomm.testing.checks.properties import drawn, measures_rising, try_examples
+from drivecomm.testing.checks.properties import Drawn, measures_rising, try_examples
 
 PROPERTIES = [each.function for each in registered("properties")]
 EXAMPLES = int(os.environ.get("DRIVECOMM_EXAMPLES", "25"))
@@ -33,7 +34,7 @@ def _judged():
 # Asking the encoder for the limits of every field takes longer than drawing from them.
 @lru_cache
 def source(name, direction):
-    return drawn(installed[name], direction)
+    return Drawn(installed[name], direction)
 
 
 @pytest.mark.parametrize("holds", PROPERTIES, ids=lambda holds: holds.__name__)
@@ -67,7 +68,8 @@ class Wrong:
 def failing(**methods):
     """Return the properties that a VABus codec with these methods does not have."""
     real = source("vabus", "reply")
-    altered = replace(real, codec=Wrong(real.codec, **methods))
+    altered = copy(real)
+    altered.codec = Wrong(real.codec, **methods)
     broken = set()
     for holds in PROPERTIES:
         try:
@@ -107,6 +109,7 @@ def test_a_length_that_shrinks():
     def measure(head, direction):
         return codec.measure(head, direction) - (len(head) == 3)
 
-    altered = replace(source("vabus", "reply"), codec=Wrong(codec, measure=measure))
+    altered = copy(source("vabus", "reply"))
+    altered.codec = Wrong(codec, measure=measure)
     with pytest.raises(CheckFailure, match="are measured as"):
         try_examples(measures_rising, altered, 60)

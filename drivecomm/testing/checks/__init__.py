@@ -5,25 +5,10 @@ from __future__ import annotations
 from importlib import import_module
 from importlib.util import find_spec
 
-_MODULES = (
-    "contract",
-    "documents",
-    "telegrams",
-    "framing",
-    "schemas",
-    "virtual_drives",
-    "exchanges",
-    "parameters",
-    "motion",
-    "lost_replies",
-    "intents",
-    "guarding",
-    "confusion",
-    "foreign",
-    "live",
-)
-
 HAS_PROPERTIES = find_spec("hypothesis") is not None
 
-for _name in (*_MODULES, "properties") if HAS_PROPERTIES else _MODULES:
+_OF_TELEGRAMS = ("contract", "documents", "telegrams", "schemas", "virtual_drives", "exchanges")
+_OF_DRIVES = ("parameters", "motion", "requests", "guarding", "confusion")
+
+for _name in (*_OF_TELEGRAMS, *_OF_DRIVES, *(["properties"] if HAS_PROPERTIES else [])):
     import_module(f"{__name__}.{_name}")

@@ -1,20 +1,27 @@
-"""Mistaken identity: answers to other questions, answers of other drives, and lines on which much goes wrong."""
+"""Mistaken identity: answers to other questions, of other drives and protocols, and lines on which much goes wrong."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from random import Random
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import DriveCommError, DriveError, ReplyError
+from drivecomm.errors import DriveCommError, DriveError, FileFormatError, ReplyError
 from drivecomm.plant import Fault, FaultPlan
-from drivecomm.protocol import Ask, VirtualReply, fields_of, resolve_options
+from drivecomm.protocol import Ask, Framed, VirtualReply, fields_of, installed, resolve_options
 from drivecomm.testing.bench import bench
-from drivecomm.testing.checking import check, expect, raise_all
+from drivecomm.testing.checking import check, decoded, expect, raise_all, shown
+from drivecomm.testing.checks.telegrams import finds
+from drivecomm.testing.vectors import packaged_vectors
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Framed, Message, Model, Operations, Protocol, Reading
-    from drivecomm.testing.bench import Bench
+    from collections.abc import Callable, Iterator
+
+    from drivecomm.protocol import Message, Model, Operations, Protocol, Reading
+    from drivecomm.testing.bench import Bench, Overheard
+    from drivecomm.testing.vectors import Vector
 
 _PARAMETERS = 24
 _DISTURBED_READS = 200
@@ -25,11 +32,9 @@ class _Asked:
     """A question that one telegram asks, and its answer."""
 
     parameter: str
-    request: bytes
-    reply: bytes
     asks: Message
+    reply: bytes
     answers: Message
-    reading: Reading
 
 
 @check("confusion")
@@ -96,17 +101,23 @@ def a_write_is_not_confirmed_by_another(plugin: Protocol, model: Model) -> None:
         if _is_nameless(operations, info.address, info.start):
             continue
         with bench(plugin, model) as on:
-            mine = _written(on, info.address, info.start)
-            other = _written(on, info.address, info.start + info.factor)
+            write = partial(_write, on, info.address)
+            try:
+                mine = _asked(on, info.address, partial(write, info.start))
+                held = on.drive.read(info.address).raw
+                other = _asked(on, info.address, partial(write, info.start + info.factor))
+                on.drive.read(info.address)
+            except DriveCommError:
+                continue
             if mine is None or other is None or not _names_it(mine, other):
                 continue
             tried += 1
             _answer_with(on, other.reply)
             try:
-                confirmed = _write(on, info.address, info.start)
+                confirmed = write(info.start)
             except DriveCommError:
                 continue
-            if confirmed is None or (confirmed.raw == mine.reading.raw or not confirmed.note):
+            if confirmed is None or confirmed.raw == held or not confirmed.note:
                 wrong.append(f"{info.address} := {info.start} is confirmed by what confirms {info.start + info.factor}")
     raise_all(wrong)
 
@@ -115,7 +126,8 @@ def a_write_is_not_confirmed_by_another(plugin: Protocol, model: Model) -> None:
 def a_disturbed_line_tells_no_lies(plugin: Protocol, model: Model) -> None:
     """On a line where a third of all telegrams is lost, cut, late, doubled or changed, no reading is wrong."""
     with bench(plugin, model) as quiet:
-        steady = [each.parameter for each in _all_asked(quiet, model) if _kept(model, each.parameter)]
+        asked = [each.parameter for each in _all_asked(quiet, model)]
+    steady = [each for each in asked if (info := model.find(each)) is not None and info.access != "r"]
     kinds = (Fault.DROP, Fault.TRUNCATE, Fault.DELAY, Fault.DUPLICATE, Fault.CORRUPT)
     plan = FaultPlan(rate=0.3, seed=17, kinds=kinds, bits=1)
     random = Random(18)  # noqa: S311 - repeatable on purpose
@@ -124,7 +136,11 @@ def a_disturbed_line_tells_no_lies(plugin: Protocol, model: Model) -> None:
         second = on.bus.drive(plugin.name, plugin.addresses[1], model=model, attempts=2)
         for parameter in steady:
             # The neighbour holds something else wherever it can.
-            _poke_otherwise(on, parameter, on.virtual.peek(parameter, 0.0))
+            raw = on.virtual.peek(parameter, 0.0)
+            with suppress(DriveCommError):
+                on.others[0].poke(
+                    parameter, raw + 1 if isinstance(raw, int) else raw[:-1] + ("1" if raw[-1:] != "1" else "2")
+                )
         for _ in range(_DISTURBED_READS):
             parameter = random.choice(steady)
             drive, virtual = random.choice(((on.drive, on.virtual), (second, on.others[0])))
@@ -149,73 +165,122 @@ def _is_nameless(operations: Operations, parameter: str, value: Any) -> bool:
     return False
 
 
-def _kept(model: Model, parameter: str) -> bool:
-    info = model.find(parameter)
-    return info is not None and info.access != "r"
-
-
-def _poke_otherwise(on: Bench, parameter: str, raw: int | str) -> None:
-    other = raw + 1 if isinstance(raw, int) else raw[:-1] + ("1" if raw[-1:] != "1" else "2")
-    try:
-        on.others[0].poke(parameter, other)
-    except DriveCommError:
-        return
-
-
 def _all_asked(on: Bench, model: Model) -> list[_Asked]:
     """Read all parameters; return those that one telegram asks for and that are answered."""
     asked = []
     for info in model.parameters.values():
-        on.virtual.heard.clear()
-        on.virtual.said.clear()
-        try:
-            reading = on.drive.read(info.address)
-        except DriveCommError:
-            continue
-        if (one := _asked(on, info.address, reading)) is not None:
-            asked.append(one)
-    return asked
+        with suppress(DriveCommError):
+            asked.append(_asked(on, info.address, partial(on.drive.read, info.address)))
+    return [each for each in asked if each is not None]
 
 
-def _asked(on: Bench, parameter: str, reading: Reading) -> _Asked | None:
+def _asked(on: Bench, parameter: str, call: Callable[[], object]) -> _Asked | None:
+    """Return what this call asks and what is answered, None where it takes more than one telegram."""
+    on.virtual.heard.clear()
+    on.virtual.said.clear()
+    call()
     pairs = [(find, said) for find, said in zip(on.virtual.heard, on.virtual.said, strict=True) if said is not None]
     if len(pairs) != 1:
         return None
     find, said = pairs[0]
-    codec = on.drive.party.codec
-    return _Asked(parameter, find.data, said.data, find.message, codec.decode(said.data, "reply"), reading)
-
-
-def _written(on: Bench, parameter: str, value: Any) -> _Asked | None:
-    on.virtual.heard.clear()
-    on.virtual.said.clear()
-    try:
-        _write(on, parameter, value)
-        pairs = [(find, said) for find, said in zip(on.virtual.heard, on.virtual.said, strict=True) if said is not None]
-        reading = on.drive.read(parameter)
-    except DriveCommError:
-        return None
-    if len(pairs) != 1:
-        return None
-    find, said = pairs[0]
-    answers = on.drive.party.codec.decode(said.data, "reply")
-    return _Asked(parameter, find.data, said.data, find.message, answers, reading)
+    return _Asked(parameter, find.message, said.data, on.drive.party.codec.decode(said.data, "reply"))
 
 
 def _write(on: Bench, parameter: str, value: Any) -> Reading | None:
-    able = on.drive.capabilities
     try:
         return on.drive.write(parameter, value)
     except DriveCommError:
-        if not able.stored_writes:
+        if not on.drive.capabilities.stored_writes:
             raise
         return on.drive.write(parameter, value, store=True)
 
 
 def _answer_with(on: Bench, data: bytes) -> None:
     """Let all that the drive answers be this instead."""
+    on.virtual.between = lambda _, reply: reply and VirtualReply(data=data, delay_s=reply.delay_s)
 
-    def between(_: Framed, reply: VirtualReply | None) -> VirtualReply | None:
-        return None if reply is None else VirtualReply(data=data, delay_s=reply.delay_s)
 
-    on.virtual.between = between
+_READS = 60
+
+
+@check("foreign traffic")
+def is_not_believed(plugin: Protocol, other: Protocol) -> None:
+    """No telegram of another protocol is the answer to any of this one's own requests."""
+    codec = plugin.codec(plugin.options())
+    requests = [
+        codec.decode(vector.data, "request")
+        for vector in _own(plugin)
+        if vector.direction == "request" and not vector.options
+    ]
+    wrong = []
+    for vector in _own(other):
+        reply = decoded(codec, vector.data, "reply")
+        if reply is None:
+            continue
+        believed = next((request for request in requests if not plugin.mismatch(request, reply)), None)
+        if believed is not None:
+            wrong.append(f"{shown(vector.data)} of {other.name} ({vector.id}) is taken for the answer to {believed}")
+    raise_all(wrong)
+
+
+@check("foreign traffic")
+def is_not_answered(plugin: Protocol, other: Protocol) -> None:
+    """No virtual drive answers a telegram of another protocol, or begins to turn its motor because of it."""
+    wrong = []
+    for address in (plugin.addresses[0], plugin.addresses[1], plugin.addresses[-1]):
+        with bench(plugin, addresses=(address,)) as on:
+            wrong += [
+                f"drive {address} answers {shown(vector.data)} of {other.name} ({vector.id})"
+                for vector in _own(other)
+                if _answers(on.virtual, vector.data)
+            ]
+            if on.virtual.motor.running:
+                wrong.append(f"the motor of drive {address} runs after telegrams of {other.name}")
+    raise_all(wrong)
+
+
+def _answers(drive: Overheard, data: bytes) -> bool:
+    answers = [drive.hear(find, 1.0) for find in finds(drive.codec, "request", [data]) if isinstance(find, Framed)]
+    return any(answer is not None for answer in answers)
+
+
+@check("foreign traffic")
+def does_not_spoil_a_reading(plugin: Protocol, other: Protocol) -> None:
+    """With telegrams of another protocol on the line before, during and after each request, no reading is wrong."""
+    good = 0
+    own = _own(other)
+    foreign = [vector.data for vector in own[:: max(1, len(own) // _READS)]]
+    with bench(plugin) as on:
+        parameters = [info.address for info in (on.drive.model.parameters.values() if on.drive.model else ())]
+        for number, data in enumerate(foreign):
+            parameter = parameters[number % len(parameters)]
+            # Before the request, while it is on its way, and where its answer is expected.
+            on.line.call_at(on.line.time + (0.0, 0.002, 0.02)[number % 3], lambda data=data: on.line.inject(data))  # type: ignore[misc]
+            try:
+                reading = on.drive.read(parameter)
+            except ReplyError:
+                on.line.advance(1.0)
+                continue
+            except DriveCommError:
+                continue
+            good += 1
+            held = on.virtual.peek(parameter, on.line.time)
+            beside = f"beside {shown(data)} of {other.name}"
+            expect(reading.raw == held, f"{beside}, {parameter} reads {reading.raw!r}, the drive holds {held!r}")
+    tried = len(foreign)
+    expect(good > tried / 3, f"beside telegrams of {other.name} only {good} of {tried} reads come to anything")
+
+
+def others(plugin: Protocol) -> Iterator[Protocol]:
+    """Yield the other installed protocols that ship vectors."""
+    for other in installed.working():
+        if other.name != plugin.name and _own(other):
+            yield other
+
+
+def _own(plugin: Protocol) -> list[Vector]:
+    try:
+        return [vector for vector in packaged_vectors(plugin).vectors if vector.valid]
+    except FileFormatError:
+        # Whoever judges that protocol is told.
+        return []

@@ -7,7 +7,7 @@ import inspect
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import DriveCommError, ParameterAddressError, TelegramError, UsageError
+from drivecomm.errors import DriveCommError, ParameterAddressError, UsageError
 from drivecomm.models import model_names
 from drivecomm.protocol import (
     LINE_FACT_NAMES,
@@ -24,43 +24,25 @@ from drivecomm.protocol import (
     resolve_options,
 )
 from drivecomm.testing.bench import bench
-from drivecomm.testing.checking import CheckFailure, check, expect, raise_all
-from drivecomm.testing.subjects import known_model
+from drivecomm.testing.checking import CheckFailure, check, decoded, expect, known_model, raise_all, with_flips
 from drivecomm.testing.vectors import packaged_vectors
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
-    from drivecomm.protocol import Model, Operations, VirtualDrive
 
-VERBS = (
-    "read",
-    "write",
-    "status",
-    "start",
-    "stop",
-    "reset",
-    "set_reference_percent",
-    "set_reference_hz",
-    "probe",
-    "identify",
-)
+_REFERENCES = ("set_reference_percent", "set_reference_hz")
+VERBS = ("read", "write", "status", "start", "stop", "reset", *_REFERENCES, "probe", "identify")
 
 _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
-    "name": str,
-    "title": str,
-    "package": str,
+    **dict.fromkeys(("name", "title", "package", "facts_source", "default_model"), str),
+    **dict.fromkeys(("addresses", "scan_addresses"), range),
     "facts": LineFacts,
-    "facts_source": str,
-    "addresses": range,
-    "scan_addresses": range,
-    "default_model": str,
     "broadcast_address": (int, type(None)),
     "options": type,
     "parameter_examples": tuple,
     "parameter_keys": (frozenset, type(None)),
-    "factory_reading": dict,
-    "plain_writing": dict,
+    **dict.fromkeys(("factory_reading", "plain_writing"), dict),
 }
 
 
@@ -72,8 +54,7 @@ def has_all_fields(plugin: Protocol) -> None:
         value = getattr(plugin, field.name)
         kind = _FIELD_TYPES.get(field.name)
         if kind is None:
-            may_be_left_out = field.default is None
-            if not callable(value) and not (may_be_left_out and value is None):
+            if not callable(value) and not (field.default is None and value is None):
                 wrong.append(f"{field.name} cannot be called")
         elif not isinstance(value, kind):
             wrong.append(f"{field.name} is {value!r}")
@@ -124,25 +105,18 @@ def operations_are_whole(plugin: Protocol) -> None:
         expect(isinstance(able, Capabilities), f"the capabilities are {able!r}")
         expect(not able.link_loss, "link_loss of the capabilities is said by the model: [watchdog], or its link_loss")
         expect(able.stops and able.stops <= set(Stop), f"the ways to stop are {able.stops}")
-        expect(
-            able.broadcast == (plugin.broadcast_address is not None),
-            "capabilities and broadcast address contradict each other",
-        )
+        broadcast = plugin.broadcast_address is not None
+        expect(able.broadcast == broadcast, "capabilities and broadcast address contradict each other")
         for name, verb in operations.extra.items():
             expect(callable(verb), f"the verb {name} cannot be called")
             expect(inspect.getdoc(verb), f"the verb {name} does not say what it does")
             expect(name not in VERBS, f"the verb {name} has the name of one that every drive has")
     model = known_model(plugin, plugin.default_model)
-    _one_address_for_each_parameter(
-        plugin.operations(plugin.addresses[0], resolve_options(plugin, model, {})[1], model), model
-    )
-
-
-def _one_address_for_each_parameter(operations: Operations, model: Model) -> None:
+    operations = plugin.operations(plugin.addresses[0], resolve_options(plugin, model, {})[1], model)
     addresses = [operations.address_of(info.address) for info in model.parameters.values()]
-    for info, address in zip(model.parameters.values(), addresses, strict=True):
-        expect(operations.address_of(info.name) == address, f"{info.name} and {info.address} have two addresses")
-        expect(operations.address_of(address) == address, f"the address {address} of {info.address} has another one")
+    for info, own in zip(model.parameters.values(), addresses, strict=True):
+        expect(operations.address_of(info.name) == own, f"{info.name} and {info.address} have two addresses")
+        expect(operations.address_of(own) == own, f"the address {own} of {info.address} has another one")
     expect(len({*addresses}) == len(addresses), "two parameters of the model have one address")
 
 
@@ -156,23 +130,16 @@ def virtual_drives_are_whole(plugin: Protocol) -> None:
         expect(isinstance(drive.settings, LineSettings), f"the settings are {drive.settings!r}")
         expect(drive.gap_s > 0, f"the gap is {drive.gap_s!r} s")
         expect(isinstance(drive.motor, Motor), f"the motor is {drive.motor!r}")
-        held = [info.address for info in model.parameters.values() if _peeked(drive, info.address) is not None]
-        expect(len(held) >= len(model.parameters) / 2, f"it holds {len(held)} of {len(model.parameters)} parameters")
+        held = sum(_knows(partial(drive.peek, info.address, 0.0)) for info in model.parameters.values())
+        expect(held >= len(model.parameters) / 2, f"it holds {held} of {len(model.parameters)} parameters")
         for strange in ("", "no such parameter", "-1"):
-            expect(_peeked(drive, strange) is None, f"the parameter {strange!r} is there")
-            expect(not _pokes(drive, strange), f"the parameter {strange!r} can be set")
+            expect(not _knows(partial(drive.peek, strange, 0.0)), f"the parameter {strange!r} is there")
+            expect(not _knows(partial(drive.poke, strange, 1)), f"the parameter {strange!r} can be set")
 
 
-def _peeked(drive: VirtualDrive, parameter: str) -> int | str | None:
+def _knows(access: Callable[[], object]) -> bool:
     try:
-        return drive.peek(parameter, 0.0)
-    except ParameterAddressError:
-        return None
-
-
-def _pokes(drive: VirtualDrive, parameter: str) -> bool:
-    try:
-        drive.poke(parameter, 1)
+        access()
     except ParameterAddressError:
         return False
     return True
@@ -220,13 +187,18 @@ def speaks_to_all_without_waiting(plugin: Protocol) -> None:
     if plugin.broadcast_address is None:
         return
     operations = plugin.operations(plugin.broadcast_address, plugin.options(), None)
-    for name, begin in _at_all_drives(operations):
+    calls = [(name, getattr(operations, name)) for name in ("status", "start", "reset", "probe", "identify")]
+    calls += [(f"a stop by {how.value}", partial(operations.stop, how)) for how in Stop]
+    calls += [("a reference", partial(operations.set_reference_percent, 10))]
+    calls += [("a reference in Hz", partial(operations.set_reference_hz, 10))]
+    for name, begin in calls:
         try:
             commands = list(begin())
         except UsageError:
             continue
-        asked = [command for command in commands if not isinstance(command, Tell | Pause)]
-        expect(not asked, f"{name} at all drives waits for an answer")
+        expect(
+            all(isinstance(command, Tell | Pause) for command in commands), f"{name} at all drives waits for an answer"
+        )
     addresses = (plugin.addresses[0], plugin.addresses[1], plugin.addresses[-1])
     with bench(plugin, addresses=addresses) as on:
         for address in addresses:
@@ -240,15 +212,6 @@ def speaks_to_all_without_waiting(plugin: Protocol) -> None:
             drive.motor.advance(on.line.time)
             expect(not drive.motor.running, f"all are told to stop, and drive {drive.address} runs on")
             expect(not any(drive.said[before:]), f"all are told to stop, and drive {drive.address} answers")
-
-
-def _at_all_drives(operations: Operations) -> Iterator[tuple[str, Callable[[], Any]]]:
-    for name in ("status", "start", "reset", "probe", "identify"):
-        yield name, getattr(operations, name)
-    for how in Stop:
-        yield f"a stop by {how.value}", partial(operations.stop, how)
-    yield "a reference", lambda: operations.set_reference_percent(10)
-    yield "a reference in Hz", lambda: operations.set_reference_hz(10)
 
 
 @check("contract")
@@ -271,7 +234,7 @@ def judges_every_pair(plugin: Protocol) -> None:
 @check("contract")
 def is_honest_about_blind_spots(plugin: Protocol) -> None:
     """Where a blind spot is declared, a wrong bit does go unnoticed in some telegram; no more is excused than is so."""
-    declared: dict[tuple[str, int, int], bytes] = {}
+    declared: set[tuple[str, int, int]] = set()
     confirmed: set[tuple[str, int, int]] = set()
     codec = plugin.codec(plugin.options())
     for vector in packaged_vectors(plugin).vectors:
@@ -280,25 +243,12 @@ def is_honest_about_blind_spots(plugin: Protocol) -> None:
         data, direction = vector.data, vector.direction
         for place in plugin.blind_spots(data, direction):
             key = (direction, len(data), place)
-            declared[key] = data
-            if key in confirmed:
-                continue
-            for bit in range(8):
-                flipped = data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :]
-                if _decodes(codec, flipped, direction):
-                    confirmed.add(key)
-                    break
+            declared.add(key)
+            if any(decoded(codec, each, direction) is not None for each in with_flips(data, place)):
+                confirmed.add(key)
     raise_all(
         [
             f"byte {place} of a {direction} of {length} bytes is called blind, and every wrong bit in it is noticed"
-            for direction, length, place in sorted(set(declared) - confirmed)
+            for direction, length, place in sorted(declared - confirmed)
         ]
     )
-
-
-def _decodes(codec: Any, data: bytes, direction: str) -> bool:
-    try:
-        codec.decode(data, direction)
-    except TelegramError:
-        return False
-    return True

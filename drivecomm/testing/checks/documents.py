@@ -9,12 +9,15 @@ from importlib import resources
 from typing import TYPE_CHECKING
 
 from drivecomm.models import check_model, model_names, packaged_models
-from drivecomm.testing.checking import check, expect, raise_all
-from drivecomm.testing.subjects import known_model
+from drivecomm.testing.checking import check, expect, known_model, raise_all
 from drivecomm.testing.vectors import packaged_vectors
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from drivecomm.protocol import Protocol
+    from drivecomm.testing.exchange_vectors import ExchangeVector
+    from drivecomm.testing.vectors import Vector
 
 _A_DOCUMENT = re.compile(
     r"\b(manual|guide|description|instructions?|specification|standard|handbook|document)s?\b", re.IGNORECASE
@@ -47,8 +50,8 @@ def has_a_source_for_every_vector(plugin: Protocol) -> None:
     """Every telegram and every exchange says where it is known from."""
     file = packaged_vectors(plugin)
     expect(file.vectors, "there are no vectors")
-    sources = {each.id: each.source for each in file.vectors} | {each.id: each.source for each in file.exchanges}
-    raise_all([f"{name} has no source" for name, source in sources.items() if not source.strip()])
+    entries: tuple[Vector | ExchangeVector, ...] = (*file.vectors, *file.exchanges)
+    raise_all([f"{each.id} has no source" for each in entries if not each.source.strip()])
 
 
 @check("documents")
@@ -67,9 +70,9 @@ def has_vectors_for_everything(plugin: Protocol) -> None:
     )
 
 
-def _reads(parse: object, data: bytes) -> bool:
+def _reads(parse: Callable[[bytes], object], data: bytes) -> bool:
     try:
-        parse(data)  # type: ignore[operator]
+        parse(data)
     except Exception:  # noqa: BLE001 - whatever it says, it is not this form
         return False
     return True
@@ -78,15 +81,15 @@ def _reads(parse: object, data: bytes) -> bool:
 @check("documents")
 def has_a_source_for_every_parameter(plugin: Protocol) -> None:
     """Every parameter of every model has a source, its own or its model's."""
-    wrong = []
-    for name in model_names(plugin.package, plugin.name):
-        model = known_model(plugin, name)
-        wrong += [
+    models = {name: known_model(plugin, name) for name in model_names(plugin.package, plugin.name)}
+    raise_all(
+        [
             f"parameter {info.address} of model {name} has no source"
+            for name, model in models.items()
             for info in model.parameters.values()
             if not (info.source.strip() or model.source.strip())
         ]
-    raise_all(wrong)
+    )
 
 
 @check("documents")

@@ -4,28 +4,32 @@ from __future__ import annotations
 
 from dataclasses import replace
 from decimal import Decimal
+from functools import partial
 from typing import TYPE_CHECKING
 
 from drivecomm.bus import Exchanges
-from drivecomm.errors import DriveCommError, ReplyError, TelegramError
+from drivecomm.errors import DriveCommError, ReplyError
 from drivecomm.protocol import Ask, Pause, Tell, fields_of, resolve_options, with_each_command
-from drivecomm.testing.calls import CallResult, Line, call_awaited, call_blocking, compare, exchange_of
-from drivecomm.testing.checking import check
-from drivecomm.testing.checks.framing import noise_of
-from drivecomm.testing.exchange_vectors import WireStep
-from drivecomm.testing.script import Script, play
-from drivecomm.testing.scripted_port import ScriptedPort
-from drivecomm.testing.subjects import known_model
+from drivecomm.testing.calls import Line, call_awaited, call_blocking, exchange_of, judge, judge_error, model_of
+from drivecomm.testing.checking import CheckFailure, check, decoded
+from drivecomm.testing.checks.telegrams import noise_of
+from drivecomm.testing.live_line import live_partner
+from drivecomm.testing.script import ScriptedPort, play
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
     from typing import TypeAlias
 
     from drivecomm.link import Echo
-    from drivecomm.protocol import Codec, Direction, Exchange, Message, Protocol
-    from drivecomm.testing.exchange_vectors import ExchangeVector
+    from drivecomm.protocol import Codec, Exchange, Message, Protocol
+    from drivecomm.testing.exchange_vectors import ExchangeVector, WireStep
+    from drivecomm.testing.live_line import PortKind
 
     Face: TypeAlias = Callable[[Protocol, ExchangeVector, Line], None]
+
+# However busy the machine is, a reply that is sent at once comes within this time.
+_PATIENT = {"reply_timeout_s": 3.0, "gap_s": 3.0}
+_LONGEST_S = 0.3
 
 
 @check("exchanges", "exchange")
@@ -61,7 +65,7 @@ def passes_over_another_drive(plugin: Protocol, vector: ExchangeVector) -> None:
     for step in vector.steps:
         asked = step.data if step.action == "send" else asked
         said = _of_another_drive(plugin, vector, asked, step.data) if step.action == "reply" else b""
-        if said and _decoded(codec, said, "reply") is not None:
+        if said and decoded(codec, said, "reply") is not None:
             steps += [replace(step, data=said), replace(step, seconds=None)]
         else:
             steps.append(step)
@@ -75,8 +79,8 @@ def passes_over_noise(plugin: Protocol, vector: ExchangeVector) -> None:
     noise = noise_of(codec, "reply")[:3]
     steps: list[WireStep] = []
     for step in vector.steps:
-        if step.action == "reply" and noise and _decoded(codec, step.data, "reply") is not None:
-            steps += [WireStep(action="garbage", data=noise, seconds=step.seconds), replace(step, seconds=None)]
+        if step.action == "reply" and noise and decoded(codec, step.data, "reply") is not None:
+            steps += [replace(step, action="garbage", data=noise), replace(step, seconds=None)]
         else:
             steps.append(step)
     _play(call_blocking, plugin, replace(vector, steps=tuple(steps)), ScriptedPort())
@@ -91,7 +95,7 @@ def goes_as_written_without_a_line(plugin: Protocol, vector: ExchangeVector) -> 
     script = _as_script(plugin, vector)
     if script is None:
         return
-    model = known_model(plugin, vector.model) if vector.model else None
+    model = model_of(plugin, vector)
     options = resolve_options(plugin, model, vector.options)[1]
     verbs = Exchanges(f"{plugin.name}:{vector.address}", plugin.operations(vector.address, options, model))
     play(_as_on_the_wire(_codec(plugin, vector), _calls_of(vector, verbs)), script)
@@ -111,10 +115,11 @@ def _as_on_the_wire(codec: Codec, exchange: Exchange[None]) -> Exchange[None]:
 def _calls_of(vector: ExchangeVector, verbs: Exchanges) -> Exchange[None]:
     for call in vector.calls:
         try:
-            outcome = CallResult((yield from exchange_of(verbs, call)))
+            result = yield from exchange_of(verbs, call)
         except DriveCommError as error:
-            outcome = CallResult(error=error)
-        compare(call, outcome)
+            judge_error(call, error)
+        else:
+            judge(call, result)
 
 
 def _as_script(plugin: Protocol, vector: ExchangeVector) -> list[tuple[Message, Message | ReplyError | None]] | None:
@@ -124,34 +129,26 @@ def _as_script(plugin: Protocol, vector: ExchangeVector) -> list[tuple[Message, 
     steps = [step for step in vector.steps if step.action != "pause_s"]
     while steps:
         send = steps.pop(0)
-        request = _decoded(codec, send.data, "request")
+        request = decoded(codec, send.data, "request")
         if send.action != "send" or request is None:
             return None
         reply = None
         if steps and steps[0].action == "reply":
-            reply = _decoded(codec, steps.pop(0).data, "reply")
+            reply = decoded(codec, steps.pop(0).data, "reply")
             if reply is None or plugin.mismatch(request, reply):
                 return None
         script.append((request, reply))
     return script
 
 
-def _decoded(codec: Codec, data: bytes, direction: Direction) -> Message | None:
-    try:
-        return codec.decode(data, direction)
-    except TelegramError:
-        return None
-
-
 def _codec(plugin: Protocol, vector: ExchangeVector) -> Codec:
-    model = known_model(plugin, vector.model) if vector.model else None
-    return plugin.codec(resolve_options(plugin, model, vector.options)[1])
+    return plugin.codec(resolve_options(plugin, model_of(plugin, vector), vector.options)[1])
 
 
 def _of_another_drive(plugin: Protocol, vector: ExchangeVector, asked: bytes, data: bytes) -> bytes:
     """Return such a reply from another address, with other content where that can be; nothing where it has none."""
     codec = _codec(plugin, vector)
-    request, message = _decoded(codec, asked, "request"), _decoded(codec, data, "reply")
+    request, message = decoded(codec, asked, "request"), decoded(codec, data, "reply")
     if request is None or message is None or not hasattr(message, "address"):
         return b""
     others = [address for address in plugin.addresses if address not in (message.address, vector.address)]
@@ -183,12 +180,59 @@ def _encoded(codec: Codec, message: Message, **changes: object) -> bytes | None:
 
 
 def _play(face: Face, plugin: Protocol, vector: ExchangeVector, port: ScriptedPort, echo: Echo = "off") -> None:
-    playing: list[Script] = []
+    face(plugin, vector, Line(lambda: port, partial(port.follow, vector.steps), echo))
+    port.over()
 
-    def ready(reply_time_s: float) -> None:
-        script = Script(vector.steps, reply_time_s=reply_time_s, wire_s=port.wire_s)
-        playing.append(script)
-        port.follow(script)
 
-    face(plugin, vector, Line(lambda: port, ready, echo))
-    playing[0].over(port.now(), port.unread)
+@check("live", "terminal")
+def goes_as_written_over_a_terminal(plugin: Protocol, vector: ExchangeVector) -> None:
+    """Blocking, over a pseudo-terminal, the conversation goes as it is written."""
+    _play_live("pty", call_blocking, plugin, vector)
+
+
+@check("live", "terminal-awaited")
+def goes_as_written_over_a_terminal_awaited(plugin: Protocol, vector: ExchangeVector) -> None:
+    """In an event loop that watches a pseudo-terminal, the conversation goes as it is written."""
+    _play_live("pty", call_awaited, plugin, vector)
+
+
+@check("live", "socket")
+def goes_as_written_over_a_socket(plugin: Protocol, vector: ExchangeVector) -> None:
+    """Blocking, over TCP, the conversation goes as it is written."""
+    _play_live("tcp", call_blocking, plugin, vector)
+
+
+@check("live", "thread")
+def goes_as_written_in_a_thread(plugin: Protocol, vector: ExchangeVector) -> None:
+    """In an event loop that leaves the waiting to a thread, over RFC 2217, the conversation goes as it is written."""
+    _play_live("rfc2217", call_awaited, plugin, vector)
+
+
+def sample(vectors: Iterable[ExchangeVector], number: int) -> list[ExchangeVector]:
+    """Return so many vectors that take next to no time and do not depend on time, evenly taken from all of them."""
+    quick = [vector for vector in vectors if vector.steps and _is_quick(vector)]
+    step = max(1, len(quick) // number) if number else 1
+    return quick[::step][:number]
+
+
+def _is_quick(vector: ExchangeVector) -> bool:
+    actions = {step.action for step in vector.steps}
+    if actions & {"silence", "garbage"} or any(call.expected.error for call in vector.calls):
+        return False
+    return sum(step.seconds or 0.0 for step in vector.steps) < _LONGEST_S
+
+
+def play_at_port(kind: PortKind, face: Face, plugin: Protocol, vector: ExchangeVector) -> None:
+    """Play a vector through a port of this kind. Raises CheckFailure."""
+    with live_partner(kind, vector) as partner:
+        try:
+            face(plugin, vector, Line(partner.address, partner.begin))
+        except CheckFailure:
+            # That a call fails is mostly the consequence of something wrong that was sent.
+            partner.blame()
+            raise
+        partner.end()
+
+
+def _play_live(kind: PortKind, face: Face, plugin: Protocol, vector: ExchangeVector) -> None:
+    play_at_port(kind, face, plugin, replace(vector, options={**vector.options, **_PATIENT}))

@@ -15,7 +15,7 @@ from drivecomm.testing.checking import CheckFailure, check, expect, raise_all
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.protocol import Capabilities, DriveStatus, Model, Protocol
+    from drivecomm.protocol import DriveStatus, Model, Protocol
     from drivecomm.testing.bench import Bench
 
 # A reference has steps; the coarsest that is known is 0.01 Hz, or a 16384th of the range.
@@ -32,7 +32,8 @@ _STOPPING = {
 @check("commands")
 def runs_at_the_reference(plugin: Protocol, model: Model) -> None:
     """After set_reference and start the motor turns as fast as it was told to, and the status says so."""
-    able = _capabilities(plugin, model)
+    with bench(plugin, model) as on:
+        able = on.drive.capabilities
     if able.reference_hz:
         for hz in (10, Decimal("22.5")):
             with bench(plugin, model) as on:
@@ -66,7 +67,7 @@ def runs_backwards(plugin: Protocol, model: Model) -> None:
         if not on.drive.capabilities.reverse:
             _refused(on, lambda: on.drive.start(reverse=True), "starting backwards")
             return
-        _some_reference(on)
+        on.set_some_reference()
         on.drive.start(reverse=True)
         on.settle()
         found = on.virtual.motor.output_hz
@@ -85,7 +86,7 @@ def stops_in_every_way(plugin: Protocol, model: Model) -> None:
             if how not in on.drive.capabilities.stops:
                 _refused(on, partial(on.drive.stop, how), f"stopping by {how.value}")
                 continue
-            _some_reference(on)
+            on.set_some_reference()
             _started(on)
             on.drive.stop(how)
             found = on.virtual.motor.command
@@ -121,7 +122,7 @@ def tells_its_faults(plugin: Protocol, model: Model) -> None:
 def is_reset_and_stands(plugin: Protocol, model: Model) -> None:
     """A tripped drive refuses to start; a reset clears the fault, and the motor does not move by it."""
     with bench(plugin, model) as on:
-        _some_reference(on)
+        on.set_some_reference()
         _started(on)
         on.virtual.trip(next(iter(model.faults), 4), on.line.time)
         on.line.advance(1.0)
@@ -134,8 +135,7 @@ def is_reset_and_stands(plugin: Protocol, model: Model) -> None:
         on.settle()
         on.drive.reset()
         on.settle()
-        status = on.drive.status()
-        expect(not status.fault and not on.virtual.motor.fault, "after the reset there is still a fault")
+        expect(not on.drive.status().fault and not on.virtual.motor.fault, "after the reset there is still a fault")
         expect(not on.virtual.motor.running, "after the reset the motor runs")
 
 
@@ -145,10 +145,9 @@ def asking_moves_nothing(plugin: Protocol, model: Model) -> None:
     for running in (False, True):
         with bench(plugin, model) as on:
             if running:
-                _some_reference(on)
+                on.set_some_reference()
                 _started(on)
-            motor = on.virtual.motor
-            before = (motor.command, motor.target_hz, motor.fault)
+            before = _commanded(on)
             asking: list[Callable[[], object]] = [on.drive.status, on.drive.probe, on.drive.identify]
             asking += [partial(on.drive.read, parameter) for parameter in list(model.parameters)[:40]]
             for ask in asking:
@@ -157,36 +156,29 @@ def asking_moves_nothing(plugin: Protocol, model: Model) -> None:
                 except DriveError:
                     continue
                 on.line.advance(1.0)
-                after = (motor.command, motor.target_hz, motor.fault)
+                after = _commanded(on)
                 expect(after == before, f"asked only, and the motor goes from {before} to {after}")
             on.settle()
-            expect((motor.command, motor.target_hz, motor.fault) == before, "asked only, and the motor changes later")
+            expect(_commanded(on) == before, "asked only, and the motor changes later")
 
 
 @check("commands")
 def does_not_repeat_an_old_command(plugin: Protocol, model: Model) -> None:
     """After somebody else has stopped the drive, setting the reference does not start it again."""
     with bench(plugin, model) as on:
-        _some_reference(on)
+        on.set_some_reference()
         _started(on)
         on.bus.drive(plugin.name, on.virtual.address, model=model).stop()
         on.settle()
         expect(not on.virtual.motor.running, "stopped by another object for the same drive, it still runs")
-        _some_reference(on)
+        on.set_some_reference()
         on.settle()
         expect(not on.virtual.motor.running, "a reference starts a drive that somebody else has stopped")
 
 
-def _capabilities(plugin: Protocol, model: Model) -> Capabilities:
-    with bench(plugin, model) as on:
-        return on.drive.capabilities
-
-
-def _some_reference(on: Bench) -> None:
-    if on.drive.capabilities.reference_percent:
-        on.drive.set_reference(percent=40)
-    elif on.drive.capabilities.reference_hz:
-        on.drive.set_reference(hz=20)
+def _commanded(on: Bench) -> tuple[object, ...]:
+    motor = on.virtual.motor
+    return motor.command, motor.target_hz, motor.fault
 
 
 def _started(on: Bench) -> None:

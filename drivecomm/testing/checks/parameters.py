@@ -39,10 +39,8 @@ def reads_what_the_drive_holds(plugin: Protocol, model: Model) -> None:
             answered += 1
             wrong += _wrong_reading(info, reading, on)
     raise_all(wrong)
-    expect(
-        answered >= _READABLE * len(model.parameters),
-        f"the drive refuses to tell {len(model.parameters) - answered} of its {len(model.parameters)} parameters",
-    )
+    number = len(model.parameters)
+    expect(answered >= _READABLE * number, f"the drive refuses to tell {number - answered} of its {number} parameters")
 
 
 def _wrong_reading(info: ParameterInfo, reading: Reading, on: Bench) -> Iterator[str]:
@@ -56,7 +54,8 @@ def _wrong_reading(info: ParameterInfo, reading: Reading, on: Bench) -> Iterator
         return
     if reading.unit != info.unit:
         yield f"{where} has the unit {reading.unit!r}, the model says {info.unit!r}"
-    if info.access != "r" and _can_be_held(info) and reading.value != info.start:
+    held_exactly = info.start is not None and (isinstance(info.start, str) or info.start % info.factor == 0)
+    if info.access != "r" and held_exactly and reading.value != info.start:
         yield f"{where} reads {reading.value}, the drive started with {info.start}"
     meant = info.values.get(int(reading.value)) if isinstance(reading.value, int | Decimal) else None
     if meant is not None and info.factor == 1 and reading.text != meant:
@@ -66,10 +65,6 @@ def _wrong_reading(info: ParameterInfo, reading: Reading, on: Bench) -> Iterator
 def _is_bare(info: ParameterInfo, reading: Reading) -> bool:
     """Whether a reading is the plain number, and says so, because its scale is not certain for this drive."""
     return reading.note != "" and reading.unit == "" and info.unit != ""
-
-
-def _can_be_held(info: ParameterInfo) -> bool:
-    return info.start is not None and (isinstance(info.start, str) or info.start % info.factor == 0)
 
 
 @check("parameters")
@@ -85,11 +80,7 @@ def is_found_by_name(plugin: Protocol, model: Model) -> None:
             except DriveError:
                 continue
             by_name = on.drive.read(info.name)
-            if (by_name.parameter, by_name.unit, by_name.type) != (
-                by_address.parameter,
-                by_address.unit,
-                by_address.type,
-            ):
+            if any(getattr(by_name, each) != getattr(by_address, each) for each in ("parameter", "unit", "type")):
                 wrong.append(f"{info.name} is {by_name.parameter}, {info.address} is {by_address.parameter}")
     raise_all(wrong)
 
@@ -133,11 +124,11 @@ def _written(plugin: Protocol, model: Model, info: ParameterInfo) -> Iterator[tu
                 continue
             after = on.virtual.peek(info.address, on.line.time)
             reading = on.drive.read(info.address)
-            took = reading.value == value or _is_bare(info, reading)
-            wrong = _wrong_write(info, value, reading, confirmed, unchanged=before == after)
+            took = before != after and (reading.value == value or _is_bare(info, reading))
             if reading.raw != after:
-                wrong = f"{info.address} reads {reading.raw!r}, the drive holds {after!r}"
-            yield wrong, took and before != after
+                yield f"{info.address} reads {reading.raw!r}, the drive holds {after!r}", took
+            else:
+                yield _wrong_write(info, value, reading, confirmed, unchanged=before == after), took
 
 
 def _wrong_write(
@@ -159,10 +150,8 @@ def _wrong_write(
 
 def _values(info: ParameterInfo) -> list[Decimal]:
     """Return physical values that show sign, scale and the ends of the range, the one that the drive has last."""
-    step = info.factor
-    start = info.start if isinstance(info.start, Decimal) else Decimal(0)
-    raws = (0, 1, 3, -1, 258, 32767, -32768, 40000, 70000)
-    near = {start + step, -start, *(raw * step for raw in raws)}
+    step, start = info.factor, info.start if isinstance(info.start, Decimal) else Decimal(0)
+    near = {start + step, -start, *(raw * step for raw in (0, 1, 3, -1, 258, 32767, -32768, 40000, 70000))}
     for end in (info.minimum, info.maximum):
         if end is not None:
             near |= {end, end + step, end - step}

@@ -5,7 +5,6 @@ The same examples are drawn every time. Needs hypothesis, the extra `test` of dr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from hypothesis import HealthCheck, Phase, given, settings, strategies as st
@@ -13,51 +12,35 @@ from hypothesis import HealthCheck, Phase, given, settings, strategies as st
 from drivecomm.errors import DriveCommError, TelegramError
 from drivecomm.protocol import Framed, Framer, Noise, fields_of
 from drivecomm.testing import strategies
-from drivecomm.testing.checking import CheckFailure, check, expect, shown
-from drivecomm.testing.checks.framing import finds, frames
+from drivecomm.testing.checking import CheckFailure, check, expect, known_model, shown
 from drivecomm.testing.checks.schemas import same_both_ways
-from drivecomm.testing.subjects import forms_of, known_model
+from drivecomm.testing.checks.telegrams import finds, frames
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from hypothesis.strategies import DataObject, SearchStrategy
 
-    from drivecomm.protocol import Codec, Direction, Model, Protocol
+    from drivecomm.protocol import Direction, Protocol
 
 
-@dataclass(frozen=True, slots=True)
 class Drawn:
     """Where the examples of one protocol come from, for telegrams of one direction.
 
-    Asking the encoder for the limits of every field takes longer than drawing from them, so this is made once.
+    Asking the encoder for the limits of every field takes longer than drawing from them, so this is made once. Raises
+    FileFormatError for a package without vectors.
     """
 
-    plugin: Protocol
-    direction: Direction
-    codec: Codec
-    model: Model
-    fields: SearchStrategy[dict[str, Any]]
-    telegrams: SearchStrategy[bytes]
-    junk_fields: SearchStrategy[dict[str, Any]]
-    near: SearchStrategy[bytes]
-    noise: SearchStrategy[bytes]
-
-
-def drawn(plugin: Protocol, direction: Direction) -> Drawn:
-    """Return what examples are drawn from. Raises FileFormatError for a package without vectors."""
-    codec = plugin.codec(plugin.options())
-    return Drawn(
-        plugin=plugin,
-        direction=direction,
-        codec=codec,
-        model=known_model(plugin, plugin.default_model),
-        fields=strategies.telegram_fields(plugin, direction),
-        telegrams=strategies.telegrams(plugin, direction),
-        junk_fields=strategies.junk_fields(plugin, direction),
-        near=strategies.near_telegrams(plugin, direction),
-        noise=strategies.line_noise(codec, direction),
-    )
+    def __init__(self, plugin: Protocol, direction: Direction) -> None:
+        self.plugin = plugin
+        self.direction = direction
+        self.codec = plugin.codec(plugin.options())
+        self.model = known_model(plugin, plugin.default_model)
+        self.fields = strategies.telegram_fields(plugin, direction)
+        self.telegrams = strategies.telegrams(plugin, direction)
+        self.junk_fields: SearchStrategy[dict[str, Any]] = strategies.junk_fields(plugin, direction)
+        self.near = strategies.near_telegrams(plugin, direction)
+        self.noise = strategies.line_noise(self.codec, direction)
 
 
 def try_examples(holds: Callable[[Drawn, DataObject], None], source: Drawn, examples: int) -> None:
@@ -178,8 +161,8 @@ def measures_rising(source: Drawn, data: DataObject) -> None:
 def compiled_is_interpreted(source: Drawn, data: DataObject) -> None:
     """Compiled and interpreted schemas read and write alike."""
     received = data.draw(source.near)
-    for named in forms_of(source.plugin):
-        same_both_ways(named, received)
+    for title, form in source.plugin.forms().items():
+        same_both_ways(title, form, received)
 
 
 @check("properties")

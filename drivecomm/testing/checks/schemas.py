@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, TelegramError
 from drivecomm.testing.checking import check, expect, shown
-from drivecomm.testing.subjects import forms_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from drivecomm.protocol import Message
     from drivecomm.protocol.schema import Form
-    from drivecomm.testing.subjects import Case, NamedForm
+    from drivecomm.testing.checking import Case
 
 
 @check("schemas", "linked")
@@ -27,44 +26,39 @@ def compiles_whole(form: Form[Any]) -> None:
 def compiled_as_interpreted(case: Case) -> None:
     """Every form of the protocol reads and writes the telegram, and what is left of it, in both ways alike."""
     data = case.vector.data
-    middle = len(data) // 2
-    for named in forms_of(case.plugin):
-        for each in (data, data[:-1], data + b"0", *_changed_at(middle, data)):
-            same_both_ways(named, each)
+    message = case.codec.decode(data, case.vector.direction) if case.vector.valid else None
+    for title, form in case.plugin.forms().items():
+        for each in (data, data[:-1], data + b"0", *_changed_at(len(data) // 2, data)):
+            same_both_ways(title, form, each)
         # A form that another telegram belongs to finds out at the first wrong constant; this one's are gone through.
-        if _outcome(named.form.parse_compiled, data) is not None:
+        if _outcome(form.parse_compiled, data) is not None:
             for place in range(len(data)):
                 for each in _changed_at(place, data):
-                    same_both_ways(named, each)
-    if case.vector.valid:
-        message = case.codec.decode(case.vector.data, case.vector.direction)
-        for named in forms_of(case.plugin):
-            same_writing(named, message)
+                    same_both_ways(title, form, each)
+        if message is not None:
+            _same_writing(title, form, message)
 
 
-def same_both_ways(named: NamedForm, data: bytes) -> None:
+def same_both_ways(title: str, form: Form[Any], data: bytes) -> None:
     """The compiled and the interpreted schema give the same message for these bytes, or both refuse them.
 
     What they read is written in both ways too.
     """
-    fast, declared = _outcome(named.form.parse_compiled, data), _outcome(named.form.parse_declared, data)
+    fast, declared = _outcome(form.parse_compiled, data), _outcome(form.parse_declared, data)
     expect(
         type(fast) is type(declared) and fast == declared,
-        f"{named.name} reads {shown(data)} as {fast} compiled and as {declared} interpreted",
+        f"{title} reads {shown(data)} as {fast} compiled and as {declared} interpreted",
     )
     if fast is not None:
-        same_writing(named, fast)
+        _same_writing(title, form, fast)
 
 
-def same_writing(named: NamedForm, message: Message) -> None:
+def _same_writing(title: str, form: Form[Any], message: Message) -> None:
     """The compiled and the interpreted schema write this message alike, or both refuse it; others are left alone."""
-    if type(message) is not named.form.message:
+    if type(message) is not form.message:
         return
-    fast, declared = _outcome(named.form.build_compiled, message), _outcome(named.form.build_declared, message)
-    expect(
-        fast == declared,
-        f"{named.name} writes {message} as {fast!r} compiled and as {declared!r} interpreted",
-    )
+    fast, declared = _outcome(form.build_compiled, message), _outcome(form.build_declared, message)
+    expect(fast == declared, f"{title} writes {message} as {fast!r} compiled and as {declared!r} interpreted")
 
 
 def _changed_at(place: int, data: bytes) -> Iterator[bytes]:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import fields as dataclass_fields
+from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
 from drivecomm.protocol import Noise
-from drivecomm.testing.checking import check, expect, shown
-from drivecomm.testing.checks.framing import finds
-from drivecomm.testing.subjects import known_model
+from drivecomm.testing.checking import check, expect, known_model, shown
+from drivecomm.testing.checks.telegrams import finds
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Message, VirtualDrive, VirtualReply
-    from drivecomm.testing.subjects import Case
+    from drivecomm.protocol import VirtualDrive, VirtualReply
+    from drivecomm.testing.checking import Case
     from drivecomm.testing.vectors import Vector
 
 _NOW = 1.0
@@ -50,7 +50,7 @@ def is_answered_by_the_right_drive(case: Case) -> None:
     """What the virtual drive answers, if anything, is a reply to this request; other drives are silent."""
     vector, codec, plugin = case.vector, case.codec, case.plugin
     request = codec.decode(vector.data, "request")
-    own = _address(request)
+    own: Any = getattr(request, "address", None)
     for address in _some_addresses(case):
         answers = _answers(case, address) if address != own else []
         expect(not answers, f"the request is for {own}, and drive {address} answers")
@@ -73,16 +73,10 @@ def survives_damage(case: Case) -> None:
             case.codec.decode(answer.data, "reply")
 
 
-def _address(message: Message) -> Any:
-    return getattr(message, "address", None)
-
-
 def _some_addresses(case: Case) -> list[int]:
     """Return the two lowest and the highest address that a drive of this variant can have."""
-    addresses = case.plugin.addresses
-    rising = (address for address in addresses if _exists(case, address))
-    falling = (address for address in reversed(addresses) if _exists(case, address))
-    return sorted({*islice(rising, 2), *islice(falling, 1)})
+    exists, addresses = partial(_exists, case), case.plugin.addresses
+    return sorted({*islice(filter(exists, addresses), 2), *islice(filter(exists, reversed(addresses)), 1)})
 
 
 def _exists(case: Case, address: int) -> bool:
@@ -106,8 +100,8 @@ def _drive(case: Case, address: int) -> VirtualDrive:
     plugin = case.plugin
     model = known_model(plugin, plugin.default_model)
     own = {field.name for field in dataclass_fields(plugin.options)}
-    layers = (model.options, case.vector.options, case.vector.fields)
-    given = {name: value for layer in layers for name, value in layer.items() if name in own}
+    said = {**model.options, **case.vector.options, **case.vector.fields}
+    given = {name: value for name, value in said.items() if name in own}
     try:
         options = plugin.options(**given)
     except UsageError:

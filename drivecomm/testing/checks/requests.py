@@ -1,0 +1,265 @@
+"""Requests: what is asked again when the reply is lost, and what a package says that each of them is for.
+
+That decides what anybody may send again, and what a fault plan means by a reply to a read. A mistake in it is seen by
+no telegram, so it is held against what a virtual drive makes of the requests.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from decimal import Decimal
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import DriveCommError, NoReplyError, ReplyError, StateError
+from drivecomm.protocol import Framed, resolve_options
+from drivecomm.testing.bench import bench
+from drivecomm.testing.checking import CheckFailure, check, decoded, expect, shown
+from drivecomm.testing.vectors import packaged_vectors
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.protocol import Model, ParameterInfo, Protocol, VirtualReply
+    from drivecomm.testing.bench import Bench
+
+
+@check("commands")
+def a_lost_answer_is_asked_for_again(plugin: Protocol, model: Model) -> None:
+    """A read whose answers are lost is sent as often as the drive's attempts say, the same each time, and no more."""
+    with bench(plugin, model) as on:
+        parameter = _readable(on, model)
+        wanted = on.drive.read(parameter).raw
+        for lost in range(1, on.drive.facts.timing.attempts + 1):
+            sent = _losing(on, lost)
+            try:
+                found = on.drive.read(parameter).raw
+            except NoReplyError:
+                expect(lost == on.drive.facts.timing.attempts, f"{lost} lost answers end a read")
+            else:
+                expect(lost < on.drive.facts.timing.attempts, f"a read is still not given up after {lost} lost answers")
+                expect(found == wanted, f"read again, {parameter} is {found!r} and not {wanted!r}")
+            expect(len(set(sent)) == 1, "what is asked again is not what was asked")
+            on.line.advance(60.0)
+
+
+@check("commands")
+def a_start_is_not_repeated(plugin: Protocol, model: Model) -> None:
+    """The telegram that makes the motor run is never sent twice: with its answer lost, the start ends in an error."""
+    for reverse in (False, True):
+        with bench(plugin, model) as on:
+            if reverse and not on.drive.capabilities.reverse:
+                continue
+            _set_needed_reference(on, plugin, model)
+            starting = _losing_what_starts(on)
+            try:
+                on.drive.start(reverse=reverse)
+            except ReplyError:
+                pass
+            else:
+                raise CheckFailure("the answer to the start is lost, and the start is taken for done")
+            expect(starting, "a start makes no motor run")
+            times = [find.data for find in on.virtual.heard].count(starting[0])
+            expect(times == 1, f"{shown(starting[0])} makes the motor run, and is sent {times} times")
+
+
+@check("commands")
+def a_stop_is_repeated(plugin: Protocol, model: Model) -> None:
+    """A stop whose first answer is lost is sent again, and the motor stands afterwards."""
+    with bench(plugin, model) as on:
+        _set_needed_reference(on, plugin, model)
+        on.drive.start()
+        on.settle()
+        before = len(on.virtual.heard)
+        _losing(on, 1)
+        on.drive.stop()
+        expect(len(on.virtual.heard) > before + 1, "the answer to a stop is lost, and it is not asked for again")
+        on.settle()
+        expect(not on.virtual.motor.running, "the motor runs on")
+
+
+@check("commands")
+def a_deaf_drive_is_reported(plugin: Protocol, model: Model) -> None:
+    """From a drive that never answers, every verb ends in NoReplyError, and not before the reply time is over."""
+    verbs: dict[str, tuple[str, ...]] = dict.fromkeys(("status", "probe", "start", "stop", "reset"), ())
+    verbs["read"] = (next(iter(model.parameters)),)
+    for name, arguments in verbs.items():
+        with bench(plugin, model) as on:
+            on.virtual.between = lambda _, __: None
+            try:
+                getattr(on.drive, name)(*arguments)
+            except NoReplyError:
+                waited, least = on.line.time, on.drive.facts.timing.reply_timeout_s
+                expect(waited >= least, f"{name} gives up after {waited * 1000:.1f} ms of {least * 1000:g}")
+            except DriveCommError as error:
+                raise CheckFailure(f"nobody answers, and {name} raises {type(error).__name__}: {error}") from error
+            else:
+                raise CheckFailure(f"nobody answers, and {name} is taken for done")
+
+
+def _set_needed_reference(on: Bench, plugin: Protocol, model: Model) -> None:
+    """Set a reference if a drive of this model is not started without one; others are left as they are."""
+    with bench(plugin, model) as other:
+        try:
+            other.drive.start()
+        except StateError:
+            on.set_some_reference()
+
+
+def _readable(on: Bench, model: Model) -> str:
+    """Return a parameter that the drive tells, with one telegram."""
+    for info in model.parameters.values():
+        before = len(on.virtual.heard)
+        try:
+            on.drive.read(info.address)
+        except DriveCommError:
+            continue
+        if len([said for said in on.virtual.said[before:] if said is not None]) == 1:
+            return info.address
+    raise CheckFailure("no parameter can be read with one telegram")
+
+
+def _losing(on: Bench, number: int) -> list[bytes]:
+    """Let the next so many answers be lost; returns a list that collects the requests of these."""
+    lost: list[bytes] = []
+
+    def between(find: Framed, reply: VirtualReply | None) -> VirtualReply | None:
+        if reply is None or len(lost) == number:
+            return reply
+        lost.append(find.data)
+        return None
+
+    on.virtual.between = between
+    return lost
+
+
+def _losing_what_starts(on: Bench) -> list[bytes]:
+    """Lose the answer to the first telegram that makes the motor run, and all after it; returns that telegram."""
+    starting: list[bytes] = []
+
+    def between(find: Framed, reply: VirtualReply | None) -> VirtualReply | None:
+        if not starting and on.virtual.motor.running:
+            starting.append(find.data)
+        return None if starting else reply
+
+    on.virtual.between = between
+    return starting
+
+
+@check("commands")
+def tells_asking_from_acting(plugin: Protocol, model: Model) -> None:
+    """A request that only asks changes no motor and no parameter; all that reads, looks and probes only asks."""
+    intent = plugin.intent
+    if intent is None:
+        return
+    for what, find in _acting(plugin, model):
+        expect(not intent(find.message).only_asks, f"{shown(find.data)} {what}, and is said to ask only")
+    with bench(plugin, model) as on:
+        on.drive.probe()
+        on.drive.status()
+        on.read_first(model)
+        for find in on.virtual.heard:
+            expect(intent(find.message).only_asks, f"{shown(find.data)} is sent to ask, and is said to do more")
+
+
+@check("commands")
+def tells_what_requests_are_for(plugin: Protocol, model: Model) -> None:
+    """What reads a parameter is for reading, what changes one for writing, and what moves a motor is no reading."""
+    intent = plugin.intent
+    if intent is None:
+        return
+    for what, find in _acting(plugin, model):
+        told = intent(find.message)
+        fits = told.access == "write" if what == _CHANGES else told.access != "read" or told.commands
+        expect(fits, f"{shown(find.data)} {what}, and is said to be a {told.access or 'command'}")
+    with bench(plugin, model) as on:
+        on.read_first(model)
+        for find in on.virtual.heard:
+            access = intent(find.message).access
+            expect(access != "write", f"{shown(find.data)} is sent to read a parameter, and is said to be a write")
+        expect(
+            any(intent(find.message).access == "read" for find in on.virtual.heard),
+            "a parameter is read, and no telegram is said to be a read",
+        )
+
+
+@check("commands")
+def what_only_asks_moves_no_drive(plugin: Protocol, model: Model) -> None:
+    """No request of the vectors that is said to ask only gives a virtual drive's motor another command."""
+    intent, options = plugin.intent, resolve_options(plugin, model, {})[1]
+    if intent is None:
+        return
+    for vector in packaged_vectors(plugin).vectors:
+        # A request to no such address goes to all, or it ends a conversation.
+        address = vector.fields.get("address", -1)
+        if vector.direction != "request" or not vector.valid or vector.options or address not in plugin.addresses:
+            continue
+        drive = plugin.virtual(address, options, model)
+        message = decoded(drive.codec, vector.data, "request")
+        if message is None:
+            # It is for a drive of another variant.
+            continue
+        before = drive.motor.command
+        drive.hear(Framed(vector.data, message), 1.0)
+        now = drive.motor.command
+        asks = intent(message).only_asks
+        expect(not asks or now is before, f"{vector.id} is said to ask only, and tells the motor {now.value}")
+
+
+_CHANGES, _MOVES, _HALTS = "changes a parameter", "makes the motor run", "stops the motor"
+
+
+def _acting(plugin: Protocol, model: Model) -> list[tuple[str, Framed]]:
+    """Return telegrams that change something in a virtual drive, each with what it does."""
+    with bench(plugin, model) as on:
+        _set_needed_reference(on, plugin, model)
+        running = _watching(on, lambda: on.virtual.motor.running)
+        on.drive.start()
+    with bench(plugin, model) as on:
+        _set_needed_reference(on, plugin, model)
+        on.drive.start()
+        on.settle()
+        target = _watching(on, lambda: on.virtual.motor.command)
+        on.drive.stop()
+    changing = [*_changing(plugin, model, Decimal), *_changing(plugin, model, str)]
+    found = ((_MOVES, running), (_HALTS, target), (_CHANGES, changing))
+    return [(what, find) for what, finds in found for find in finds]
+
+
+def _changing(plugin: Protocol, model: Model, kind: type[Decimal | str]) -> list[Framed]:
+    """Return the telegrams that change the first parameter of this kind that takes a new value."""
+    for info in model.parameters.values():
+        if "w" not in info.access or not isinstance(info.start, kind):
+            continue
+        with bench(plugin, model) as on:
+            changing = _watching(on, lambda: on.virtual.peek(info.address, on.line.time))  # noqa: B023 - used at once
+            place = on.place
+            for value in _others(info):
+                with suppress(DriveCommError):
+                    on.write(info.address, value)
+            if changing and on.place == place:
+                return changing
+    return []
+
+
+def _others(info: ParameterInfo) -> tuple[Decimal | str, ...]:
+    """Return values near the one that the drive starts with; a text is as long as it was."""
+    if isinstance(info.start, Decimal):
+        return info.start + info.factor, info.start - info.factor
+    return (f"{str(info.start)[1:]}0",)
+
+
+def _watching(on: Bench, look: Callable[[], object]) -> list[Framed]:
+    """Return a list that collects the telegrams after which something looks different."""
+    changing: list[Framed] = []
+    last = look()
+
+    def between(find: Framed, reply: VirtualReply | None) -> VirtualReply | None:
+        nonlocal last
+        now = look()
+        if now != last:
+            last = now
+            changing.append(find)
+        return reply
+
+    on.virtual.between = between
+    return changing
