@@ -227,12 +227,12 @@ def scanning(
     for asking in search:
         if progress is not None:
             progress(str(asking), search.done, search.total)
-        party, operations, _ = member_of(asking)
-        question = Question(Job(party, probe(asking, operations, party.facts.settings), insists=True))
+        peer, operations, _ = member_of(asking)
+        question = Question(Job(peer, probe(asking, operations, peer.facts.settings), insists=True))
         yield question
         found = search.heard(asking, question.found)
         if found is not None and found.sound:
-            question = Question(Job(party, identify(found, operations), insists=True))
+            question = Question(Job(peer, identify(found, operations), insists=True))
             yield question
             found = question.found
         if found is not None:

@@ -23,7 +23,7 @@ from .health import (
     UsualDelays as UsualDelays,
 )
 from .link import Link as Link
-from .party import Party as Party, TraceEvent as TraceEvent
+from .peer import Peer as Peer, TraceEvent as TraceEvent
 from .port import Port as Port, PortProxy as PortProxy
 from .statistics import (
     COUNTERS as COUNTERS,

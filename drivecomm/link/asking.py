@@ -24,11 +24,11 @@ def carry_out(call: Call, exchange: Exchange[T]) -> Steps[T]:
     One that is cut off leaves the line unclean, and whoever is next begins with draining it.
     """
     line = call.line
-    if line.settings != call.party.facts.settings:
-        yield from line.settle(call.party)
+    if line.settings != call.peer.facts.settings:
+        yield from line.settle(call.peer)
     if line.unclean:
         line.heard_at = line.now
-        yield from line.drain(call.party, call.partner)
+        yield from line.drain(call.peer, call.partner)
     line.unclean = True
     reply: Message | None = None
     error: ReplyError | None = None
@@ -62,16 +62,16 @@ def carry_out(call: Call, exchange: Exchange[T]) -> Steps[T]:
 
 def _tell(call: Call, tell: Tell) -> Steps[None]:
     call.check_cancelled()
-    line, party = call.line, call.party
-    yield from line.send(party, call.partner, party.codec.encode(tell.message), tell.message)
-    pause = party.facts.broadcast_pause_s if tell.pause_s is None else tell.pause_s
+    line, peer = call.line, call.peer
+    yield from line.send(peer, call.partner, peer.codec.encode(tell.message), tell.message)
+    pause = peer.facts.broadcast_pause_s if tell.pause_s is None else tell.pause_s
     line.free_at = line.sent_at + pause
 
 
 def _ask(call: Call, ask: Ask) -> Steps[Message]:
-    line, party, partner = call.line, call.party, call.partner
-    timing = party.facts.timing
-    data = party.codec.encode(ask.message)
+    line, peer, partner = call.line, call.peer, call.partner
+    timing = peer.facts.timing
+    data = peer.codec.encode(ask.message)
     attempts = ask.attempts or timing.attempts
     if partner.unanswered and (partner.unanswered != data or partner.surplus):
         yield from _outwait_late_reply(call, ask, data)
@@ -89,7 +89,7 @@ def _ask(call: Call, ask: Ask) -> Steps[Message]:
         partner.asked_at = line.now
         partner.count["requests" if attempt == 1 else "retries"] += 1
         try:
-            yield from line.send(party, partner, data, ask.message)
+            yield from line.send(peer, partner, data, ask.message)
             message = yield from await_reply(call, ask, data)
         except ReplyError as error:
             partner.count["damaged" if isinstance(error, DamagedReplyError) else "timeouts"] += 1
@@ -97,7 +97,7 @@ def _ask(call: Call, ask: Ask) -> Steps[Message]:
                 # Where nothing came at all there is nothing to let finish.
                 if call.listen_until is not None:
                     line.probed = partner
-                yield from line.drain(party, partner)
+                yield from line.drain(peer, partner)
             _expect_late_reply(call, ask, data)
             if attempt == attempts or line.now >= call.deadline or isinstance(error, OvertakenError):
                 raise type(error)(f"{error}{_times(attempt)}{_OPEN if ask.acts else ''}") from None
@@ -121,7 +121,7 @@ def _expect_late_reply(call: Call, ask: Ask, data: bytes) -> None:
     """Keep in mind that a reply which does not name its request may still come."""
     if ask.nameless:
         partner = call.partner
-        partner.late_until, partner.unanswered = call.line.now + call.party.facts.timing.late_s, data
+        partner.late_until, partner.unanswered = call.line.now + call.peer.facts.timing.late_s, data
         partner.surplus = False
 
 
@@ -129,9 +129,9 @@ def _outwait_late_reply(call: Call, ask: Ask, data: bytes) -> Steps[None]:
     """Do not ask for something else while a reply that does not name its request may still come."""
     line, partner = call.line, call.partner
     if ask.urgent and line.now < partner.late_until:
-        yield from line.send(call.party, partner, data, ask.message)
+        yield from line.send(call.peer, partner, data, ask.message)
     yield from call.stay(partner.late_until)
-    yield from line.drain(call.party, partner)
+    yield from line.drain(call.peer, partner)
     partner.unanswered, partner.surplus = b"", False
 
 

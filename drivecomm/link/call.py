@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
     from drivecomm.link.command_order import CommandCall
     from drivecomm.link.line_state import LineState
-    from drivecomm.link.party import Party, PartyState
+    from drivecomm.link.peer import Peer, PeerState
     from drivecomm.protocol import Ask
 
 
 @dataclass(slots=True)
 class Call:
-    """One call. party: the drive; partner: what is remembered of it.
+    """One call. peer: the drive; partner: what is remembered of it.
 
     paced: whether characters take their time on this port. stop_waits: tells whether a stop waits for the line.
     deadline: when the call's time is over. gives_way: whether this call is overtaken by a stop. command: whose command
@@ -28,8 +28,8 @@ class Call:
     """
 
     line: LineState
-    party: Party
-    partner: PartyState
+    peer: Peer
+    partner: PeerState
     paced: bool
     stop_waits: Callable[[], bool]
     deadline: float
@@ -48,20 +48,18 @@ class Call:
     def check_deadline(self) -> None:
         """Raise DeadlineError when the call's time is over."""
         if self.line.now >= self.deadline:
-            raise DeadlineError(
-                f"{self.party.name}: the call's time ({self.party.facts.timing.deadline_s:g} s) is over"
-            )
+            raise DeadlineError(f"{self.peer.name}: the call's time ({self.peer.facts.timing.deadline_s:g} s) is over")
 
     def check_overtaken(self) -> None:
         """Raise OvertakenError when a stop waits for the line."""
         if self.gives_way and self.stop_waits():
-            raise OvertakenError(f"{self.party.name} was not asked, because a stop went first")
+            raise OvertakenError(f"{self.peer.name} was not asked, because a stop went first")
 
     def check_cancelled(self) -> None:
         """Raise CommandCancelledError for a command that a stop was called after."""
         if self.command is not None and self.command.cancelled:
             raise CommandCancelledError(
-                f"{self.party.name} was not sent the command, because a stop was called after it; start it again if it "
+                f"{self.peer.name} was not sent the command, because a stop was called after it; start it again if it "
                 "shall run"
             )
 
@@ -69,8 +67,8 @@ class Call:
         """Make sure that what is repeated still holds: the drive's own watchdog may have acted meanwhile."""
         silent_s = self.line.now - self.partner.commanded_at
         if ask.command == "repeated" and silent_s > self.partner.watchdog_s:
-            self.line.away(self.party.name)
+            self.line.away(self.peer.name)
             raise CommandTooOldError(
-                f"{self.party.name} was last commanded {silent_s:.1f} s ago, longer than its watchdog waits; what it "
+                f"{self.peer.name} was last commanded {silent_s:.1f} s ago, longer than its watchdog waits; what it "
                 "was commanded is not repeated, so start it again if it shall run"
             )

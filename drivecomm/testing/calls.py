@@ -97,7 +97,7 @@ def _reply_time_s(
     plugin: Protocol, vector: ExchangeVector, partner: Drive | AsyncDrive | Broadcast | AsyncBroadcast
 ) -> float:
     """Return how long the master must wait for a reply; to all drives it waits for none."""
-    return 0.0 if vector.address == plugin.broadcast_address else partner.party.facts.timing.reply_timeout_s
+    return 0.0 if vector.address == plugin.broadcast_address else partner.peer.facts.timing.reply_timeout_s
 
 
 def _verb(partner: Any, call: Call) -> Callable[..., Any]:

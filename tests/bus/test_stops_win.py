@@ -146,8 +146,8 @@ class TestCancelling:
         line = VirtualLine([Mortal("danfoss-fc", 1), Mortal("danfoss-fc", 2)])
         with drivecomm.open_bus(line.port) as bus:
             first, second = bus.drive("danfoss-fc", 1), bus.drive("danfoss-fc", 2)
-            waiting = bus.command(second.party)
-            everybody = bus.command(bus.broadcast("danfoss-fc").party)
+            waiting = bus.command(second.peer)
+            everybody = bus.command(bus.broadcast("danfoss-fc").peer)
             first.stop()
             assert not waiting.cancelled
             assert everybody.cancelled, "it would reach the drive that was stopped"

@@ -182,7 +182,7 @@ def _asked(on: Bench, parameter: str, reading: Reading) -> _Asked | None:
     if len(pairs) != 1:
         return None
     find, said = pairs[0]
-    codec = on.drive.party.codec
+    codec = on.drive.peer.codec
     return _Asked(parameter, find.data, said.data, find.message, codec.decode(said.data, "reply"), reading)
 
 
@@ -198,7 +198,7 @@ def _written(on: Bench, parameter: str, value: Any) -> _Asked | None:
     if len(pairs) != 1:
         return None
     find, said = pairs[0]
-    answers = on.drive.party.codec.decode(said.data, "reply")
+    answers = on.drive.peer.codec.decode(said.data, "reply")
     return _Asked(parameter, find.data, said.data, find.message, answers, reading)
 
 
