@@ -66,17 +66,14 @@ class Roster:
         set_up: Mapping[str, Any] | None,
         options: Mapping[str, Any],
         *,
-        read_only: str = "",
+        read_only: bool = False,
     ) -> Member:
-        """Return what the drive at an address is made of. Raises UsageError for anything that cannot be.
-
-        read_only: why it may not be written or commanded, empty where it may.
-        """
+        """Return what the drive at an address is made of. Raises UsageError for anything that cannot be."""
         plugin = installed[protocol]
         if set_up is not None and not isinstance(set_up, Mapping):
             raise UsageError(f"set_up cannot be {shortened(set_up)}; give parameters and their values")
-        if not isinstance(read_only, str):
-            raise UsageError(f"read_only cannot be {shortened(read_only)}; give a sentence that says why")
+        if not isinstance(read_only, bool):
+            raise UsageError(f"read_only cannot be {shortened(read_only)}; give True or False")
         checked_address(plugin, address)
         known = None if model is None else load_model(plugin.package, protocol, model)
         facts, chosen = resolve_options(plugin, known, options, for_all=self._overrides)
@@ -85,8 +82,9 @@ class Roster:
         operations: Operations = plugin.operations(address, chosen, known, *remembered)
         if read_only:
             if set_up:
-                raise UsageError(f"{name} cannot be set up: {read_only}")
-            operations = ReadOnly(partial(plugin.operations, address, chosen, known), read_only, plugin.intent)
+                raise UsageError(f"{name} cannot be set up, because it is read-only; leave read_only=True out")
+            reason = f"{name} is read-only; leave read_only=True out to write or command it"
+            operations = ReadOnly(partial(plugin.operations, address, chosen, known), reason, plugin.intent)
         if set_up:
             self._set_up[name] = (operations, dict(set_up))
 

@@ -57,17 +57,16 @@ class SharedBus(Generic[D, E]):
         *,
         model: str | Path | Model | None = None,
         set_up: Mapping[str, Any] | None = None,
-        read_only: str = "",
+        read_only: bool = False,
         **options: Any,
     ) -> D:
         """Return the drive at an address; nothing is sent.
 
         model: a model of the protocol's package by name, or a TOML file. set_up: parameters and the values that are
         written to it, without storing them, before anything else is sent, and again whenever it or the line was away;
-        such as its control watchdog. read_only: why this drive may not be written or commanded, as the sentence of the
-        UsageError that is raised then; it can be asked, and stopped. options: line facts of this drive (baudrate,
-        parity, reply_timeout_s, attempts, ...) and the protocol's own drive options. Raises UsageError for anything
-        that cannot be.
+        such as its control watchdog. read_only: this drive can be asked and stopped; what writes or commands raises
+        ReadOnlyError. options: line facts of this drive (baudrate, parity, reply_timeout_s, attempts, ...) and the
+        protocol's own drive options. Raises UsageError for anything that cannot be.
         """
         member = self._roster.member(protocol, address, model, set_up, options, read_only=read_only)
         self._roster.add(member.peer.name)

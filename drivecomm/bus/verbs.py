@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from drivecomm.bus.exchanges import Exchanges
 from drivecomm.bus.faces import Job, Verb
 from drivecomm.bus.priority_lock import Rank
+from drivecomm.bus.read_only import ReadOnly
+from drivecomm.errors import UsageError
 from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:
@@ -68,6 +70,22 @@ class DriveVerbs(_Verbs[B]):
     def facts(self) -> LineFacts:
         """Line settings and timing of this drive."""
         return self._peer.facts
+
+    @property
+    def read_only_reason(self) -> str:
+        """The sentence with which what writes or commands is refused; empty for a drive that is not read-only.
+
+        It can be set, for those who know who made the drive read-only, such as a plant file.
+        """
+        operations = self._exchanges.operations
+        return operations.reason if isinstance(operations, ReadOnly) else ""
+
+    @read_only_reason.setter
+    def read_only_reason(self, reason: str) -> None:
+        operations = self._exchanges.operations
+        if not isinstance(operations, ReadOnly):
+            raise UsageError(f"{self.name} is not read-only; make it with read_only=True")
+        operations.reason = reason
 
     def watched(self, silence_s: float | None) -> None:
         """Say how long this drive's watchdog waits for its master, None when it is off; sends nothing.

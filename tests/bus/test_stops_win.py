@@ -221,7 +221,7 @@ class TestNothingIsBroughtBack:
         assert bench.hz() == 0
 
     def test_a_read_only_drive_is_sent_no_word_of_a_refused_verb(self):
-        bench = Bench(read_only="only looked at")
+        bench = Bench(read_only=True)
         for verb, arguments in (
             ("control_word", {"word": 0x0474}),
             ("set_relay", {"number": 1, "on": True}),

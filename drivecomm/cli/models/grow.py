@@ -55,8 +55,7 @@ def grow(
         raise UsageError(f"there is no folder {write.parent} for the model; create it first")
     reached, name = line.reaching(drive)
     with reached.bus() as bus:
-        chosen = {**name.options, **({"model": model} if model else {})}
-        one = bus.drive(name.protocol, name.address, **chosen)
+        one = name.with_options(**({"model": model} if model else {})).build(bus.drive)
         addresses = addresses_in(parameters or _all_known(one, name.protocol))
         told: list[ParameterInfo] = []
         left_out: list[tuple[str, DriveCommError]] = []

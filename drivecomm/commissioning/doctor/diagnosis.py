@@ -117,7 +117,7 @@ def _others(plugin: Protocol, wanted: Sequence[int] | None, places: set[tuple[st
 
 
 def _drive(bus: Bus, one: DriveConfig, **facts: Any) -> Drive:
-    return bus.drive(one.protocol, one.address, **{**one.options, **facts})
+    return one.with_options(**facts).build(bus.drive)
 
 
 def _sought(bus: Bus, one: DriveConfig, step: Callable[[str, int, int], None], *, search: bool) -> Sought:
