@@ -16,51 +16,51 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-Step: TypeAlias = Callable[[Any], Any]
+Action: TypeAlias = Callable[[Any], Any]
 """Does something with a drive, and returns what came of it or what is to be awaited."""
 
-Procedure: TypeAlias = Generator[Step, Any, T]
+Procedure: TypeAlias = Generator[Action, Any, T]
 """An operation of several steps, for both kinds of bus: it yields steps and is sent what came of them."""
 
 _NO_OPTIONS: Mapping[str, Any] = {}
 
 
-def read_parameter(parameter: str, options: Mapping[str, Any] = _NO_OPTIONS) -> Step:
+def read_parameter(parameter: str, options: Mapping[str, Any] = _NO_OPTIONS) -> Action:
     """Read a parameter; a Reading is sent back."""
     return lambda drive: drive.read(parameter, **options)
 
 
-def write_parameter(parameter: str, value: Value, *, store: bool, options: Mapping[str, Any] = _NO_OPTIONS) -> Step:
+def write_parameter(parameter: str, value: Value, *, store: bool, options: Mapping[str, Any] = _NO_OPTIONS) -> Action:
     """Write a parameter."""
     return lambda drive: drive.write(parameter, value, store=store, **options)
 
 
-def check_write(parameter: str, value: Value, *, store: bool, options: Mapping[str, Any] = _NO_OPTIONS) -> Step:
+def check_write(parameter: str, value: Value, *, store: bool, options: Mapping[str, Any] = _NO_OPTIONS) -> Action:
     """See whether a write could be sent; sends nothing."""
     return lambda drive: drive.check_write(parameter, value, store=store, **options)
 
 
-def ask_status() -> Step:
+def ask_status() -> Action:
     """Read the status; a DriveStatus is sent back."""
     return lambda drive: drive.status()
 
 
-def ask_identity() -> Step:
+def ask_identity() -> Action:
     """Read what the drive tells of itself; names and texts are sent back."""
     return lambda drive: drive.identify()
 
 
-def note_watchdog(silence_s: float | None) -> Step:
+def note_watchdog(silence_s: float | None) -> Action:
     """Say how long the drive's watchdog waits, see `Drive.watched`."""
     return lambda drive: drive.watched(silence_s)
 
 
-def stop_motor(how: Stop) -> Step:
+def stop_motor(how: Stop) -> Action:
     """Stop the motor."""
     return lambda drive: drive.stop(how)
 
 
-def sleep_until(until: float) -> Step:
+def sleep_until(until: float) -> Action:
     """Let time pass on the clock of the drive's line."""
     return lambda drive: drive.bus.sleep_until(until)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.polling import Quality
+    from drivecomm.polling import ResultQuality
     from drivecomm.protocol import DriveConfig, DriveStatus, Reading
 
 
@@ -22,7 +22,7 @@ class WatchedValue:
 
     name: str
     reading: Reading | None
-    quality: Quality
+    quality: ResultQuality
     cause: str = ""
 
 
