@@ -21,6 +21,7 @@ TASKS = 200
 
 TWINS = [(Bus, AsyncBus), (Drive, AsyncDrive), (Broadcast, AsyncBroadcast)]
 AT_ONCE = {
+    "read_only_reason",
     "storing",
     "drive",
     "poll",
