@@ -33,15 +33,12 @@ class PolledBus(Protocol):
 
     def now(self) -> float:
         """Return the time of the bus's clock, in seconds; also while its line is down. UsageError when closed."""
-        ...
 
     def wall_time(self) -> float:
         """Return the time in seconds since 1970; on a virtual line since its start."""
-        ...
 
     def sleep_until(self, until: float) -> Any:
         """Wait outside the line's turn, also while it is down."""
-        ...
 
 
 class PolledDrive(Protocol):
@@ -50,20 +47,16 @@ class PolledDrive(Protocol):
     @property
     def name(self) -> str:
         """The drive as the command line names it."""
-        ...
 
     @property
     def bus(self) -> PolledBus:
         """The bus that it is on."""
-        ...
 
     def check_read(self, parameter: str, **options: Any) -> None:
         """Raise UsageError for a parameter that can never be read."""
-        ...
 
     def polled(self, parameter: str, **options: Any) -> Any:
         """Read a parameter, letting everything else on the bus go first."""
-        ...
 
 
 D = TypeVar("D", bound=PolledDrive)

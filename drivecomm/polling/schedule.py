@@ -33,7 +33,6 @@ class Named(Protocol):
     @property
     def name(self) -> str:
         """The drive as the command line names it."""
-        ...
 
 
 D = TypeVar("D", bound=Named)

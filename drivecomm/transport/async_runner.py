@@ -45,15 +45,12 @@ class Runner(Protocol):
         begin: returns the steps, given the time. stop_waits: tells whether a stop waits for the line; waiting that
         gives way then ends early.
         """
-        ...
 
     def look(self) -> None:
         """Look whether a stop waits for the line."""
-        ...
 
     def close(self) -> None:
         """Let go of the port, without closing it."""
-        ...
 
 
 def runner_for(port: Port) -> Runner:

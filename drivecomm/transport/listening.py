@@ -48,19 +48,15 @@ class ListeningPort(Protocol):
 
     def configure(self, settings: LineSettings) -> str:
         """Set the line settings; returns what the port cannot carry, empty if nothing. Raises PortError."""
-        ...
 
     def read(self, until: float) -> bytes:
         """Return what has come as soon as there is anything; nothing at `until`. Raises LinkDownError."""
-        ...
 
     def now(self) -> float:
         """Return the time of the port's clock, in seconds."""
-        ...
 
     def close(self) -> None:
         """Give the port back."""
-        ...
 
 
 def listening_port(name: str, settings: LineSettings) -> ListeningPort:
