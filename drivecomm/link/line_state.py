@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.link.echo import Echo, EchoFilter
-from drivecomm.link.effects import Configure, Receive, Send, Steps, Wait
 from drivecomm.link.health import LONGEST_PAUSE_S, UsualDelays
 from drivecomm.link.peer import TraceEvent
+from drivecomm.link.port import Configure, Receive, Send, Steps, Wait
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,8 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeVar
 
 from drivecomm.errors import NoReplyError, NotAnsweringError, ReplyError
-from drivecomm.link.asking import carry_out
-from drivecomm.link.call import Call
+from drivecomm.link.asking import Call, carry_out
 from drivecomm.link.health import PROBE_S, Health, ProbingTime
 from drivecomm.link.line_state import LineState
 from drivecomm.link.peer import Peer, PeerState, TraceEvent
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 
     from drivecomm.link.command_order import CommandCall
     from drivecomm.link.echo import Echo
-    from drivecomm.link.effects import Steps
+    from drivecomm.link.port import Steps
     from drivecomm.link.statistics import Statistics
     from drivecomm.protocol import Exchange
 

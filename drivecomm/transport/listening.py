@@ -22,7 +22,7 @@ from drivecomm.transport.holders import holder_of_port
 from drivecomm.transport.opening import cannot_open, error_number
 from drivecomm.transport.port_names import is_pseudo
 from drivecomm.transport.readiness import Readable
-from drivecomm.transport.server_connection import connected
+from drivecomm.transport.socket_channel import connected
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,7 +33,7 @@ if sys.platform != "win32":
     import fcntl
     import termios
 
-    from drivecomm.transport.exclusive import keep_others_out, let_others_in, lock
+    from drivecomm.transport.tty_channel import keep_others_out, let_others_in, lock
 
 _CHUNK = 4096
 # Linux, asm-generic/termbits.h; termios has no name for it.
