@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias, TypeVar
 if TYPE_CHECKING:
     from drivecomm.protocol import LineSettings
 
+T = TypeVar("T")
+
 
 class Port(Protocol):
     """An open port. Everything but `close` may raise LinkDownError."""
@@ -96,9 +98,6 @@ class PortProxy:
     def close(self) -> None:
         """Give the port back."""
         self._port.close()
-
-
-T = TypeVar("T")
 
 
 class Configure(NamedTuple):

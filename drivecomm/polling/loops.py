@@ -72,22 +72,16 @@ def poll(
     again every half second. Each bus has a thread of its own when there are several. Raises UsageError for a plan that
     cannot be carried out or that has what can never be read, and when a bus has been closed.
     """
-    lines = _by_bus(readable(checked(items, cycles=cycles)))
-    end_s = _seconds(duration_s)
-    if len(lines) == 1:
-        return poll_bus(lines[0], end_s, cycles)
-    return _poll_buses(lines, end_s, cycles)
+    lines, end_s = _by_bus(readable(checked(items, cycles=cycles))), _seconds(duration_s)
+    return poll_bus(lines[0], end_s, cycles) if len(lines) == 1 else _poll_buses(lines, end_s, cycles)
 
 
 def poll_async(
     items: Iterable[PollItem[D]], *, duration_s: float | None = None, cycles: int | None = None
 ) -> AsyncGenerator[PollResult, None]:
     """Do the same as `poll` with asynchronous drives, on one event loop."""
-    lines = _by_bus(readable(checked(items, cycles=cycles)))
-    end_s = _seconds(duration_s)
-    if len(lines) == 1:
-        return _poll_bus_async(lines[0], end_s, cycles)
-    return _poll_buses_async(lines, end_s, cycles)
+    lines, end_s = _by_bus(readable(checked(items, cycles=cycles))), _seconds(duration_s)
+    return _poll_bus_async(lines[0], end_s, cycles) if len(lines) == 1 else _poll_buses_async(lines, end_s, cycles)
 
 
 def readable(items: Sequence[PollItem[D]]) -> Sequence[PollItem[D]]:
