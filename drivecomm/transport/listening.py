@@ -25,8 +25,6 @@ from drivecomm.transport.readiness import Readable
 from drivecomm.transport.socket_channel import connected
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from drivecomm.protocol import LineSettings
 
 if sys.platform != "win32":
@@ -274,14 +272,7 @@ class MarkedCharacters:
         return bytes(plain), spoilt
 
 
-_PARITY_FLAGS: dict[str, Callable[[], int]] = {
-    "N": lambda: 0,
-    "E": lambda: termios.PARENB,
-    "O": lambda: termios.PARENB | termios.PARODD,
-    "M": lambda: termios.PARENB | termios.PARODD | _STICK_PARITY,
-    "S": lambda: termios.PARENB | _STICK_PARITY,
-}
-
-
 def _parity_flags(settings: LineSettings) -> int:
-    return _PARITY_FLAGS[settings.parity]()
+    flags = 0 if settings.parity == "N" else termios.PARENB
+    flags |= termios.PARODD if settings.parity in "OM" else 0
+    return flags | (_STICK_PARITY if settings.parity in "MS" else 0)
