@@ -4,13 +4,25 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test coverage check docs bench fuzz mutants clean
+PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
+
+# Tests start many processes, which would compile every module again where the environment forbids to keep it.
+unexport PYTHONDONTWRITEBYTECODE
+
+.PHONY: demo test test-rest test-all coverage check docs bench fuzz mutants clean
 
 demo: $(VENV)/installed
 	$(BIN)/drivecomm demo
 
+# What answers quickly, what it leaves out, and both in one run.
 test: $(VENV)/installed-test
-	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
+	$(PYTEST) -m "not soak"
+
+test-rest: $(VENV)/installed-test
+	$(PYTEST) -m soak
+
+test-all: $(VENV)/installed-test
+	$(PYTEST)
 
 coverage: $(VENV)/installed-test
 	$(BIN)/python -m pytest --cov --cov-report=term

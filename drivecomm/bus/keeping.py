@@ -325,7 +325,10 @@ class AsyncWatchdogKeeper(_Keeper[AsyncDrive]):
 
 
 keep = WatchdogKeeper
+"""Keeps a drive's watchdog fed while a `with` block runs; see `WatchdogKeeper`."""
+
 keep_async = AsyncWatchdogKeeper
+"""Keeps a drive's watchdog fed while an `async with` block runs; see `AsyncWatchdogKeeper`."""
 
 
 async def _set_within(event: asyncio.Event, seconds: float) -> bool:

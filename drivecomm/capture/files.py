@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Self
 
 from drivecomm.capture.growing_file import GrowingFile
 from drivecomm.capture.json_lines import JsonLines, read_json_lines
@@ -22,27 +22,10 @@ from drivecomm.tomlfile import no_such_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from types import TracebackType
 
     from drivecomm.capture.pieces import Capture, Piece, Provenance
 
 _PCAP = (b"\xa1\xb2\xc3\xd4", b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\x3c\x4d", b"\x4d\x3c\xb2\xa1")
-
-
-class Form(Protocol):
-    """A file format while a file of it grows."""
-
-    def opening(self) -> bytes:
-        """Return what the file begins with."""
-        ...
-
-    def piece(self, piece: Piece) -> bytes:
-        """Return what a piece adds to it."""
-        ...
-
-    def take_back(self) -> None:
-        """Take it that the latest piece did not get into the file."""
-        ...
 
 
 _FORMS: Mapping[str, type[JsonLines | Pcapng]] = {".jsonl": JsonLines, ".pcapng": Pcapng}
@@ -60,11 +43,11 @@ def read_capture(path: str | Path) -> Capture:
     except FileNotFoundError:
         raise FileFormatError(no_such_file(place)) from None
     except OSError as error:
-        raise FileFormatError(f"{place}: cannot be read as a capture ({error.strerror or error})") from error
+        raise FileFormatError(f"{place}: cannot read the capture ({error.strerror or error})") from error
     if content.startswith(MAGIC):
         return read_pcapng(place, content)
     if content.startswith(_PCAP):
-        raise FileFormatError(f"{place}: it is a pcap file; save it as pcapng, with Wireshark for example")
+        raise FileFormatError(f"{place}: is a pcap file; save it as pcapng, for example with Wireshark")
     return read_json_lines(place, content)
 
 
@@ -91,7 +74,7 @@ class CaptureWriter:
 
     def __init__(self, path: str | Path, provenance: Provenance) -> None:
         self._path = Path(path)
-        self._form: Form = _form_of(self._path)(provenance)
+        self._form = _form_of(self._path)(provenance)
         self._lock = Lock()
         opening = self._form.opening()
         self._file: GrowingFile | None = None
@@ -109,7 +92,7 @@ class CaptureWriter:
         may be tried again.
         """
         if not 0 <= piece.time_s <= LONGEST_S:
-            raise UsageError(f"a time of {piece.time_s} s is not between the beginning of a capture and 3e9 s after it")
+            raise UsageError(f"a time of {piece.time_s} s is outside the range of a capture, 0 to 3e9 s")
         if not piece.data:
             return
         with self._lock:
@@ -131,16 +114,14 @@ class CaptureWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
 def _form_of(path: Path) -> type[JsonLines | Pcapng]:
     form = _FORMS.get(path.suffix.lower())
     if form is None:
-        raise FileFormatError(f"{path} is no capture file; name it .jsonl, or .pcapng for Wireshark")
+        raise FileFormatError(f"{path} is not a capture file; name it .jsonl, or .pcapng for Wireshark")
     return form
 
 

@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 TRIED_AGAIN_S = 5.0
-"""So long a file that could not be written is left alone before it is tried again."""
+"""How long to wait before a file that could not be written is tried again."""
 
 _REASONS = {
-    errno.ENOSPC: "no room left on the device",
+    errno.ENOSPC: "no space left on the device",
     errno.EDQUOT: "the disk quota is used up",
     errno.EFBIG: "the file may not grow any further",
     errno.EIO: "the device cannot be written",
@@ -69,8 +69,8 @@ class GrowingFile:
 class Gaps:
     """Lets what is kept in a file go missing while the file cannot be written, and says when that begins and ends.
 
-    place: the file, for people. kept, done: what goes missing, and what is not done with it, such as "values" and
-    "logged". goes_on: what does not end by it, such as "polling". tell: hears a sentence for each beginning and end.
+    place: the file, as messages name it. kept, done: what goes missing, and what is not done with it: "values"
+    and "logged". goes_on: what does not end by it, such as "polling". tell: hears each beginning and end.
     """
 
     def __init__(self, place: str, *, kept: str, done: str, goes_on: str, tell: Callable[[str], None]) -> None:

@@ -9,31 +9,8 @@ from dataclasses import dataclass, field
 from datetime import timedelta
 from typing import TYPE_CHECKING, Literal, TypeAlias, cast
 
-from drivecomm.capture.headers import is_header, provenance_of
-from drivecomm.capture.pcapng_fields import (
-    BYTE_ORDER,
-    COMMENT,
-    DESCRIPTION,
-    DIRECTIONS,
-    END,
-    EPOCH,
-    FLAGS,
-    INTERFACE,
-    LATEST,
-    MAGIC,
-    NAME,
-    OFFSET,
-    PACKET,
-    RESOLUTION,
-    RTAC_HEADER,
-    RTAC_SERIAL,
-    SECOND_NS,
-    SECTION,
-    SIMPLE_PACKET,
-    SPEED,
-    USER_APPLICATION,
-    nanoseconds,
-)
+from drivecomm.capture import pcapng_fields as pcapng
+from drivecomm.capture.json_lines import is_header, provenance_of
 from drivecomm.capture.pieces import LONGEST_S, Capture, Piece, Provenance, Source
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.protocol import LineSettings, Parity
@@ -43,7 +20,7 @@ if TYPE_CHECKING:
 
 # Events of the link type: transmitting and receiving, each begun or ended.
 _SENT_IN: dict[int, Source] = {1: "master", 3: "master", 2: "drive", 4: "drive"}
-_SENT_TOWARDS: dict[int, Source] = {number: source for source, number in DIRECTIONS.items()}
+_SENT_TOWARDS: dict[int, Source] = {number: source for source, number in pcapng.DIRECTIONS.items()}
 
 # Wireshark refuses larger ones, too; a length beyond it is a damaged file, and not a long packet.
 _LONGEST_BLOCK = 16 * 1024 * 1024
@@ -108,7 +85,7 @@ class _Reader:
                 raise FileFormatError(f"{self.path}: block at byte {place}: {error}") from error
             if not length:
                 if not self._sections:
-                    raise FileFormatError(f"{self.path}: it ends in the middle of its header")
+                    raise FileFormatError(f"{self.path}: the file ends in the middle of the header")
                 self._remarks.append(f"{self.path}: the block at byte {place} is cut off and left out")
                 return
             place += length
@@ -118,8 +95,8 @@ class _Reader:
         if self._foreign and not self._packets:
             kinds = ", ".join(map(str, sorted(self._foreign)))
             raise FileFormatError(
-                f"{self.path}: it was captured elsewhere than on a serial line (link type {kinds}); "
-                f"what is wanted is link type {RTAC_SERIAL}"
+                f"{self.path}: not captured on a serial line (link type {kinds}); "
+                f"the supported link type is {pcapng.RTAC_SERIAL}"
             )
         self._remarks += [
             f"{self.path}: {count} packets of link type {kind} are left out" for kind, count in self._foreign.items()
@@ -132,7 +109,7 @@ class _Reader:
             provenance=self._about or self._provenance(began_ns),
             pieces=[
                 Piece(
-                    time_s=(packet.time_ns - began_ns) / SECOND_NS,
+                    time_s=(packet.time_ns - began_ns) / pcapng.SECOND_NS,
                     data=packet.data,
                     source=packet.source,
                     line=packet.interface.line,
@@ -147,13 +124,13 @@ class _Reader:
         if self._about is None:
             # Whole microseconds, as a time of day has them.
             return packets[0].time_ns // 1000 * 1000 if packets else 0
-        began_ns = 0 if self._about.began is None else nanoseconds(self._about.began)
+        began_ns = 0 if self._about.began is None else pcapng.nanoseconds(self._about.began)
         if packets and packets[0].time_ns < began_ns:
-            raise FileFormatError(f"{self.path}: its first packet is older than the capture")
+            raise FileFormatError(f"{self.path}: the first packet is older than the capture")
         return began_ns
 
     def _provenance(self, began_ns: int) -> Provenance:
-        began = EPOCH + timedelta(microseconds=began_ns // 1000) if self._packets else None
+        began = pcapng.EPOCH + timedelta(microseconds=began_ns // 1000) if self._packets else None
         return Provenance(began=began, tool=self._tool, note="\n".join(self._comments))
 
     def _block_at(self, content: bytes, place: int) -> int:
@@ -161,37 +138,37 @@ class _Reader:
         left = len(content) - place
         if left < 12:
             return 0
-        if content[place : place + 4] == MAGIC:
+        if content[place : place + 4] == pcapng.MAGIC:
             self._order = _byte_order(content[place + 8 : place + 12])
         kind, length = struct.unpack_from(f"{self._order}II", content, place)
         if length < 12 or length % 4 or length > _LONGEST_BLOCK:
-            raise FileFormatError(f"a length of {length} cannot be")
+            raise FileFormatError(f"invalid length {length}")
         if left < length:
             return 0
         (again,) = struct.unpack_from(f"{self._order}I", content, place + length - 4)
         if again != length:
-            raise FileFormatError(f"its length is {length} at its beginning and {again} at its end")
+            raise FileFormatError(f"the length is {length} at the beginning and {again} at the end")
         body = content[place + 8 : place + length - 4]
-        if kind == SECTION:
+        if kind == pcapng.SECTION:
             self._section(body)
-        elif kind == INTERFACE:
+        elif kind == pcapng.INTERFACE:
             self._interface(body)
-        elif kind == PACKET:
+        elif kind == pcapng.PACKET:
             self._packet(body)
-        elif kind == SIMPLE_PACKET:
+        elif kind == pcapng.SIMPLE_PACKET:
             self._timeless += 1
         return int(length)
 
     def _section(self, body: bytes) -> None:
         major, minor = struct.unpack_from(f"{self._order}HH", body, 4)
         if major != 1:
-            raise FileFormatError(f"version {major}.{minor} of pcapng is not known, only 1 is")
+            raise FileFormatError(f"version {major}.{minor} of pcapng is not supported, only 1 is")
         self._interfaces = []
         self._sections += 1
         for code, value in self._options(body, 16):
-            if code == USER_APPLICATION and self._sections == 1:
+            if code == pcapng.USER_APPLICATION and self._sections == 1:
                 self._tool = value.decode()
-            elif code == COMMENT:
+            elif code == pcapng.COMMENT:
                 self._comment(value.decode())
 
     def _comment(self, comment: str) -> None:
@@ -209,16 +186,16 @@ class _Reader:
         found = _Interface(link_type=link_type, line="", settings=None, units=10**_MICROSECONDS, offset_s=0)
         baudrate, words = 0, ""
         for code, value in self._options(body, 8):
-            if code == NAME:
+            if code == pcapng.NAME:
                 found.line = value.decode()
-            elif code == DESCRIPTION:
+            elif code == pcapng.DESCRIPTION:
                 words = value.decode()
-            elif code == SPEED:
+            elif code == pcapng.SPEED:
                 (baudrate,) = struct.unpack(f"{self._order}Q", value)
-            elif code == RESOLUTION:
+            elif code == pcapng.RESOLUTION:
                 (resolution,) = struct.unpack("B", value)
                 found.units = 2 ** (resolution & 0x7F) if resolution & 0x80 else 10**resolution
-            elif code == OFFSET:
+            elif code == pcapng.OFFSET:
                 (found.offset_s,) = struct.unpack(f"{self._order}q", value)
         found.settings = _settings(baudrate, words)
         self._interfaces.append(found)
@@ -226,38 +203,38 @@ class _Reader:
     def _packet(self, body: bytes) -> None:
         number, high, low, length, _ = struct.unpack_from(f"{self._order}IIIII", body)
         if number >= len(self._interfaces):
-            raise FileFormatError(f"interface {number} is not described before it is used")
+            raise FileFormatError(f"interface {number} is used before its description")
         if 20 + length > len(body):
-            raise FileFormatError(f"a packet of {length} bytes does not fit into it")
+            raise FileFormatError(f"a packet of {length} bytes does not fit into the block")
         interface = self._interfaces[number]
-        if interface.link_type != RTAC_SERIAL:
+        if interface.link_type != pcapng.RTAC_SERIAL:
             self._foreign[interface.link_type] = self._foreign.get(interface.link_type, 0) + 1
             return
-        if length < RTAC_HEADER.size:
+        if length < pcapng.RTAC_HEADER.size:
             raise FileFormatError(f"a packet of {length} bytes is too short for its link type")
         event = body[20 + 8]
-        data = body[20 + RTAC_HEADER.size : 20 + length]
+        data = body[20 + pcapng.RTAC_HEADER.size : 20 + length]
         if not data:
             # The line's state changed, and no byte came.
             return
         source = _SENT_IN.get(event, "unknown")
         for code, value in self._options(body, 20 + length + -length % 4):
-            if code == FLAGS:
+            if code == pcapng.FLAGS:
                 (flags,) = struct.unpack(f"{self._order}I", value)
                 source = _SENT_TOWARDS.get(flags & 3, "unknown")
-        time_ns = (high << 32 | low) * SECOND_NS // interface.units + interface.offset_s * SECOND_NS
-        if not 0 <= time_ns <= nanoseconds(LATEST) + LONGEST_S * SECOND_NS:
-            raise FileFormatError("its time is not between 1970 and 2495")
+        time_ns = (high << 32 | low) * pcapng.SECOND_NS // interface.units + interface.offset_s * pcapng.SECOND_NS
+        if not 0 <= time_ns <= pcapng.nanoseconds(pcapng.LATEST) + LONGEST_S * pcapng.SECOND_NS:
+            raise FileFormatError("the time is not between 1970 and 2495")
         self._packets.append(_Packet(time_ns=time_ns, data=data, source=source, interface=interface))
 
     def _options(self, body: bytes, place: int) -> list[tuple[int, bytes]]:
         found = []
         while place + 4 <= len(body):
             code, length = struct.unpack_from(f"{self._order}HH", body, place)
-            if code == END:
+            if code == pcapng.END:
                 break
             if place + 4 + length > len(body):
-                raise FileFormatError(f"option {code} is longer than its block")
+                raise FileFormatError(f"option {code} is longer than the block")
             found.append((code, body[place + 4 : place + 4 + length]))
             place += 4 + length + -length % 4
         return found
@@ -265,9 +242,9 @@ class _Reader:
 
 def _byte_order(mark: bytes) -> Order:
     for order in ("<", ">"):
-        if mark == struct.pack(f"{order}I", BYTE_ORDER):
+        if mark == struct.pack(f"{order}I", pcapng.BYTE_ORDER):
             return order
-    raise FileFormatError("its byte-order mark is none")
+    raise FileFormatError("invalid byte-order mark")
 
 
 def _settings(baudrate: int, words: str) -> LineSettings | None:

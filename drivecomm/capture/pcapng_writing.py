@@ -6,28 +6,8 @@ import json
 import struct
 from typing import TYPE_CHECKING
 
-from drivecomm.capture.headers import header_of
-from drivecomm.capture.pcapng_fields import (
-    BYTE_ORDER,
-    COMMENT,
-    DESCRIPTION,
-    DIRECTIONS,
-    END,
-    EPOCH,
-    FLAGS,
-    INTERFACE,
-    LATEST,
-    NAME,
-    PACKET,
-    RESOLUTION,
-    RTAC_HEADER,
-    RTAC_SERIAL,
-    SECOND_NS,
-    SECTION,
-    SPEED,
-    USER_APPLICATION,
-    nanoseconds,
-)
+from drivecomm.capture import pcapng_fields as pcapng
+from drivecomm.capture.json_lines import header_of
 from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
@@ -46,20 +26,20 @@ class Pcapng:
 
     def __init__(self, provenance: Provenance) -> None:
         self._provenance = provenance
-        if provenance.began is not None and not EPOCH <= provenance.began <= LATEST:
-            raise UsageError(f"a pcapng file has no room for a capture of {provenance.began:%Y}; write a .jsonl file")
-        self._began_ns = 0 if provenance.began is None else nanoseconds(provenance.began)
+        if provenance.began is not None and not pcapng.EPOCH <= provenance.began <= pcapng.LATEST:
+            raise UsageError(f"pcapng cannot store a capture of the year {provenance.began:%Y}; write a .jsonl file")
+        self._began_ns = 0 if provenance.began is None else pcapng.nanoseconds(provenance.began)
         self._interfaces: dict[tuple[str, LineSettings | None], int] = {}
         self._written = 0
 
     def opening(self) -> bytes:
         """Return what the file begins with."""
         about = json.dumps(header_of(self._provenance), ensure_ascii=False)
-        options = _option(COMMENT, about.encode())
+        options = _option(pcapng.COMMENT, about.encode())
         if self._provenance.tool:
-            options += _option(USER_APPLICATION, self._provenance.tool.encode())
+            options += _option(pcapng.USER_APPLICATION, self._provenance.tool.encode())
         # Its length is not known while it grows.
-        return _block(SECTION, struct.pack("<IHHq", BYTE_ORDER, 1, 0, -1) + options + _option(END))
+        return _block(pcapng.SECTION, struct.pack("<IHHq", pcapng.BYTE_ORDER, 1, 0, -1) + options + _option(pcapng.END))
 
     def piece(self, piece: Piece) -> bytes:
         """Return what a piece adds to it: an interface where it is the first on one, and a packet."""
@@ -68,13 +48,13 @@ class Pcapng:
         if place not in self._interfaces:
             before = self._interface(piece.line, piece.settings)
             self._interfaces[place] = len(self._interfaces)
-        time_ns = self._began_ns + round(piece.time_s * SECOND_NS)
-        seconds, rest_ns = divmod(time_ns, SECOND_NS)
+        time_ns = self._began_ns + round(piece.time_s * pcapng.SECOND_NS)
+        seconds, rest_ns = divmod(time_ns, pcapng.SECOND_NS)
         # The packet's own seconds end in 2106; the block's time does not.
-        data = RTAC_HEADER.pack(seconds & 0xFFFFFFFF, rest_ns // 1000, _EVENTS[piece.source], 0, 0) + piece.data
+        data = pcapng.RTAC_HEADER.pack(seconds & 0xFFFFFFFF, rest_ns // 1000, _EVENTS[piece.source], 0, 0) + piece.data
         head = struct.pack("<IIIII", self._interfaces[place], time_ns >> 32, time_ns & 0xFFFFFFFF, len(data), len(data))
-        flags = _option(FLAGS, struct.pack("<I", DIRECTIONS[piece.source]))
-        return before + _block(PACKET, head + _padded(data) + flags + _option(END))
+        flags = _option(pcapng.FLAGS, struct.pack("<I", pcapng.DIRECTIONS[piece.source]))
+        return before + _block(pcapng.PACKET, head + _padded(data) + flags + _option(pcapng.END))
 
     def take_back(self) -> None:
         """Take it that the latest piece, and its interface if it was the first on it, did not get into the file."""
@@ -84,12 +64,12 @@ class Pcapng:
     def _interface(self, line: str, settings: LineSettings | None) -> bytes:
         known = settings or self._provenance.settings
         words = " at ".join(part for part in (str(known) if known else "", self._provenance.port) if part)
-        options = _option(NAME, line.encode()) if line else b""
-        options += _option(DESCRIPTION, words.encode()) if words else b""
+        options = _option(pcapng.NAME, line.encode()) if line else b""
+        options += _option(pcapng.DESCRIPTION, words.encode()) if words else b""
         # Without it the settings are those of the capture.
-        options += _option(SPEED, struct.pack("<Q", settings.baudrate)) if settings is not None else b""
-        options += _option(RESOLUTION, bytes([_NANOSECONDS])) + _option(END)
-        return _block(INTERFACE, struct.pack("<HHI", RTAC_SERIAL, 0, 0) + options)
+        options += _option(pcapng.SPEED, struct.pack("<Q", settings.baudrate)) if settings is not None else b""
+        options += _option(pcapng.RESOLUTION, bytes([_NANOSECONDS])) + _option(pcapng.END)
+        return _block(pcapng.INTERFACE, struct.pack("<HHI", pcapng.RTAC_SERIAL, 0, 0) + options)
 
 
 def _block(kind: int, body: bytes) -> bytes:

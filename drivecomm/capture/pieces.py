@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import LineSettings
 
 Source: TypeAlias = Literal["master", "drive", "unknown"]
-"""Who sent a piece, where whoever captured it could know."""
+"""Who sent a piece, as far as it could be known when it was captured."""
 
 
 LONGEST_S = 3_000_000_000
@@ -56,7 +56,7 @@ class Provenance:
 class Capture:
     """A whole capture: where it comes from, and its pieces in the order of their times.
 
-    remarks: what its reader had to leave out, in sentences for people, such as a last line that is cut off.
+    remarks: what its reader had to leave out, in sentences, such as a last line that is cut off.
     """
 
     provenance: Provenance

@@ -4,7 +4,7 @@
         ...
 
 A piece that was sent has the time at which its last character is on the wire, as far as line settings tell. One that
-was received has the time at which it was fetched from the port: what comes while nobody asks is fetched by the next
+was received has the time at which it was fetched from the port: what comes between exchanges is fetched by the next
 exchange. An echo that the bus expects is the master's own bytes once more, and not recorded again.
 """
 
@@ -63,7 +63,7 @@ class Recording:
     ) -> None:
         if not isinstance(record, str | Path) and not hasattr(record, "add"):
             raise UsageError(
-                f"{shortened(record)} records nothing; give a file, .jsonl or .pcapng, or an object with add(piece)"
+                f"{shortened(record)} cannot record; give a .jsonl or .pcapng file, or an object with add(piece)"
             )
         self._open_port = open_port
         self._path = Path(record) if isinstance(record, str | Path) else None
@@ -141,7 +141,7 @@ class Recording:
     def _add(self, data: bytes, source: Source, time_s: float) -> None:
         if self._over or not data:
             return
-        # A file says in its header which are the usual ones; whoever takes pieces alone is told each time.
+        # A file says in its header which are the usual ones; an object is told with each piece.
         usual = self._path is not None and self._settings == self._first
         settings = None if usual else self._settings
         piece = Piece(time_s=max(0.0, time_s - self._began_s), data=data, source=source, settings=settings)

@@ -17,7 +17,7 @@ from drivecomm.traffic.cohabitation import check_line
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.traffic.cohabitation import Cohabitation, Proof, Verdict
+    from drivecomm.traffic.cohabitation import Cohabitation, PairVerdict, Proof
 
 
 def cohabit(
@@ -54,7 +54,7 @@ def cohabit(
     return 0 if passed else 1
 
 
-def _passes(verdict: Verdict, bits: int | None) -> bool:
+def _passes(verdict: PairVerdict, bits: int | None) -> bool:
     chance = verdict.proof.bits if verdict.proof is not None else None
     return verdict.safe or (bits is not None and chance is not None and chance > bits)
 
@@ -85,7 +85,7 @@ def _tell(line: str, found: Cohabitation) -> None:
         say(sentence)
 
 
-def _tell_each(verdicts: Sequence[Verdict]) -> None:
+def _tell_each(verdicts: Sequence[PairVerdict]) -> None:
     for verdict in verdicts:
         say(f"  {verdict.listener} hears {verdict.speaker}: {verdict.outcome.value}")
         say(f"    {verdict.reason}")

@@ -11,7 +11,7 @@ from drivecomm.cli.options import Json
 from drivecomm.cli.output import emit, say
 from drivecomm.errors import UsageError
 from drivecomm.tomlfile import read_text_file
-from drivecomm.virtual import PlantControl
+from drivecomm.virtual import ControlClient
 
 _Control = Annotated[
     str,
@@ -117,7 +117,7 @@ def _state_line(state: dict[str, Any]) -> str:
 def _order(control: str, order: str, **fields: Any) -> dict[str, Any]:
     if not control:
         raise UsageError("no control socket; give --control with the address that drivecomm simulate printed")
-    with PlantControl(control) as connection:
+    with ControlClient(control) as connection:
         return connection.order(order, **fields)
 
 

@@ -17,14 +17,14 @@ from drivecomm.errors import UsageError
 from drivecomm.protocol import LineSettings, installed
 from drivecomm.traffic.replay import (
     PATIENCE_S,
-    Asking,
-    Outcome,
+    ReplayedRequest,
+    ReplayMaster,
     Sending,
     described,
     difference,
-    exchanged,
+    infer_sources,
     recorded_drives,
-    telling_apart,
+    recorded_exchanges,
 )
 from drivecomm.virtual import Server, parse_listen
 
@@ -63,8 +63,8 @@ def replay(
         line.must_be_armed()
     else:
         line.refuse("without --commands nothing is commanded", "arm")
-    asking = Asking(
-        exchanged(capture),
+    asking = ReplayMaster(
+        recorded_exchanges(capture),
         plugins,
         faster=faster,
         sending=Sending.EVERYTHING if commands else Sending.QUESTIONS,
@@ -80,13 +80,13 @@ def _read(file: Path, plugins: Sequence[Protocol]) -> Capture:
     capture = read_capture(file)
     for remark in capture.remarks:
         sys.stderr.write(f"drivecomm: {remark}\n")
-    return telling_apart(capture, plugins)
+    return infer_sources(capture, plugins)
 
 
 def _answer(capture: Capture, listen: str, *, as_json: bool) -> int:
     with until_stopped() as stop, Server(recorded_drives(capture), parse_listen(listen)) as server:
         if as_json:
-            emit(listening=server.address, requests=len(exchanged(capture)))
+            emit(listening=server.address, requests=len(recorded_exchanges(capture)))
         else:
             say(f"the drives of the capture on {server.address}; stop with Ctrl-C")
         server.run(stop)
@@ -101,8 +101,8 @@ def _line_settings(line: LineOptions) -> dict[str, Any]:
     return {name: line.facts[name] for name in names if line.facts[name] is not None}
 
 
-def _ask(asking: Asking, line: LineOptions, plugins: Sequence[Protocol]) -> int:
-    different: list[Outcome] = []
+def _ask(asking: ReplayMaster, line: LineOptions, plugins: Sequence[Protocol]) -> int:
+    different: list[ReplayedRequest] = []
     asked = left_out = 0
     with line.opened() as port:
         for outcome in asking.on(port):
@@ -122,7 +122,7 @@ def _ask(asking: Asking, line: LineOptions, plugins: Sequence[Protocol]) -> int:
     return 1 if different else 0
 
 
-def _emit(outcome: Outcome, plugins: Sequence[Protocol]) -> None:
+def _emit(outcome: ReplayedRequest, plugins: Sequence[Protocol]) -> None:
     emit(
         request=outcome.number,
         time_s=round(outcome.then.asked_s, 6),
@@ -134,7 +134,7 @@ def _emit(outcome: Outcome, plugins: Sequence[Protocol]) -> None:
     )
 
 
-def _show(different: Sequence[Outcome], plugins: Sequence[Protocol]) -> None:
+def _show(different: Sequence[ReplayedRequest], plugins: Sequence[Protocol]) -> None:
     """Print the requests that were answered differently, and in what."""
     if not different:
         return

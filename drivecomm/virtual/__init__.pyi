@@ -1,18 +1,21 @@
-from .control_door import _MOST_GUESTS as _MOST_GUESTS, LONGEST_ORDER as LONGEST_ORDER, parse_place as parse_place
 from .control_orders import answer_order as answer_order
+from .control_socket import (
+    _MOST_CLIENTS as _MOST_CLIENTS,
+    LONGEST_ORDER as LONGEST_ORDER,
+    ControlClient as ControlClient,
+    parse_place as parse_place,
+)
 from .direct import carry_out as carry_out
 from .drive_proxy import DriveProxy as DriveProxy
 from .drives import drive_type as drive_type, virtual_drive as virtual_drive
 from .forecast import Forecast as Forecast, forecast as forecast
-from .line import _MOST_AUDIBLE as _MOST_AUDIBLE, _ROOM as _ROOM, VirtualLine as VirtualLine
+from .line import VirtualLine as VirtualLine
 from .listeners import Listener as Listener, parse_listen as parse_listen
-from .medium import Medium as Medium, Transmission as Transmission
-from .plant_control import PlantControl as PlantControl
+from .medium import _MOST_AUDIBLE as _MOST_AUDIBLE, _ROOM as _ROOM, Medium as Medium, Transmission as Transmission
 from .plant_server import PlantServer as PlantServer
 from .port import VirtualPort as VirtualPort
 from .rfc2217_listener import PretendedPort as PretendedPort, Rfc2217Listener as Rfc2217Listener
-from .served_line import ServedLine as ServedLine
-from .serving import Server as Server, serve as serve
+from .serving import ServedLine as ServedLine, Server as Server
 from .station import Station as Station
 from .tcp_listener import TcpListener as TcpListener
 from .uart import _sampled as _sampled, heard as heard, received as received

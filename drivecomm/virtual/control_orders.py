@@ -4,7 +4,7 @@ r"""What a running plant can be told to do, as objects of JSON: one order in, on
 {"order": "power", "drive": "pump", "state": "off"}           on, off, factory: on again with factory settings
 {"order": "set", "drive": "pump", "parameter": "480", "value": 1000}
 {"order": "inject", "line": "hall", "data": "04 41 FF"}
-{"order": "fault", "text": "drive = 'pump'\nkind = 'drop'"}    as behind [[fault]] in a plant file
+{"order": "fault", "text": "drive = 'pump'\nkind = 'drop'"}    as after [[fault]] in a plant file
 {"order": "show"}                                             or with drive and parameters: what it holds
 
 The answer is {"ok": true, ...}, or {"ok": false, "error": a sentence}.
@@ -43,7 +43,7 @@ def _order(text: bytes) -> Mapping[str, Any]:
     except (ValueError, RecursionError):
         order = None
     if not isinstance(order, dict):
-        raise UsageError('an order is one object of JSON on a line of its own, such as {"order": "show"}')
+        raise UsageError('an order is one JSON object on one line, such as {"order": "show"}')
     return order
 
 
@@ -58,7 +58,7 @@ def _carried_out(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, 
     }
     name = order.get("order")
     if not isinstance(name, str) or name not in orders:
-        raise UsageError(f"{name!r} is no order; write one of {', '.join(orders)}")
+        raise UsageError(f"unknown order {name!r}; write one of {', '.join(orders)}")
     return orders[name](plant, order)
 
 
@@ -72,7 +72,7 @@ def _power(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
     drive, state = _fields(order, drive=_TEXT, state=_TEXT)
     states = {"on": plant.power_on, "off": plant.power_off, "factory": plant.power_on_as_new}
     if state not in states:
-        raise UsageError(f"power cannot be {state!r}; write one of {', '.join(states)}")
+        raise UsageError(f"invalid power state {state!r}; write one of {', '.join(states)}")
     states[state](drive)
     return {}
 
@@ -111,10 +111,10 @@ def _fields(order: Mapping[str, Any], **known: tuple[tuple[type, ...], str]) -> 
     """Return the fields of an order, in this order; all must be there, and no others."""
     name = order["order"]
     for key in sorted(set(order) - set(known) - {"order"}):
-        raise UsageError(f"the order {name} has no {key!r}; it has {', '.join(known) or 'nothing more'}")
+        raise UsageError(f"unknown key {key!r} in the order {name}; it has {', '.join(known) or 'no keys'}")
     for key, (types, words) in known.items():
         if key not in order:
-            raise UsageError(f"the order {name} lacks {key}; write {words}")
+            raise UsageError(f"the order {name} needs {key}, {words}")
         if not isinstance(order[key], types) or isinstance(order[key], bool):
-            raise UsageError(f"{key} of the order {name} cannot be {order[key]!r}; write {words}")
+            raise UsageError(f"invalid {key} {order[key]!r} in the order {name}; write {words}")
     return [order[key] for key in known]

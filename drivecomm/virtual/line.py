@@ -1,7 +1,7 @@
 """A virtual line on a virtual clock: several drives of several protocols, character times, echo, faults, power.
 
 Whoever owns the line lets its time pass: a master in the same program by waiting (`VirtualPort`), a server by following
-the clock on the wall (`drivecomm.virtual.served_line`).
+the clock on the wall (`drivecomm.virtual.serving`).
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ from __future__ import annotations
 import heapq
 from functools import partial
 from math import inf
-from typing import TYPE_CHECKING, NamedTuple, Protocol as Interface
+from typing import TYPE_CHECKING, Protocol as Interface
 
 from drivecomm.errors import UsageError
 from drivecomm.plant import UNDISTURBED
 from drivecomm.protocol import LineSettings
-from drivecomm.virtual.medium import Medium, Transmission
+from drivecomm.virtual.medium import Medium, Receiver, Transmission
 from drivecomm.virtual.port import VirtualPort
-from drivecomm.virtual.station import Station
+from drivecomm.virtual.station import Answer, Station
 from drivecomm.virtual.uart import heard
 
 if TYPE_CHECKING:
@@ -25,10 +25,6 @@ if TYPE_CHECKING:
     from drivecomm.plant import FaultPlan, PowerCut
     from drivecomm.protocol import VirtualDrive
     from drivecomm.virtual.medium import Source
-
-# What a master never reads is lost, as in the buffer of a port.
-_ROOM = 65536
-_MOST_AUDIBLE = 256
 
 
 class Disturbance(Interface):
@@ -41,12 +37,6 @@ class Disturbance(Interface):
     def reply(self, data: bytes, drive: VirtualDrive, now: float) -> Sequence[tuple[float, bytes]]:
         """Return what arrives of what this drive sends, as delays and bytes."""
         ...
-
-
-class _Answer(NamedTuple):
-    time: float
-    data: bytes
-    number: int
 
 
 class VirtualLine:
@@ -87,15 +77,9 @@ class VirtualLine:
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._order = 0
         self._free_at: dict[Station | Source, float] = {}
-        self._right_settings: dict[Station, LineSettings] = {}
-        self._answers: dict[Station, _Answer] = {}
-        self._answer_wakes: dict[Station, float] = {}
-        self._agreed = {id(drive): drive.settings for drive in self.drives}
         self._port_free_at = 0.0
-        self._master: LineSettings | None = LineSettings()
         self._wire = LineSettings()
-        self._audible: list[Transmission] = []
-        self._inbox = bytearray()
+        self._master = Receiver({id(station.drive): station.agreed for station in self._stations})
 
     def port(self) -> VirtualPort:
         """Open the master's end of the line."""
@@ -122,9 +106,9 @@ class VirtualLine:
         None: they are not known, as over plain TCP. Such a master is taken to speak to each drive with the settings
         that the drive had when the line was made; its characters last as long as those of the first drive.
         """
-        self._listen()
-        self._master = settings
-        self._wire = settings or next(iter(self._agreed.values()), LineSettings())
+        self._master.listen(self.time)
+        self._master.settings = settings
+        self._wire = settings or (self._stations[0].agreed if self._stations else LineSettings())
 
     @property
     def backlog_s(self) -> float:
@@ -134,8 +118,7 @@ class VirtualLine:
     @property
     def due(self) -> float:
         """When something next happens on the line, or is heard whole by the master; infinite if nothing will."""
-        first = self._events[0][0] if self._events else inf
-        return min(first, *(sent.ended for sent in self._audible)) if self._audible else first
+        return min(self._events[0][0] if self._events else inf, self._master.due)
 
     def transmit(self, data: bytes) -> None:
         """Let the master send."""
@@ -153,27 +136,26 @@ class VirtualLine:
 
     def receive(self, until: float, at_least: int) -> bytes:
         """Return what the master has heard, as soon as it is this much, at the latest at `until`."""
-        self._listen()
-        while (missing := at_least - len(self._inbox)) > 0:
-            ready = self._ready_at(missing)
+        self._master.listen(self.time)
+        while (missing := at_least - self._master.heard) > 0:
+            ready = self._master.ready_at(missing)
             if self._events and self._events[0][0] <= min(ready, until):
                 self._next()
             elif ready <= until:
                 self.time = max(self.time, ready)
             else:
                 self.time = max(self.time, until)
-                self._listen()
                 break
-            self._listen()
-        return self._emptied()
+            self._master.listen(self.time)
+        return self.take()
 
     def take(self) -> bytes:
         """Return what the master has heard by now."""
-        self._listen()
-        return self._emptied()
+        self._master.listen(self.time)
+        return self._master.take()
 
     def inject(self, data: bytes) -> None:
-        """Put bytes on the line that come from nobody, at once: noise, or foreign traffic."""
+        """Inject foreign bytes at once: noise, or the traffic of another master."""
         self._speak("foreign", data)
 
     def power_off(self, drive: VirtualDrive) -> None:
@@ -213,7 +195,7 @@ class VirtualLine:
             self._speak(who, data)
 
     def _speak(self, who: Station | Source, data: bytes) -> None:
-        """Put characters on the wire, behind those that the same sender still has on it."""
+        """Put characters on the wire, after those that the same sender still has on it."""
         if (free_at := self._free_at.get(who, 0.0)) > self.time:
             self.call_at(free_at, partial(self._speak, who, data))
             return
@@ -223,16 +205,14 @@ class VirtualLine:
         sender = who.drive if isinstance(who, Station) else None
         settings = sender.settings if sender is not None else self._wire
         ended = self.time + self._wire_s(settings, len(data))
-        agreed = sender is None and self._master is None
+        agreed = sender is None and self._master.settings is None
         sent = Transmission(
             source=source, sender=sender, settings=settings, data=data, began=self.time, ended=ended, agreed=agreed
         )
         self._free_at[who] = ended
         self._medium.begin(sent)
         if source != "master":
-            self._audible.append(sent)
-            if len(self._audible) > _MOST_AUDIBLE:
-                self._listen()
+            self._master.add(sent, self.time)
         if source != "echo":
             self.call_at(ended, partial(self._arrived, sent))
 
@@ -244,27 +224,27 @@ class VirtualLine:
         for station in self._stations:
             drive = station.drive
             if drive is not sent.sender and station.powered:
-                spoken = self._agreed[id(drive)] if sent.agreed else sent.settings
+                spoken = station.agreed if sent.agreed else sent.settings
                 for answer in station.hear(heard(sound, spoken, drive.settings), sent.began, sent.ended):
                     station.answering += 1
-                    self._answers[station] = _Answer(sent.ended + answer.delay_s, answer.data, station.answering)
-                    self._wake_to_answer(station, sent.ended + answer.delay_s)
+                    station.answer = Answer(sent.ended + answer.delay_s, answer.data, station.answering)
+                    self._wake_to_answer(station, station.answer.time)
 
     def _wake_to_answer(self, station: Station, time: float) -> None:
         """Come back to a drive's answer then; one visit serves all answers that take each other's place before it."""
-        if time < self._answer_wakes.get(station, inf):
-            self._answer_wakes[station] = time
+        if time < station.wakes_at:
+            station.wakes_at = time
             self.call_at(time, partial(self._visit, station, time))
 
     def _visit(self, station: Station, time: float) -> None:
-        if self._answer_wakes.get(station) != time:
+        answer = station.answer
+        if station.wakes_at != time or answer is None:
             return
-        del self._answer_wakes[station]
-        answer = self._answers[station]
+        station.wakes_at = inf
         if answer.time > time:
             self._wake_to_answer(station, answer.time)
         else:
-            del self._answers[station]
+            station.answer = None
             self._answer(station, answer.data, answer.number)
 
     def _answer(self, station: Station, answer: bytes, number: int) -> None:
@@ -294,61 +274,13 @@ class VirtualLine:
         self.call_at(off_at, partial(self.power_off, drive))
         self.call_at(off_at + cut.lasts_s, partial(self.power_on, drive, cut.settings))
         if cut.settings is not None:
-            self._right_settings.setdefault(station, drive.settings)
-            self.call_at(off_at + cut.lasts_s + cut.mismatch_s, partial(self._set_right, station))
-
-    def _set_right(self, station: Station) -> None:
-        station.drive.settings = self._right_settings.pop(station, station.drive.settings)
-
-    # Hearing
+            station.right_settings = station.right_settings or drive.settings
+            self.call_at(off_at + cut.lasts_s + cut.mismatch_s, station.set_right)
 
     def _next(self) -> None:
         time, _, action = heapq.heappop(self._events)
         self.time = max(self.time, time)
         action()
-
-    def _listen(self) -> None:
-        """Move what has come by now into the master's inbox."""
-        if not self._audible:
-            return
-        over = False
-        for sent in self._audible:
-            if sent.ended <= self.time:
-                whole, over = len(sent.data), True
-            elif sent.settings == self._ear_for(sent):
-                whole = sent.out_by(self.time)
-            else:
-                # What other settings make of it shows in one piece.
-                continue
-            if whole > sent.taken:
-                sound = sent.sound(sent.taken, whole)
-                self._inbox += sound if sent.agreed else heard(sound, sent.settings, self._ear_for(sent))
-                del self._inbox[_ROOM:]
-                sent.taken = whole
-        if over:
-            self._audible = [sent for sent in self._audible if sent.ended > self.time]
-
-    def _emptied(self) -> bytes:
-        data = bytes(self._inbox)
-        self._inbox.clear()
-        return data
-
-    def _ready_at(self, missing: int) -> float:
-        """Return when so many more characters are there, or the next step towards it; never if nothing is coming."""
-        if not self._audible:
-            return inf
-        # Of several that speak at once each character counts.
-        step = missing if len(self._audible) == 1 else 1
-        return min(
-            sent.end_of(sent.taken + step) if sent.settings == self._ear_for(sent) else sent.ended
-            for sent in self._audible
-        )
-
-    def _ear_for(self, sent: Transmission) -> LineSettings:
-        """Return the settings with which the master hears this."""
-        if self._master is not None:
-            return self._master
-        return sent.settings if sent.sender is None else self._agreed[id(sent.sender)]
 
     def _wire_s(self, settings: LineSettings, characters: int) -> float:
         return settings.wire_s(characters) if self.paced else 0.0

@@ -6,13 +6,21 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from drivecomm.protocol import LineSettings
+from drivecomm.virtual.uart import heard
+
 if TYPE_CHECKING:
-    from drivecomm.protocol import LineSettings, VirtualDrive
+    from collections.abc import Mapping
+
+    from drivecomm.protocol import VirtualDrive
 
 Source: TypeAlias = Literal["master", "echo", "drive", "foreign"]
 
 # Times are sums of floats; a character that is out but for a thousandth is out.
 _TOLERANCE = 1e-3
+# What a master never reads is lost, as in the buffer of a port.
+_ROOM = 65536
+_MOST_AUDIBLE = 256
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -105,3 +113,78 @@ class Medium:
         for transmission in self._present:
             if transmission.sender is sender:
                 transmission.cut_off(now)
+
+
+class Receiver:
+    """What the master's port has heard, and what it is hearing.
+
+    agreed: by the identity of a drive, the settings that a master shares with it whose own ones are not known.
+    """
+
+    def __init__(self, agreed: Mapping[int, LineSettings]) -> None:
+        self.settings: LineSettings | None = LineSettings()
+        """The master's; None where they are not known."""
+        self._agreed = agreed
+        self._audible: list[Transmission] = []
+        self._inbox = bytearray()
+
+    @property
+    def heard(self) -> int:
+        """How many characters wait to be taken."""
+        return len(self._inbox)
+
+    @property
+    def due(self) -> float:
+        """When the next transmission has been heard whole; infinite if nothing is coming."""
+        return min((sent.ended for sent in self._audible), default=math.inf)
+
+    def add(self, sent: Transmission, now: float) -> None:
+        """Hear a transmission that begins."""
+        self._audible.append(sent)
+        if len(self._audible) > _MOST_AUDIBLE:
+            self.listen(now)
+
+    def listen(self, now: float) -> None:
+        """Move what has come by now into the inbox."""
+        if not self._audible:
+            return
+        over = False
+        for sent in self._audible:
+            if sent.ended <= now:
+                whole, over = len(sent.data), True
+            elif sent.settings == self._ear_for(sent):
+                whole = sent.out_by(now)
+            else:
+                # What other settings make of it shows in one piece.
+                continue
+            if whole > sent.taken:
+                sound = sent.sound(sent.taken, whole)
+                self._inbox += sound if sent.agreed else heard(sound, sent.settings, self._ear_for(sent))
+                del self._inbox[_ROOM:]
+                sent.taken = whole
+        if over:
+            self._audible = [sent for sent in self._audible if sent.ended > now]
+
+    def take(self) -> bytes:
+        """Return what has been heard."""
+        data = bytes(self._inbox)
+        self._inbox.clear()
+        return data
+
+    def ready_at(self, missing: int) -> float:
+        """Return when so many more characters are there, or the next step towards it; never if nothing is coming."""
+        # Of several that speak at once each character counts.
+        step = missing if len(self._audible) == 1 else 1
+        return min(
+            (
+                sent.end_of(sent.taken + step) if sent.settings == self._ear_for(sent) else sent.ended
+                for sent in self._audible
+            ),
+            default=math.inf,
+        )
+
+    def _ear_for(self, sent: Transmission) -> LineSettings:
+        """Return the settings with which the master hears this."""
+        if self.settings is not None:
+            return self.settings
+        return sent.settings if sent.sender is None else self._agreed[id(sent.sender)]

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Self
 
 from drivecomm.errors import UsageError
-from drivecomm.virtual.control_door import ControlDoor, parse_place
+from drivecomm.virtual.control_socket import ControlServer, parse_place
 from drivecomm.virtual.listeners import parse_listen
-from drivecomm.virtual.served_line import ServedLine
-from drivecomm.virtual.serving import LineServer
+from drivecomm.virtual.serving import LineServer, ServedLine
 
 if TYPE_CHECKING:
     from threading import Event
-    from types import TracebackType
 
     from drivecomm.virtual.virtual_plant import VirtualPlant
 
@@ -31,12 +29,11 @@ class PlantServer:
         for line in plant.plant.lines:
             if not line.listen:
                 raise UsageError(
-                    f"line {line.name} says nowhere to listen; write listen = with one of pty:PATH, "
-                    "tcp:HOST:PORT, rfc2217:HOST:PORT"
+                    f"line {line.name} has no listen key; set it to pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT"
                 )
             self._served[line.name] = ServedLine(plant.line(line.name), parse_listen(line.listen))
-        self._door = ControlDoor(parse_place(control), plant, self._be_now) if control else None
-        self._server = LineServer(list(self._served.values()), [self._door] if self._door else [])
+        self._control = ControlServer(parse_place(control), plant, self._be_now) if control else None
+        self._server = LineServer(list(self._served.values()), self._control)
 
     @property
     def addresses(self) -> dict[str, str]:
@@ -46,7 +43,7 @@ class PlantServer:
     @property
     def control(self) -> str:
         """Where the control socket is; empty if there is none."""
-        return self._door.address if self._door else ""
+        return self._control.address if self._control else ""
 
     def now(self) -> float:
         """Return the time of the lines: seconds since this was entered."""
@@ -60,10 +57,8 @@ class PlantServer:
         self._server.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._server.__exit__(kind, error, traceback)
+    def __exit__(self, *error: object) -> None:
+        self._server.__exit__(*error)
 
     def _be_now(self) -> None:
         now = self._server.now()

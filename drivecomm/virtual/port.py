@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from drivecomm.errors import LinkDownError
 
 if TYPE_CHECKING:
     from drivecomm.protocol import LineSettings
-    from drivecomm.virtual.line import VirtualLine
+
+
+class PortLine(Protocol):
+    """A line whose time passes while its master waits, as `drivecomm.virtual.VirtualLine` says."""
+
+    time: float
+    paced: bool
+    broken: bool
+
+    def configure(self, settings: LineSettings) -> None: ...  # noqa: D102 - as the line says
+    def transmit(self, data: bytes) -> None: ...  # noqa: D102
+    def receive(self, until: float, at_least: int) -> bytes: ...  # noqa: D102
+    def take(self) -> bytes: ...  # noqa: D102
+    def pass_time(self, until: float) -> None: ...  # noqa: D102
 
 
 class VirtualPort:
@@ -17,7 +30,7 @@ class VirtualPort:
     real_time = False
     descriptor = None
 
-    def __init__(self, line: VirtualLine) -> None:
+    def __init__(self, line: PortLine) -> None:
         self._line = line
         self.paced = line.paced
         self._check()
@@ -64,4 +77,4 @@ class VirtualPort:
 
     def _check(self) -> None:
         if self._line.broken:
-            raise LinkDownError("the virtual line is broken; mend it by setting broken to False")
+            raise LinkDownError("the virtual line is broken; set broken to False to repair it")

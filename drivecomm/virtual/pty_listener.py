@@ -52,7 +52,7 @@ class PtyListener:
             self.close()
             raise PortError(
                 f"cannot make a pseudo-terminal at {self._path} ({error.strerror or error}); "
-                "choose a path in a folder that exists and may be written to"
+                "choose a path in an existing folder with write permission"
             ) from error
         except PortError:
             self.close()
@@ -94,12 +94,12 @@ class PtyListener:
             self._path.unlink(missing_ok=True)
             return
         if not self._path.is_symlink():
-            raise PortError(f"{self._path} exists and is no symbolic link; choose another path, or remove it")
+            raise PortError(f"{self._path} exists and is not a symbolic link; choose another path, or remove it")
         # Only those who find the place taken load what looks through the processes of the machine.
         from drivecomm.transport import server_of_terminal  # noqa: PLC0415
 
         server = server_of_terminal(str(self._path)) or "another program"
         raise PortError(
-            f"{self._path} leads to {self._path.resolve()}, which {server} serves; choose another path, or end that "
+            f"{self._path} leads to {self._path.resolve()}, which {server} serves; choose another path, or stop that "
             "program"
         )

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import struct
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from drivecomm.protocol import LineSettings
 from drivecomm.virtual.tcp_listener import TcpListener
-
-if TYPE_CHECKING:
-    from drivecomm.protocol import Parity
 
 # A subnegotiation of RFC 2217 has six bytes at most, and a signature that nobody needs longer than this.
 _LONGEST_NEGOTIATION = 256
@@ -48,9 +45,9 @@ class Rfc2217Listener(TcpListener):
         self._line = PretendedPort()
         self._telnet = self._negotiation(self._line, self)
 
-    def _let_go(self) -> None:
+    def _disconnect(self) -> None:
         self._telnet = None
-        super()._let_go()
+        super()._disconnect()
 
     def _received(self, data: bytes) -> bytes:
         telnet = self._telnet
@@ -58,17 +55,31 @@ class Rfc2217Listener(TcpListener):
             characters = b"".join(telnet.filter(data))
         except (KeyError, TypeError, ValueError, struct.error):
             # pyserial's side of the negotiation stumbles over commands that no client of RFC 2217 sends.
-            self._let_go()
+            self._disconnect()
             return b""
         if telnet.suboption is not None and len(telnet.suboption) > _LONGEST_NEGOTIATION:
-            self._let_go()
+            self._disconnect()
             return b""
         return characters
+
+
+class _Setting:
+    """One of the line settings, as pyserial gets and sets it; one that drives do not have is a ValueError."""
+
+    def __set_name__(self, owner: type[PretendedPort], name: str) -> None:
+        self._name = name
+
+    def __get__(self, port: PretendedPort | None, owner: type[PretendedPort]) -> Any:
+        return self if port is None else getattr(port.settings or LineSettings(), self._name)
+
+    def __set__(self, port: PretendedPort, value: Any) -> None:
+        port.settings = replace(port.settings or LineSettings(), **{self._name: value})
 
 
 class PretendedPort:
     """What pyserial's server side needs of a serial port: line settings that can be set, control lines that cannot."""
 
+    baudrate, bytesize, parity, stopbits = _Setting(), _Setting(), _Setting(), _Setting()
     cts = dsr = cd = True
     ri = False
 
@@ -78,47 +89,8 @@ class PretendedPort:
         self.xonxoff = self.rtscts = self.break_condition = False
         self.dtr = self.rts = True
 
-    @property
-    def baudrate(self) -> int:
-        """Bits per second; a setting that drives do not have is a ValueError, as with pyserial."""
-        return self._now().baudrate
-
-    @baudrate.setter
-    def baudrate(self, baudrate: int) -> None:
-        self.settings = replace(self._now(), baudrate=baudrate)
-
-    @property
-    def bytesize(self) -> int:
-        """Data bits."""
-        return self._now().bytesize
-
-    @bytesize.setter
-    def bytesize(self, bytesize: int) -> None:
-        self.settings = replace(self._now(), bytesize=bytesize)
-
-    @property
-    def parity(self) -> Parity:
-        """N, E, O, M or S."""
-        return self._now().parity
-
-    @parity.setter
-    def parity(self, parity: Parity) -> None:
-        self.settings = replace(self._now(), parity=parity)
-
-    @property
-    def stopbits(self) -> float:
-        """1, 1.5 or 2."""
-        return self._now().stopbits
-
-    @stopbits.setter
-    def stopbits(self, stopbits: float) -> None:
-        self.settings = replace(self._now(), stopbits=stopbits)
-
     def reset_input_buffer(self) -> None:
         """Nothing is kept back here."""
 
     def reset_output_buffer(self) -> None:
         """Nothing is kept back here."""
-
-    def _now(self) -> LineSettings:
-        return self.settings or LineSettings()

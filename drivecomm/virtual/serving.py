@@ -11,61 +11,87 @@ import selectors
 import time
 from contextlib import ExitStack
 from math import inf
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Self
 
 from drivecomm.virtual.line import VirtualLine
-from drivecomm.virtual.listeners import parse_listen
-from drivecomm.virtual.served_line import ServedLine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Iterable, Sequence
     from threading import Event
-    from types import TracebackType
 
-    from drivecomm.protocol import VirtualDrive
+    from drivecomm.protocol import LineSettings, VirtualDrive
+    from drivecomm.virtual.control_socket import ControlServer
     from drivecomm.virtual.listeners import Listener
 
 # How late a stop may be noticed.
 _TICK_S = 0.1
 _MILLISECOND = 0.001
+_ROOM_S = 0.5
+"""What a master has sent ahead, in seconds on the wire, before no more is taken from it; the rest waits on its side."""
 
 
-class Guest(Protocol):
-    """Something beside the lines that a server's only thread attends to, such as a control socket."""
+class ServedLine:
+    """Couples a virtual line with a listener; times are seconds of the line's own clock.
 
-    def open(self) -> None:
-        """Begin. Raises PortError."""
-        ...
+    What a drive says reaches the master when its last character is out. A master that sets no line settings, as over a
+    pseudo-terminal and plain TCP, is taken to use those that each drive began with.
+    """
 
-    def close(self) -> None:
-        """Leave nothing behind; may be called again."""
-        ...
+    def __init__(self, line: VirtualLine, listener: Listener) -> None:
+        self.line = line
+        self.listener = listener
+        self._settings: LineSettings | None = None
+        line.configure(None)
 
     @property
-    def descriptors(self) -> Sequence[int]:
-        """What to watch."""
-        ...
+    def descriptor(self) -> int | None:
+        """What to watch for a master's bytes; None while it has sent so much ahead that no more is taken."""
+        return None if self._is_full else self.listener.descriptor
 
-    def attend(self, descriptor: int) -> None:
-        """Something can be read there."""
-        ...
+    @property
+    def due(self) -> float:
+        """When the line needs attention again even if the master says nothing; infinite if it does not."""
+        due = self.line.due
+        return min(due, self.line.time + self.line.backlog_s - _ROOM_S / 2) if self._is_full else due
+
+    def attend(self, now: float) -> None:
+        """Take what the master has sent, at this time."""
+        data = self.listener.receive(0.0)
+        self.line.pass_time(now)
+        if self.listener.settings != self._settings:
+            self._settings = self.listener.settings
+            self.line.configure(self._settings)
+        if data:
+            self.line.transmit(data)
+        self.follow(now)
+
+    def follow(self, now: float) -> None:
+        """Let the line's time pass up to now, and hand the master what it hears."""
+        self.line.pass_time(now)
+        heard = self.line.take()
+        if heard:
+            self.listener.send(heard)
+
+    @property
+    def _is_full(self) -> bool:
+        return self.line.backlog_s > _ROOM_S
 
 
 class LineServer:
     """Any number of virtual lines, each with its listener, in one thread that wakes for events and bytes only.
 
     The lines' clocks follow the one on the wall, from the moment in which the server is entered. Entering opens the
-    listeners and guests, and raises PortError when one cannot be.
+    listeners and the control socket, and raises PortError when one cannot be.
     """
 
-    def __init__(self, lines: Sequence[ServedLine], guests: Sequence[Guest] = ()) -> None:
+    def __init__(self, lines: Sequence[ServedLine], control: ControlServer | None = None) -> None:
         self.lines = lines
-        self._guests = guests
+        self._control = control
         self._selector: selectors.BaseSelector | None = None
         self._watched: dict[ServedLine, int | None] = {}
         self._due = dict.fromkeys(lines, 0.0)
         self._looked_at = 0.0
-        self._watched_for_guests: dict[int, Guest] = {}
+        self._watched_for_control: set[int] = set()
         self._began = time.monotonic()
         self._open = ExitStack()
 
@@ -84,22 +110,20 @@ class LineServer:
             for listener in (served.listener for served in self.lines):
                 opened.callback(listener.close)
                 listener.open()
-            for guest in self._guests:
-                opened.callback(guest.close)
-                guest.open()
+            if self._control is not None:
+                opened.callback(self._control.close)
+                self._control.open()
             self._open = opened.pop_all()
         self._watched = dict.fromkeys(self.lines)
-        self._watched_for_guests = {}
+        self._watched_for_control = set()
         self._began = time.monotonic()
         self._looked_at = 0.0
         for served in self.lines:
             self._watch(served)
-        self._watch_guests()
+        self._watch_control()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._selector = None
         self._open.close()
 
@@ -118,9 +142,9 @@ class LineServer:
             if isinstance(key.data, ServedLine):
                 key.data.attend(self.now())
                 self._watch(key.data)
-            elif key.fd in self._watched_for_guests:
+            elif key.fd in self._watched_for_control:
                 key.data.attend(key.fd)
-                self._watch_guests()
+                self._watch_control()
                 self._look_again()
         now = self.now()
         if now - self._looked_at >= _TICK_S:
@@ -147,15 +171,15 @@ class LineServer:
             self._selector.register(wanted, selectors.EVENT_READ, served)
         self._watched[served] = wanted
 
-    def _watch_guests(self) -> None:
-        if self._selector is None:
+    def _watch_control(self) -> None:
+        if self._selector is None or self._control is None:
             return
-        wanted = {descriptor: guest for guest in self._guests for descriptor in guest.descriptors}
-        for descriptor in set(self._watched_for_guests) - set(wanted):
+        wanted = set(self._control.descriptors)
+        for descriptor in self._watched_for_control - wanted:
             self._selector.unregister(descriptor)
-        for descriptor in set(wanted) - set(self._watched_for_guests):
-            self._selector.register(descriptor, selectors.EVENT_READ, wanted[descriptor])
-        self._watched_for_guests = wanted
+        for descriptor in wanted - self._watched_for_control:
+            self._selector.register(descriptor, selectors.EVENT_READ, self._control)
+        self._watched_for_control = wanted
 
 
 class Server:
@@ -192,27 +216,5 @@ class Server:
         self._server.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._server.__exit__(kind, error, traceback)
-
-
-def serve(
-    drives: Iterable[VirtualDrive],
-    listen: str,
-    *,
-    stop: Event,
-    echo: bool = False,
-    paced: bool = False,
-    ready: Callable[[str], None] | None = None,
-) -> None:
-    """Serve virtual drives at `pty:PATH`, `tcp:HOST:PORT` or `rfc2217:HOST:PORT` until the event is set.
-
-    ready: told the address when a master may connect. Raises UsageError for a listen text that is none of these, and
-    PortError when the place is taken.
-    """
-    with Server(drives, parse_listen(listen), echo=echo, paced=paced) as server:
-        if ready is not None:
-            ready(server.address)
-        server.run(stop)
+    def __exit__(self, *error: object) -> None:
+        self._server.__exit__(*error)

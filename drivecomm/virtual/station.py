@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from math import inf
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 from drivecomm.protocol import Command, Framed, Framer, Noise
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Damaged, Find, VirtualDrive, VirtualReply
+    from drivecomm.protocol import Damaged, Find, LineSettings, VirtualDrive, VirtualReply
 
 # What a drive has heard before is not looked at again: so many pieces, none longer than this.
 _MOST_KNOWN = 512
@@ -41,11 +42,21 @@ class Overhears(Protocol):
         ...
 
 
+class Answer(NamedTuple):
+    """What a drive will say, and when. number: see `Station.answering`."""
+
+    time: float
+    data: bytes
+    number: int
+
+
 class Station:
     """Feeds one virtual drive with everything that is heard on its line, replies of other drives included.
 
     powered: a drive without power neither hears nor answers. pending: what has been heard of a telegram that is not
-    whole. answering: the number of the answer that the drive has in mind; whoever holds a lower one is forgotten.
+    whole. answering: the number of the answer that the drive has in mind; an answer with a lower number is dropped.
+    answer: that answer; wakes_at: when the line comes back to it. agreed: the settings that the drive had when the line
+    was made. right_settings: those that it gets back after a power cut that changed them.
     """
 
     def __init__(self, drive: VirtualDrive) -> None:
@@ -53,6 +64,10 @@ class Station:
         self.powered = True
         self.pending = b""
         self.answering = 0
+        self.answer: Answer | None = None
+        self.wakes_at = inf
+        self.agreed = drive.settings
+        self.right_settings: LineSettings | None = None
         self._heard_at = 0.0
         self._known: dict[bytes, tuple[list[Framed | Damaged], bytes]] = {}
 
@@ -76,6 +91,10 @@ class Station:
         self.powered = True
         if isinstance(self.drive, Restarts):
             self.drive.power_cycle(now)
+
+    def set_right(self) -> None:
+        """Give the drive its line settings back."""
+        self.drive.settings, self.right_settings = self.right_settings or self.drive.settings, None
 
     def _telegrams(self, data: bytes) -> list[Framed | Damaged]:
         """Return what is certain of these bytes; the rest is pending."""

@@ -37,7 +37,7 @@ class StuckAnswer:
         asked = next(self._operations.read(parameter))
         reply = answer_to(asked.message, drive, self._codec, now) if isinstance(asked, Ask) else None
         if reply is None or not isinstance(asked, Ask):
-            raise UsageError(f"parameter {parameter} cannot be stuck: a read of it is not answered")
+            raise UsageError(f"parameter {parameter} cannot be stuck: the drive does not answer a read of it")
         self._request = asked.message
         self._field = self._field_of_value(reply)
         self._content = self._content_for(reply, value)
@@ -61,7 +61,7 @@ class StuckAnswer:
             shown = None if content is None else self._shown(reply, name, content)
             if shown is not None and str(shown.raw) == str(other):
                 return name
-        raise UsageError(f"parameter {self.parameter} cannot be stuck: its value is not one field of the reply")
+        raise UsageError(f"parameter {self.parameter} cannot be stuck: its value is not a single field of the reply")
 
     def _content_for(self, reply: Message, value: float | str) -> Any:
         """Return what the field holds when a master reads this value."""
@@ -77,7 +77,7 @@ class StuckAnswer:
         raw = str(self._read_from(reply).raw)
         raise UsageError(
             f"parameter {self.parameter} cannot be stuck at {value!r}; "
-            f"write a number that a master could read, or a raw text such as {raw!r}, what it is now"
+            f"write a number that a master could read, or a raw text such as {raw!r}, its present value"
         )
 
     def _interpolated(self, reply: Message, value: float) -> int | None:
@@ -122,7 +122,7 @@ class StuckAnswer:
                 # Such as the telegram that ends a conversation.
                 return None
             if not replies:
-                raise UsageError(f"parameter {self.parameter} cannot be stuck: one reply does not tell its value")
+                raise UsageError(f"parameter {self.parameter} cannot be stuck: its value takes more than one reply")
             return replies.pop()
 
         return answered(self._operations.read(self.parameter), answer)

@@ -30,7 +30,7 @@ class TcpListener:
         self._host = host
         self._port = port
         self._selector: selectors.BaseSelector | None = None
-        self._door: socket.socket | None = None
+        self._server: socket.socket | None = None
         self._master: socket.socket | None = None
 
     @property
@@ -46,7 +46,7 @@ class TcpListener:
 
     @property
     def descriptor(self) -> int | None:
-        """The master's connection, and the door where the next one comes."""
+        """The master's connection, and the socket where the next one comes."""
         if self._selector is None:
             return None
         try:
@@ -54,33 +54,33 @@ class TcpListener:
             return self._selector.fileno()  # type: ignore[attr-defined, no-any-return]
         except AttributeError:
             # Not so on Windows: there the next one waits until the present one has gone.
-            watched = self._master or self._door
+            watched = self._master or self._server
             return None if watched is None else watched.fileno()
 
     def open(self) -> None:
         """Listen. Raises PortError."""
         try:
             family = socket.AF_INET6 if ":" in self._host else socket.AF_INET
-            self._door = socket.create_server((self._host, self._port), family=family, backlog=5)
+            self._server = socket.create_server((self._host, self._port), family=family, backlog=5)
         except (OSError, OverflowError) as error:
             raise PortError(
                 f"cannot listen at {self._host}:{self._port} ({getattr(error, 'strerror', None) or error}); "
-                "choose another port number, or 0 for any free one, and a host address of this machine"
+                "choose another port number, or 0 for any free one, and an address of this machine"
             ) from error
-        self._door.setblocking(False)
+        self._server.setblocking(False)
         # What a master sends ahead waits on its own side, not here.
-        self._door.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _AHEAD)
-        self._port = self._door.getsockname()[1]
+        self._server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _AHEAD)
+        self._port = self._server.getsockname()[1]
         self._selector = selectors.DefaultSelector()
-        self._selector.register(self._door, selectors.EVENT_READ)
+        self._selector.register(self._server, selectors.EVENT_READ)
 
     def receive(self, wait_s: float) -> bytes:
         """Return what the master sent; let one in if there is none, and turn others away."""
         if self._selector is None:
             return b""
         ready = [key.fileobj for key, _ in self._selector.select(wait_s)]
-        if self._door in ready:
-            self._answer_door()
+        if self._server in ready:
+            self._accept_next()
         if self._master is None or self._master not in ready:
             return b""
         try:
@@ -90,31 +90,31 @@ class TcpListener:
         except OSError:
             data = b""
         if not data:
-            self._let_go()
+            self._disconnect()
             return b""
         return self._received(data)
 
     def send(self, data: bytes) -> None:
-        """Send to the master; one that has not read for so long that nothing fits any more is let go."""
+        """Send to the master; one that has not read for so long that its buffer is full is disconnected."""
         if self._master is None:
             return
         try:
             if self._master.send(data) < len(data):
-                self._let_go()
+                self._disconnect()
         except OSError:
-            self._let_go()
+            self._disconnect()
 
     def close(self) -> None:
         """Stop listening; end the master's connection."""
-        self._let_go()
+        self._disconnect()
         if self._selector is not None:
             self._selector.close()
             self._selector = None
-        if self._door is not None:
-            self._door.close()
-            self._door = None
+        if self._server is not None:
+            self._server.close()
+            self._server = None
 
-    def _answer_door(self) -> None:
+    def _accept_next(self) -> None:
         """Let the next master in, or turn it away; while the present one's bytes hide whether it has gone, do neither.
 
         A flood is thrown away: on a line with a speed its end would come minutes after the master has gone.
@@ -126,12 +126,12 @@ class TcpListener:
             if ahead > 0:
                 return
             if ahead == 0:
-                self._let_go()
+                self._disconnect()
         newcomer = self._accepted()
         if newcomer is None:
             return
         if self._master is None:
-            self._let_in(newcomer)
+            self._connect(newcomer)
         else:
             newcomer.close()
 
@@ -158,12 +158,12 @@ class TcpListener:
 
     def _accepted(self) -> socket.socket | None:
         try:
-            return None if self._door is None else self._door.accept()[0]
+            return None if self._server is None else self._server.accept()[0]
         except OSError:
             # It has given up already.
             return None
 
-    def _let_in(self, master: socket.socket) -> None:
+    def _connect(self, master: socket.socket) -> None:
         master.setblocking(False)
         master.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         # A master that was switched off would keep the next ones out for ever otherwise.
@@ -173,7 +173,7 @@ class TcpListener:
         self._master = master
         self._arrived()
 
-    def _let_go(self) -> None:
+    def _disconnect(self) -> None:
         if self._master is None:
             return
         if self._selector is not None:

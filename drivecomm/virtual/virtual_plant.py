@@ -17,10 +17,9 @@ from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.models import load_model
 from drivecomm.plant import UNDISTURBED, InjectStep, PowerCutStep, StuckStep, TelegramFault, TripStep
 from drivecomm.protocol import Model, installed
-from drivecomm.virtual.condition_watch import ConditionWatch
 from drivecomm.virtual.line import VirtualLine
+from drivecomm.virtual.plant_faults import ConditionWatch, TelegramDisturbance
 from drivecomm.virtual.planted_drive import PlantedDrive
-from drivecomm.virtual.telegram_disturbance import TelegramDisturbance
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from drivecomm.errors import DriveCommError
-from drivecomm.virtual import PlantControl
+from drivecomm.virtual import ControlClient
 
 LINES = {
     "hall": {"a": ("vabus:1", "agile"), "b": ("danfoss-fc:3", "fc300")},
@@ -72,7 +72,7 @@ class SimulatedPlant:
         until = time.monotonic() + _READY_S
         while True:
             try:
-                return PlantControl("unix:door")
+                return ControlClient("unix:door")
             except DriveCommError:
                 if time.monotonic() > until:
                     raise

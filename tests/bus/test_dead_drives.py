@@ -125,7 +125,11 @@ def tell(protocol, dead):
     return story
 
 
-@pytest.fixture(scope="module", params=PROTOCOLS)
+# The slowest and the quickest to return are the sample.
+EACH = [pytest.param(name, marks=[] if name in {"vabus", "vlt3500"} else [pytest.mark.soak]) for name in PROTOCOLS]
+
+
+@pytest.fixture(scope="module", params=EACH)
 def protocol(request):
     return request.param
 
@@ -162,6 +166,7 @@ def test_a_drive_that_comes_back_is_used_again(story, protocol):
     assert max(story.returns) <= RETURN_S[protocol], [f"{each:.1f} s" for each in story.returns]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("slow", [name for name, limit in RETURN_S.items() if limit > 10])
 def test_among_half_as_many_it_takes_twelve_seconds_everywhere(slow):
     story = tell(slow, FEW)

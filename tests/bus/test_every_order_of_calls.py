@@ -16,6 +16,7 @@ import time
 from functools import cache
 
 import pytest
+from extents import extents
 
 import drivecomm
 from drivecomm.bus import open_bus_async
@@ -348,25 +349,28 @@ def worth_trying(names, running):
 @pytest.mark.parametrize("face", [by_threads, by_tasks])
 @pytest.mark.parametrize("running", [False, True], ids=["standing", "running"])
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_two_calls_in_every_order(protocol, running, face):
+@extents(6, 1)
+def test_two_calls_in_every_order(protocol, running, face, extent):
+    """All orders; a sample is of every so many steps."""
     tried, chance = 0, random.Random(protocol)
     for names in itertools.product(CALLS, repeat=2):
         if names[0] in HAPPENS or not worth_trying(names, running):
             continue
         # Threads take some time to begin, so of their steps some are chosen; tasks go through all of them.
-        every = 1 if LONG or face is by_tasks else chance.randrange(2, 5)
+        every = extent * (1 if LONG or face is by_tasks else chance.randrange(2, 5))
         for at in range(chance.randrange(every), MOST_STEPS, every):
             tried += 1
             if check(face, protocol, running, [(names[0], 0), (names[1], at)]) <= at:
                 break
-    assert tried > 50
+    assert tried > 50 / extent
 
 
 @pytest.mark.parametrize("face", [by_threads, by_tasks])
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_three_calls_in_many_orders(protocol, face):
+@extents(50, 20_000 if LONG else 150)
+def test_three_calls_in_many_orders(protocol, face, extent):
     chance = random.Random(protocol)
-    for _ in range(20_000 if LONG else 150):
+    for _ in range(extent):
         running = chance.random() < 0.5
         names = [chance.choice(CALLS) for _ in range(3)]
         if names[0] in HAPPENS or not worth_trying(names, running):

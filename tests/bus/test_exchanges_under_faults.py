@@ -16,6 +16,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
+from extents import extents
 from steady_quantities import quantities
 from watched_drive import Watched
 
@@ -302,11 +303,12 @@ def speaks_for(codec, addresses, data):
 
 @pytest.mark.parametrize("echo", [False, True], ids=["plain", "echo"])
 @pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
-def test_no_wrong_value_and_no_failure_that_need_not_be(plugin, echo):
+@extents(1200, EXCHANGES)
+def test_no_wrong_value_and_no_failure_that_need_not_be(plugin, echo, extent):
     course = Course(plugin, SEED, echo=echo)
     assert len(course.known) >= 10
     assert course.writable
-    for _ in range(EXCHANGES // LINES):
+    for _ in range(extent // LINES):
         course.exchange()
     assert set(course.faults.happened) == set(course.faults.kinds), "all kinds of faults have happened"
     assert len(course.forged) <= 1 + course.spoilt / 256, course.forged

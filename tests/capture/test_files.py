@@ -100,7 +100,7 @@ def test_cut_off_anywhere(tmp_path, suffix):
     for length in range(len(whole) + 1):
         cut.write_bytes(whole[:length])
         if length < header - (suffix == ".jsonl"):
-            with pytest.raises(FileFormatError, match=r"no JSON|in the middle of its header"):
+            with pytest.raises(FileFormatError, match=r"not valid JSON|in the middle of the header"):
                 read_capture(cut)
             continue
         found = read_capture(cut)
@@ -186,21 +186,21 @@ HEADER = '{"format": "drivecomm-capture", "version": 1}'
 @pytest.mark.parametrize(
     ("lines", "number", "what"),
     [
-        (["nonsense"], 1, "no JSON"),
-        (["[]"], 1, "no JSON object"),
+        (["nonsense"], 1, "not valid JSON"),
+        (["[]"], 1, "not a JSON object"),
         (["{}"], 1, "format"),
-        ([""], 1, "no JSON"),
+        ([""], 1, "not valid JSON"),
         (['{"format": "drivecomm-capture", "version": 2}'], 1, "version 2"),
-        (['{"format": "drivecomm-capture", "version": 1, "prot": "x"}'], 1, "'prot' is not known"),
+        (['{"format": "drivecomm-capture", "version": 1, "prot": "x"}'], 1, "unknown key 'prot'"),
         (['{"format": "drivecomm-capture", "version": 1, "began": "today"}'], 1, "began"),
         (['{"format": "drivecomm-capture", "version": 1, "began": "2026-01-01"}'], 1, "no time zone"),
         (['{"format": "drivecomm-capture", "version": 1, "tool": 1}'], 1, "tool is not a text"),
         (['{"format": "drivecomm-capture", "version": 1, "drives": "vabus:1"}'], 1, "drives"),
         (['{"format": "drivecomm-capture", "version": 1, "settings": 9600}'], 1, "settings is not an object"),
         (['{"format": "drivecomm-capture", "version": 1, "settings": {"baudrate": 1}}'], 1, "baud rate of 1"),
-        (['{"format": "drivecomm-capture", "version": 1, "settings": {"baud": 1}}'], 1, "'baud' is not known"),
+        (['{"format": "drivecomm-capture", "version": 1, "settings": {"baud": 1}}'], 1, "unknown key 'baud'"),
         ([HEADER, "{}"], 2, "time_s None"),
-        ([HEADER, ""], 2, "no JSON"),
+        ([HEADER, ""], 2, "not valid JSON"),
         ([HEADER, '{"time_s": 1, "hex": "0"}'], 2, "hexadecimal"),
         ([HEADER, '{"time_s": 1, "hex": ""}'], 2, "hex is missing or empty"),
         ([HEADER, '{"time_s": 1}'], 2, "hex is missing or empty"),
@@ -210,9 +210,9 @@ HEADER = '{"format": "drivecomm-capture", "version": 1}'
         ([HEADER, '{"time_s": 1e999, "hex": "00"}'], 2, "time_s inf"),
         ([HEADER, '{"time_s": 1' + "0" * 999 + ', "hex": "00"}'], 2, "time_s 1000"),
         ([HEADER, '{"time_s": 1, "hex": "00"}', '{"time_s": 1, "hex": "00", "source": "slave"}'], 3, "source 'slave'"),
-        ([HEADER, '{"time_s": 1, "hex": "00", "direction": "reply"}'], 2, "'direction' is not known"),
+        ([HEADER, '{"time_s": 1, "hex": "00", "direction": "reply"}'], 2, "unknown key 'direction'"),
         ([HEADER, '{"time_s": 1, "hex": "00", "line": 2}'], 2, "line is not a text"),
-        ([HEADER, "[" * 100_000], 2, "no JSON"),
+        ([HEADER, "[" * 100_000], 2, "not valid JSON"),
     ],
 )
 def test_wrong_lines_are_named(tmp_path, lines, number, what):
@@ -354,7 +354,7 @@ def test_wrong_blocks_are_named(tmp_path):
         assert "foreign.pcapng" in str(raised.value)
 
     fails(Foreign().interface(link_type=1).packet(0, b"a"), "link type 1")
-    fails(Foreign().packet(0, b"a"), "interface 0 is not described")
+    fails(Foreign().packet(0, b"a"), "interface 0 is used before its description")
     fails(Foreign().add(6, b"short"), "block at byte 28")
     fails(Foreign().interface().add(6, struct.pack("<IIIII", 0, 0, 0, 99, 99)), "99 bytes does not fit")
     fails(Foreign().interface().add(6, struct.pack("<IIIII", 0, 0, 0, 4, 4) + b"abcd"), "too short for its link type")
@@ -362,13 +362,13 @@ def test_wrong_blocks_are_named(tmp_path):
     fails(Foreign().add(1, struct.pack("<HHI", 250, 0, 0) + struct.pack("<HH", 9, 2) + b"abcd"), "block at byte 28")
     wrong = Foreign()
     wrong.content += struct.pack("<III", 1, 13, 13)
-    fails(wrong, "length of 13")
+    fails(wrong, "invalid length 13")
     wrong = Foreign()
     wrong.content += struct.pack("<II", 1, 2**30) + bytes(8)
-    fails(wrong, "length of 1073741824")
+    fails(wrong, "invalid length 1073741824")
     wrong = Foreign()
     wrong.content += struct.pack("<III", 1, 12, 16)
-    fails(wrong, "12 at its beginning and 16 at its end")
+    fails(wrong, "12 at the beginning and 16 at the end")
     wrong = Foreign()
     wrong.content = wrong.content.replace(struct.pack("<I", 0x1A2B3C4D), b"abcd")
     fails(wrong, "byte-order mark")
@@ -394,7 +394,7 @@ def test_pcap_is_told_from_pcapng(tmp_path):
 def test_times_of_day_that_have_no_room(tmp_path):
     for year in (1969, 2401):
         about = Provenance(began=BEGAN.replace(year=year))
-        with pytest.raises(UsageError, match="no room"):
+        with pytest.raises(UsageError, match="cannot store a capture of the year"):
             CaptureWriter(tmp_path / "a.pcapng", about)
         assert read_capture(written(tmp_path / "a.jsonl", about, PIECES)).provenance == about
     foreign = Foreign()

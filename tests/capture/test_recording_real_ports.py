@@ -17,7 +17,7 @@ from drivecomm.virtual import Server, parse_listen, virtual_drive
 KINDS = ["tcp", *(["pty"] if os.name == "posix" else [])]
 
 
-class Overheard:
+class LineSample:
     """A listener that keeps what passes through it."""
 
     def __init__(self, listener):
@@ -49,7 +49,7 @@ class Overheard:
 
 @contextmanager
 def serving(kind, tmp_path, drives, **options):
-    listener = Overheard(parse_listen(f"pty:{tmp_path / 'line'}" if kind == "pty" else "tcp:127.0.0.1:0"))
+    listener = LineSample(parse_listen(f"pty:{tmp_path / 'line'}" if kind == "pty" else "tcp:127.0.0.1:0"))
     stop = threading.Event()
     with Server(drives, listener, **options) as server:
         thread = threading.Thread(target=server.run, args=(stop,))

@@ -64,12 +64,12 @@ def _serve():
     # A fork begins as any process does, with the usual end by Ctrl-C.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     list(installed.working())
-    for each in app.commands.values():
-        for command in getattr(each, "commands", {"": each}).values():
-            assert command.loaded
     jobs, answers = os.fdopen(os.dup(0), "r"), os.fdopen(os.dup(1), "w")
     with contextlib.redirect_stdout(io.StringIO()):
         run(["encode", "vabus", "kind=enquiry", "address=1", "parameter=481", "--json"])
+    for each in app.commands.values():
+        for command in getattr(each, "commands", {"": each}).values():
+            assert command.loaded
     # What is there is not looked through again by each fork.
     gc.freeze()
     for text in jobs:

@@ -3,7 +3,6 @@
 from dataclasses import fields
 
 import pytest
-import typer
 
 import drivecomm.bus.bus
 import drivecomm.cli.replay
@@ -11,7 +10,7 @@ from drivecomm.cli.app import app
 from drivecomm.cli.lazy_commands import flowing
 from drivecomm.cli.line_options import WITHOUT_EFFECT, LineOptions
 from drivecomm.plant import read_plant
-from drivecomm.traffic.replay import Asking
+from drivecomm.traffic.replay import ReplayMaster
 from drivecomm.virtual import VirtualPlant
 
 PLANT = """
@@ -108,9 +107,9 @@ def heard(shell, tmp_path, monkeypatch):
 
     def asking(found, plugins, **how):
         seen.append(sorted((key, str(value)) for key, value in how.items()))
-        return Asking(found, plugins, **how)
+        return ReplayMaster(found, plugins, **how)
 
-    monkeypatch.setattr(drivecomm.cli.replay, "Asking", asking)
+    monkeypatch.setattr(drivecomm.cli.replay, "ReplayMaster", asking)
     monkeypatch.setattr(drivecomm.bus.bus.Bus, "scan", scanned)
     monkeypatch.setattr(drivecomm.bus.bus, "port_opener", port_opener)
     monkeypatch.setattr(drivecomm.bus.bus, "open_bus", open_bus)
@@ -140,11 +139,10 @@ def test_all_flags_are_tried():
 
 
 def test_all_commands_with_line_options_are_tried():
-    root = typer.main.get_command(app)
     with_line = {
         " ".join(words)
-        for words, command in commands_of(root)
-        if {"rs485", "attempts"} <= {option.name for option in command.params}
+        for words, command in commands_of(app)
+        if {"rs485", "attempts"} <= {option.name for option in command.loaded.params}
     }
     tried = {" ".join(call[: 2 if call[0] == "models" else 1]) for call in COMMANDS}
     # The demo plays for minutes and the watch needs a terminal; tests of their own try their flags.

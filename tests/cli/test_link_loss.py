@@ -11,7 +11,7 @@ import pytest
 
 import drivecomm
 from drivecomm.bus import Drive, read_watchdog
-from drivecomm.virtual import PlantControl, virtual_drive
+from drivecomm.virtual import ControlClient, virtual_drive
 
 posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")
 
@@ -207,7 +207,7 @@ def plant(tmp_path):
     with subprocess.Popen(
         [sys.executable, "-m", "drivecomm", "simulate", str(path), "--json"], stdout=subprocess.PIPE, text=True
     ) as process:
-        with PlantControl(json.loads(process.stdout.readline())["control"]) as control:
+        with ControlClient(json.loads(process.stdout.readline())["control"]) as control:
             yield tmp_path, lambda: {each["name"]: each for each in control.order("show")["drives"]}
         process.kill()
 

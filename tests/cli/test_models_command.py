@@ -82,7 +82,9 @@ def test_a_model_is_shown(models):
 
 def test_a_model_without_a_watchdog(models):
     _, out, _ = models("show", "vlt3500/vlt2000")
-    assert "watchdog" not in out.partition("\n\n")[0]
+    head = out.partition("\n\n")[0].splitlines()
+    assert not [line for line in head if line.split()[0] == "watchdog"]
+    assert "no watchdog is documented in our sources" in " ".join(head)
 
 
 def test_the_same_model_by_each_name(models):

@@ -3,7 +3,7 @@
 import pytest
 
 from drivecomm.capture import read_capture
-from drivecomm.traffic.replay import exchanged
+from drivecomm.traffic.replay import recorded_exchanges
 from drivecomm.virtual import virtual_drive
 
 
@@ -15,17 +15,17 @@ def test_commands_record(shell, tmp_path, suffix):
     capture = read_capture(path)
     assert capture.provenance.port == "line"
     assert capture.provenance.drives == ("vabus:1",)
-    assert exchanged(capture)[0].request == bytes.fromhex("04 41 30 30 34 38 31 05")
-    assert exchanged(capture)[0].reply
+    assert recorded_exchanges(capture)[0].request == bytes.fromhex("04 41 30 30 34 38 31 05")
+    assert recorded_exchanges(capture)[0].reply
 
 
 def test_scans_and_statistics_record(shell, tmp_path):
     shell.line()
     path = tmp_path / "a.jsonl"
     assert shell("scan", "--protocol", "vabus", "--addresses", "1-3", "--record", str(path)) == 0
-    assert {each.request[1:2] for each in exchanged(read_capture(path))} >= {b"A", b"B", b"C"}
+    assert {each.request[1:2] for each in recorded_exchanges(read_capture(path))} >= {b"A", b"B", b"C"}
     assert shell("stats", "vabus:1", "--for", "1", "--record", str(path)) == 0
-    assert {each.request[1:2] for each in exchanged(read_capture(path))} <= {b"A", b""}
+    assert {each.request[1:2] for each in recorded_exchanges(read_capture(path))} <= {b"A", b""}
 
 
 def test_a_wrong_file_is_one_sentence(shell, tmp_path):

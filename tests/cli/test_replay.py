@@ -89,7 +89,7 @@ def test_calls_that_cannot_be(shell, session, tmp_path):
     shell.line()
     for words, what in [
         (["replay", str(tmp_path / "absent.jsonl")], "there is no such file"),
-        (["replay", str(session), "--faster", "0"], "is no speed"),
+        (["replay", str(session), "--faster", "0"], "is not a valid speed factor"),
         (["replay", str(session), "--listen", "pty:x", "--commands"], "without --listen"),
         (["replay", str(session), "--listen", "pty:x"], "--port has no effect"),
         (["replay", str(session), "--record", str(tmp_path / "b.jsonl")], "records nothing"),

@@ -9,6 +9,7 @@ import threading
 import time
 
 import pytest
+from forked_commands import Commands
 
 posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")
 
@@ -16,14 +17,12 @@ EVERYBODY = ["vabus:1", "danfoss-fc:3", "vlt3500:5", "fuji:7"]
 READS = {"vabus:1": "481", "danfoss-fc:3": "16-30", "vlt3500:5": "215", "fuji:7": "M21"}
 
 
-def drivecomm(*arguments, port):
-    return subprocess.run(
-        [sys.executable, "-m", "drivecomm", *arguments, "--port", port],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+@pytest.fixture(scope="module")
+def drivecomm(tmp_path_factory):
+    """Runs commands as processes of their own."""
+    commands = Commands(tmp_path_factory.mktemp("commands"))
+    yield lambda *arguments, port: commands(*arguments, "--port", port)
+    commands.close()
 
 
 @pytest.fixture
@@ -75,53 +74,53 @@ def test_in_words(shell, tmp_path):
 
 
 @posix
-def test_every_verb_over_a_pseudo_terminal(simulated, tmp_path):
+def test_every_verb_over_a_pseudo_terminal(drivecomm, simulated, tmp_path):
     path = tmp_path / "line"
     simulated(f"pty:{path}")
     for drive in EVERYBODY:
-        assert drivecomm("read", drive, READS[drive], port=str(path)).returncode == 0
+        assert drivecomm("read", drive, READS[drive], port=str(path)).code == 0
         for verb in (["status"], ["start", "--link-loss", "hold"], ["stop"], ["reset"]):
             done = drivecomm(verb[0], drive, *verb[1:], port=str(path))
-            assert (done.returncode, done.stderr) == (0, ""), (drive, verb)
+            assert (done.code, done.err) == (0, ""), (drive, verb)
 
 
 @pytest.mark.parametrize("kind", ["tcp", "rfc2217"])
-def test_over_the_network(simulated, kind):
+def test_over_the_network(drivecomm, simulated, kind):
     _, address = simulated(f"{kind}:127.0.0.1:0")
     url = f"{'socket' if kind == 'tcp' else 'rfc2217'}://{address.rpartition('//')[2].removeprefix(f'{kind}:')}"
     for drive in EVERYBODY:
         done = drivecomm("read", drive, READS[drive], "--json", port=url)
-        assert (done.returncode, done.stderr) == (0, "")
-        assert json.loads(done.stdout)["drive"] == drive
+        assert (done.code, done.err) == (0, "")
+        assert json.loads(done.out)["drive"] == drive
 
 
 @posix
-def test_a_reference_from_one_program_and_a_start_from_the_next(simulated, tmp_path):
+def test_a_reference_from_one_program_and_a_start_from_the_next(drivecomm, simulated, tmp_path):
     path = tmp_path / "line"
     simulated(f"pty:{path}")
     for drive, value in zip(EVERYBODY, ("20Hz", "50%", "50%", "20Hz"), strict=True):
-        assert drivecomm("reference", drive, value, port=str(path)).returncode == 0
-        assert drivecomm("start", drive, "--link-loss", "hold", port=str(path)).returncode == 0
+        assert drivecomm("reference", drive, value, port=str(path)).code == 0
+        assert drivecomm("start", drive, "--link-loss", "hold", port=str(path)).code == 0
         again = drivecomm("reference", drive, value, port=str(path))
         if drive.startswith("danfoss"):
             # Its reference goes out with a control word, and this program has commanded none.
-            assert again.returncode == 5
-            assert "did not give" in again.stderr
+            assert again.code == 5
+            assert "did not give" in again.err
             given = ("--percent", value.removesuffix("%"))
-            assert drivecomm("start", drive, "--link-loss", "hold", *given, port=str(path)).returncode == 0
+            assert drivecomm("start", drive, "--link-loss", "hold", *given, port=str(path)).code == 0
         else:
-            assert again.returncode == 0
-        assert json.loads(drivecomm("status", drive, "--json", port=str(path)).stdout)["running"] is True
+            assert again.code == 0
+        assert json.loads(drivecomm("status", drive, "--json", port=str(path)).out)["running"] is True
 
 
 @posix
-def test_an_echoing_line(simulated, tmp_path):
+def test_an_echoing_line(drivecomm, simulated, tmp_path):
     path = tmp_path / "line"
     simulated(f"pty:{path}", "--echo")
     for drive in EVERYBODY:
-        assert drivecomm("read", drive, READS[drive], "--echo", port=str(path)).returncode == 0
+        assert drivecomm("read", drive, READS[drive], "--echo", port=str(path)).code == 0
     silent = drivecomm("read", "danfoss-fc:3", "16-30", "--attempts", "1", port=str(path))
-    assert silent.returncode in (0, 4), "an echo is skipped, or called what it is"
+    assert silent.code in (0, 4), "an echo is skipped, or called what it is"
 
 
 @pytest.mark.parametrize(

@@ -282,7 +282,7 @@ def test_a_wrong_log_names_no_port(shell, tmp_path):
     log = tmp_path / "log.xlsx"
     for option, message in (
         ("--log", f"drivecomm: {log}: a log is .csv or .parquet; give it one of these endings\n"),
-        ("--record", f"drivecomm: {log} is no capture file; name it .jsonl, or .pcapng for Wireshark\n"),
+        ("--record", f"drivecomm: {log} is not a capture file; name it .jsonl, or .pcapng for Wireshark\n"),
     ):
         assert shell("poll", "vabus:1", "481", option, str(log), port="nowhere") == 2
         assert shell.err == message

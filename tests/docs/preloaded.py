@@ -1,17 +1,15 @@
 """What commands load, loaded once: imported by the process of which commands are forks.
 
-It leaves nothing behind but modules and the tree of commands; protocols are still looked for by each command.
+It leaves nothing behind but modules and the commands themselves; protocols are still looked for by each command.
 """
 
 import asyncio
 import contextlib
 import gc
 import io
-from functools import cache
 
 import platformdirs
 import serial.rfc2217
-import typer.main
 
 import drivecomm_danfoss_fc.plugin
 import drivecomm_fuji.plugin
@@ -23,8 +21,6 @@ from drivecomm.testing import run_conformance
 __all__ = ["asyncio", "drivecomm_danfoss_fc", "drivecomm_fuji", "drivecomm_vabus", "drivecomm_vlt3500"]
 __all__ += ["platformdirs", "run_conformance", "serial"]
 
-# Every process that runs one command builds it once.
-typer.main.get_command = cache(typer.main.get_command)
 with contextlib.redirect_stdout(io.StringIO()):
     for command in ("decode", "encode", "scan", "read", "simulate", "conformance", "protocols"):
         main([command, "--help"])

@@ -22,7 +22,7 @@ def test_help(name):
 def test_what_a_section_says():
     section = commands_page().partition("\n## write {")[2].partition("\n## ")[0]
     assert "\ndrivecomm write [OPTIONS] {DRIVE} {PARAM} {value}\n" in section
-    assert "| `--store` | Keep it over power-off (EEPROM). |" in section
+    assert "| `--store` | Store it in EEPROM, so that it survives power-off. |" in section
     assert "\nAll [options of a line](#options-of-a-line).\n" in section
     assert "](../how-to/" in section
 

@@ -11,6 +11,9 @@ from pages import ROOT
 
 from drivecomm.protocol import installed
 
+# Building it takes longer than all other pages' tests; `make docs` builds it, too.
+pytestmark = pytest.mark.soak
+
 # What a browser fetches by itself, as against what a reader may click on.
 FETCHED = re.compile(
     r"<(?:script|img|iframe|source)[^>]+src=[\"']?https?://"

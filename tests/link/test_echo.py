@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import pytest
 from benches import ADDRESS, PROTOCOLS, READABLE, WRITABLE, Mortal, Recorder, model_of
+from extents import extents
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import drivecomm
@@ -306,7 +307,7 @@ def test_glued_to_the_reply_in_one_piece(protocol):
 # Any cut, any one character lost or changed, in echo or reply
 
 
-DISTURBED_ONCE = settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
+DISTURBED_ONCE = settings(deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
 
 
 @st.composite
@@ -339,72 +340,87 @@ DRIVES = {protocol: Mortal(protocol) for protocol in PROTOCOLS}
 
 @pytest.mark.parametrize("mode", ["expect", "auto"])
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-@DISTURBED_ONCE
-@given(disturbance=disturbances())
-def test_a_reading_is_right_or_an_error(protocol, mode, disturbance):
+@extents(40, 100)
+def test_a_reading_is_right_or_an_error(protocol, mode, extent):
     virtual = DRIVES[protocol]
-    left = []
 
-    def say(request, reply):
-        if left and reply:
-            return disturbed(request, reply, left.pop())
-        return [(0.002, request), (0.004, reply)]
+    @settings(DISTURBED_ONCE, max_examples=extent)
+    @given(disturbance=disturbances())
+    def right_or_an_error(disturbance):
+        left = []
 
-    with drivecomm.open_bus(lambda: Wire(virtual, say), echo=mode) as bus:
-        drive = bus.drive(protocol, ADDRESS, attempts=1)
-        drive.probe()
-        left.append(disturbance)
-        for number, parameter in enumerate(READABLE[protocol] * 2):
-            try:
-                reading = drive.read(parameter)
-            except ReplyError:
-                # Only the one that was disturbed may fail.
-                assert number == 0
-                assert disturbance[1] != "nothing"
-            else:
-                assert reading.raw == virtual.peek(parameter, 0.0)
+        def say(request, reply):
+            if left and reply:
+                return disturbed(request, reply, left.pop())
+            return [(0.002, request), (0.004, reply)]
+
+        with drivecomm.open_bus(lambda: Wire(virtual, say), echo=mode) as bus:
+            drive = bus.drive(protocol, ADDRESS, attempts=1)
+            drive.probe()
+            left.append(disturbance)
+            for number, parameter in enumerate(READABLE[protocol] * 2):
+                try:
+                    reading = drive.read(parameter)
+                except ReplyError:
+                    # Only the one that was disturbed may fail.
+                    assert number == 0
+                    assert disturbance[1] != "nothing"
+                else:
+                    assert reading.raw == virtual.peek(parameter, 0.0)
+
+    right_or_an_error()
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-@DISTURBED_ONCE
-@given(disturbance=disturbances())
-def test_a_disturbed_echo_costs_no_reply(protocol, disturbance):
+@extents(40, 100)
+def test_a_disturbed_echo_costs_no_reply(protocol, extent):
     """Whatever happens to the echo, a sound reply behind it is found, without asking again."""
     virtual = DRIVES[protocol]
-    left = [disturbance]
 
-    def say(request, reply):
-        if left and reply:
-            cuts, what, place, mask, step = left.pop()
-            return [*disturbed(request, b"", (cuts, what, place, mask, step)), (0.04, reply)]
-        return [(0.002, request), (0.004, reply)]
+    @settings(DISTURBED_ONCE, max_examples=extent)
+    @given(disturbance=disturbances())
+    def costs_no_reply(disturbance):
+        left = [disturbance]
 
-    with drivecomm.open_bus(lambda: Wire(virtual, say), echo="expect") as bus:
-        drive = bus.drive(protocol, ADDRESS, attempts=1)
-        for parameter in READABLE[protocol]:
-            assert drive.read(parameter).raw == virtual.peek(parameter, 0.0)
+        def say(request, reply):
+            if left and reply:
+                cuts, what, place, mask, step = left.pop()
+                return [*disturbed(request, b"", (cuts, what, place, mask, step)), (0.04, reply)]
+            return [(0.002, request), (0.004, reply)]
+
+        with drivecomm.open_bus(lambda: Wire(virtual, say), echo="expect") as bus:
+            drive = bus.drive(protocol, ADDRESS, attempts=1)
+            for parameter in READABLE[protocol]:
+                assert drive.read(parameter).raw == virtual.peek(parameter, 0.0)
+
+    costs_no_reply()
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-@DISTURBED_ONCE
-@given(disturbance=disturbances())
-def test_a_disturbed_echo_confirms_no_write(protocol, disturbance):
+@extents(25, 100)
+def test_a_disturbed_echo_confirms_no_write(protocol, extent):
     """The drive hears nothing and says nothing; the remains of the echo must not be taken for its confirmation."""
     virtual = DRIVES[protocol]
 
-    def say(request, _):
-        return disturbed(request, b"", disturbance)
+    @settings(DISTURBED_ONCE, max_examples=extent)
+    @given(disturbance=disturbances())
+    def confirms_nothing(disturbance):
+        def say(request, _):
+            return disturbed(request, b"", disturbance)
 
-    parameter, value, _ = WRITABLE[protocol]
-    with drivecomm.open_bus(lambda: Wire(virtual, say), echo="expect") as bus:
-        drive = bus.drive(protocol, ADDRESS, model=model_of(protocol), attempts=1)
-        with pytest.raises(ReplyError):
-            drive.write(parameter, value)
+        parameter, value, _ = WRITABLE[protocol]
+        with drivecomm.open_bus(lambda: Wire(virtual, say), echo="expect") as bus:
+            drive = bus.drive(protocol, ADDRESS, model=model_of(protocol), attempts=1)
+            with pytest.raises(ReplyError):
+                drive.write(parameter, value)
+
+    confirms_nothing()
 
 
 @EACH_PROTOCOL
-def test_no_changed_character_of_an_echo_confirms_a_write(protocol):
-    """All single changes there are."""
+@extents((0, 6), range(8))
+def test_no_changed_character_of_an_echo_confirms_a_write(protocol, extent):
+    """All single changes there are; a sample is of two bits of each character."""
     virtual = DRIVES[protocol]
     parameter, value, _ = WRITABLE[protocol]
     change = [0, 0]
@@ -421,7 +437,7 @@ def test_no_changed_character_of_an_echo_confirms_a_write(protocol):
         for place in range(40):
             if lengths and place >= max(lengths):
                 break
-            for bit in range(8):
+            for bit in extent:
                 change[:] = place, 1 << bit
                 drive = bus.drive(protocol, ADDRESS, model=model_of(protocol), attempts=1, late_s=0.0)
                 # Known, so that it is not given up.

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import planting
 import pytest
+from extents import extents
 from kill_list import FRAMEWORK_PAGE, listed_ids
 from mutant import FRAMEWORK, HERE, Mutant, framework_folder, framework_mutants_of, themes
 from planting import judged_by_tests
@@ -40,9 +41,10 @@ def test_the_list_in_the_documentation_names_them_all():
     assert listed_ids(FRAMEWORK_PAGE) == [mutant.id for mutant in ALL]
 
 
-def test_some_are_planted_and_noticed_and_the_work_tree_stays_as_it_is():
+@extents(1, PLANTED_EACH_TIME)
+def test_some_are_planted_and_noticed_and_the_work_tree_stays_as_it_is(extent):
     changing = [mutant for mutant in QUICK if not mutant.same]
-    for mutant in random.Random(FRAMEWORK).sample(changing, PLANTED_EACH_TIME):
+    for mutant in random.Random(FRAMEWORK).sample(changing, extent):
         before = (framework_folder() / mutant.file).read_bytes()
         assert "::test_" in judged_by_tests(mutant).check, mutant.mistake
         assert (framework_folder() / mutant.file).read_bytes() == before
@@ -59,6 +61,7 @@ def test_what_changes_nothing_survives(tmp_path):
     assert judged_by_tests(judging(tmp_path, "assert drivecomm.__version__")).survived
 
 
+@pytest.mark.soak
 def test_the_copy_is_judged_also_by_the_programs_that_a_test_starts(tmp_path):
     mutant = replace(NOTHING, new='__version__ = "planted ')
     for text in (
@@ -68,6 +71,7 @@ def test_the_copy_is_judged_also_by_the_programs_that_a_test_starts(tmp_path):
         assert judged_by_tests(judging(tmp_path, text, mutant)).check.endswith("test_judge.py::test_it")
 
 
+@pytest.mark.soak
 def test_a_test_that_fails_without_the_mistake_too_has_noticed_nothing(tmp_path):
     with pytest.raises(ValueError, match=r"nothing: .*test_it fails without it, too"):
         judged_by_tests(judging(tmp_path, "raise AssertionError"))

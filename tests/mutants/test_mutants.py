@@ -32,7 +32,9 @@ def test_the_list_in_the_documentation_names_them_all():
     assert listed_ids(PAGE) == [mutant.id for _, mutant in ALL]
 
 
-@pytest.mark.parametrize("protocol", protocols())
+@pytest.mark.parametrize(
+    "protocol", [pytest.param(name, marks=[] if name == "vabus" else [pytest.mark.soak]) for name in protocols()]
+)
 def test_some_are_planted_and_noticed(protocol):
     changing = [mutant for mutant in mutants_of(protocol) if not mutant.same]
     for mutant in random.Random(protocol).sample(changing, PLANTED_EACH_TIME):

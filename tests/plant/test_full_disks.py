@@ -93,7 +93,7 @@ def test_half_a_piece_that_cannot_be_taken_away_at_once_goes_before_the_next(tmp
 @pytest.mark.parametrize(
     ("number", "reason"),
     [
-        (errno.ENOSPC, "no room left on the device"),
+        (errno.ENOSPC, "no space left on the device"),
         (errno.EFBIG, "the file may not grow any further"),
         (errno.EIO, "the device cannot be written"),
         (errno.EROFS, "words of the system"),

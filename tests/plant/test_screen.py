@@ -452,7 +452,7 @@ def test_a_full_disk_is_said_and_the_log_goes_on_when_there_is_room(tmp_path):
             watch.screen.show()
             await watch.pilot.pause()
             assert re.search(
-                r"log.csv: no room left on the device; values are not logged from \d\d:\d\d:\d\d on; polling goes on",
+                r"log.csv: no space left on the device; values are not logged from \d\d:\d\d:\d\d on; polling goes on",
                 watch.message,
             )
             assert watch.text[0].endswith("log log.csv, 8 missing  00:00:04")

@@ -6,6 +6,7 @@ from functools import lru_cache
 from typing import ClassVar
 
 import pytest
+from extents import extents
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from drivecomm.errors import TelegramError
@@ -215,27 +216,34 @@ def parts_for(name, direction):
     return near_telegrams(installed[name], direction)
 
 
-@pytest.mark.parametrize("direction", ["request", "reply"])
-@pytest.mark.parametrize("name", ["vabus", "danfoss-fc", "vlt3500", "fuji"])
-@settings(
-    max_examples=100,
+UNHURRIED = settings(
     derandomize=True,
     deadline=None,
     database=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
-@given(data=st.data())
-def test_nothing_is_found_otherwise_than_byte_by_byte(name, direction, data):
+
+
+@pytest.mark.parametrize("direction", ["request", "reply"])
+@pytest.mark.parametrize("name", ["vabus", "danfoss-fc", "vlt3500", "fuji"])
+@extents(30, 100)
+def test_nothing_is_found_otherwise_than_byte_by_byte(name, direction, extent):
     plugin = installed[name]
-    stream = b"".join(data.draw(st.lists(parts_for(name, direction), max_size=4)))
-    framer = Framer(plugin.codec(plugin.options()), direction)
-    plain = ByTheByte(plugin.codec(plugin.options()), direction)
-    for piece in data.draw(pieces(stream)):
-        assert told(framer.feed(piece)) == told(plain.feed(piece))
-        assert framer.missing == plain.missing
-        if data.draw(st.booleans()):
-            assert told(framer.flush()) == told(plain.flush())
-    assert told(framer.flush()) == told(plain.flush())
+
+    @settings(UNHURRIED, max_examples=extent)
+    @given(data=st.data())
+    def found_alike(data):
+        stream = b"".join(data.draw(st.lists(parts_for(name, direction), max_size=4)))
+        framer = Framer(plugin.codec(plugin.options()), direction)
+        plain = ByTheByte(plugin.codec(plugin.options()), direction)
+        for piece in data.draw(pieces(stream)):
+            assert told(framer.feed(piece)) == told(plain.feed(piece))
+            assert framer.missing == plain.missing
+            if data.draw(st.booleans()):
+                assert told(framer.flush()) == told(plain.flush())
+        assert told(framer.flush()) == told(plain.flush())
+
+    found_alike()
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ The conformance checks go through vectors and sound messages; here the fields ar
 from functools import lru_cache
 
 import pytest
+from extents import extents
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from drivecomm.errors import DriveCommError, TelegramError
@@ -14,8 +15,7 @@ from drivecomm.testing import junk_fields, telegrams
 
 BOTH = [(name, direction) for name in ("vabus", "danfoss-fc", "vlt3500", "fuji") for direction in ("request", "reply")]
 every_direction = pytest.mark.parametrize(("name", "direction"), BOTH)
-EXAMPLES = settings(
-    max_examples=150,
+UNHURRIED = settings(
     derandomize=True,
     deadline=None,
     database=None,
@@ -48,32 +48,39 @@ def in_code(form, message):
 
 
 @every_direction
-@EXAMPLES
-@given(data=st.data())
-def test_fields_of_any_kind(name, direction, data):
+@extents(40, 150)
+def test_fields_of_any_kind(name, direction, extent):
     plugin = installed[name]
-    try:
-        message = plugin.message(data.draw(junk_for(name, direction)), direction)
-    except DriveCommError:
-        return
-    for form in plugin.forms().values():
-        if form.message is not type(message):
-            continue
-        declared = outcome(form.build_declared, message)
-        assert in_code(form, message) in (None, declared)
-        assert outcome(form.build, message) == declared
+
+    @settings(UNHURRIED, max_examples=extent)
+    @given(data=st.data())
+    def alike(data):
+        try:
+            message = plugin.message(data.draw(junk_for(name, direction)), direction)
+        except DriveCommError:
+            return
+        for form in plugin.forms().values():
+            if form.message is not type(message):
+                continue
+            declared = outcome(form.build_declared, message)
+            assert in_code(form, message) in (None, declared)
+            assert outcome(form.build, message) == declared
+
+    alike()
 
 
 @every_direction
-@EXAMPLES
-@given(data=st.data())
-def test_every_byte_of_a_telegram_replaced(name, direction, data):
-    telegram = data.draw(telegrams_for(name, direction))
-    wrong = data.draw(st.integers(0, 255))
-    for form in installed[name].forms().values():
-        if isinstance(outcome(form.parse_declared, telegram), tuple):
-            continue
-        for place in range(len(telegram)):
-            changed = telegram[:place] + bytes([wrong]) + telegram[place + 1 :]
-            read, declared = outcome(form.parse, changed), outcome(form.parse_declared, changed)
-            assert (type(read), read, repr(read)) == (type(declared), declared, repr(declared))
+@extents(40, 150)
+def test_every_byte_of_a_telegram_replaced(name, direction, extent):
+    @settings(UNHURRIED, max_examples=extent)
+    @given(telegram=telegrams_for(name, direction), wrong=st.integers(0, 255))
+    def alike(telegram, wrong):
+        for form in installed[name].forms().values():
+            if isinstance(outcome(form.parse_declared, telegram), tuple):
+                continue
+            for place in range(len(telegram)):
+                changed = telegram[:place] + bytes([wrong]) + telegram[place + 1 :]
+                read, declared = outcome(form.parse, changed), outcome(form.parse_declared, changed)
+                assert (type(read), read, repr(read)) == (type(declared), declared, repr(declared))
+
+    alike()

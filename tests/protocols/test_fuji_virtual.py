@@ -579,7 +579,7 @@ def test_a_model_with_hardly_anything(tmp_path):
 # Disturbances
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("options", [{}, {"short_frames": True}, {"high_speed_writes": True}])
 def test_two_thousand_disturbed_exchanges(seed, options):
     """No reading shows what the drive never held, and every failure is an error of the tree."""

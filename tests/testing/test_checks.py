@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from extents import first_of_each, shape_of_vector
 
 from drivecomm.errors import AddressError, DriveCommError, FileFormatError, TelegramError
 from drivecomm.protocol import VirtualReply, installed
@@ -25,7 +26,14 @@ from drivecomm.testing.checks.schemas import compiles_whole, same_both_ways
 from drivecomm_vabus.telegrams import Ack, Enquiry, Value
 
 VABUS = installed["vabus"]
-PACKAGED = packaged_vectors(VABUS)
+ALL = packaged_vectors(VABUS)
+SAMPLE = replace(ALL, vectors=tuple(first_of_each(ALL.vectors, shape_of_vector)), exchanges=ALL.exchanges[::12])
+
+
+@pytest.fixture(params=[SAMPLE, pytest.param(ALL, marks=pytest.mark.soak)], ids=["sample", "all"])
+def packaged(request):
+    """The vectors that ship with VABus: one of each shape, and all."""
+    return request.param
 
 
 class Wrapped:
@@ -44,39 +52,39 @@ def mutant(**methods):
     return replace(VABUS, codec=lambda options: Wrapped(options, **methods))
 
 
-def failed_checks(plugin, vectors=PACKAGED):
+def failed_checks(plugin, vectors):
     return {failure.name.rpartition("/")[2]: failure.reason for failure in run_checks(plugin, vectors).failed}
 
 
-def test_nothing_is_wrong_with_the_real_one():
-    report = run_checks(VABUS, PACKAGED)
+def test_nothing_is_wrong_with_the_real_one(packaged):
+    report = run_checks(VABUS, packaged)
     assert report.ok
     assert str(report).endswith("checks passed, 0 failed")
 
 
-def test_fields_wrong():
+def test_fields_wrong(packaged):
     def decode(codec, data, direction):
         message = codec.decode(data, direction)
         return replace(message, parameter=message.parameter + 1) if isinstance(message, Enquiry) else message
 
-    assert "parameter is 482, the vector says 481" in run_checks(mutant(decode=decode), PACKAGED).failed[0].reason
+    assert "parameter is 482, the vector says 481" in run_checks(mutant(decode=decode), packaged).failed[0].reason
 
 
-def test_a_field_of_the_vector_that_is_not_decoded():
-    vector = replace(PACKAGED.vectors[0], fields={**PACKAGED.vectors[0].fields, "colour": "red"})
-    assert "the field colour is missing" in failed_checks(VABUS, replace(PACKAGED, vectors=(vector,)))["decode"]
+def test_a_field_of_the_vector_that_is_not_decoded(packaged):
+    vector = replace(packaged.vectors[0], fields={**packaged.vectors[0].fields, "colour": "red"})
+    assert "the field colour is missing" in failed_checks(VABUS, replace(packaged, vectors=(vector,)))["decode"]
 
 
-def test_a_flag_is_no_number():
-    vector = replace(PACKAGED.vectors[0], fields={**PACKAGED.vectors[0].fields, "address": True})
-    assert "address is 1, the vector says True" in failed_checks(VABUS, replace(PACKAGED, vectors=(vector,)))["decode"]
+def test_a_flag_is_no_number(packaged):
+    vector = replace(packaged.vectors[0], fields={**packaged.vectors[0].fields, "address": True})
+    assert "address is 1, the vector says True" in failed_checks(VABUS, replace(packaged, vectors=(vector,)))["decode"]
 
 
-def test_bytes_wrong():
-    assert "encode" in failed_checks(mutant(encode=lambda codec, message: codec.encode(message) + b"\r"))
+def test_bytes_wrong(packaged):
+    assert "encode" in failed_checks(mutant(encode=lambda codec, message: codec.encode(message) + b"\r"), packaged)
 
 
-def test_a_checksum_that_is_not_looked_at():
+def test_a_checksum_that_is_not_looked_at(packaged):
     def decode(codec, data, direction):
         try:
             return codec.decode(data, direction)
@@ -85,38 +93,38 @@ def test_a_checksum_that_is_not_looked_at():
                 raise
             return Ack(address=1)
 
-    assert {"decode", "flipped"} <= set(failed_checks(mutant(decode=decode)))
+    assert {"decode", "flipped"} <= set(failed_checks(mutant(decode=decode), packaged))
 
 
-def test_a_wrong_category():
+def test_a_wrong_category(packaged):
     def decode(codec, data, direction):
         try:
             return codec.decode(data, direction)
         except TelegramError as error:
             raise TelegramError("framing", str(error)) from None
 
-    failures = failed_checks(mutant(decode=decode))
+    failures = failed_checks(mutant(decode=decode), packaged)
     assert set(failures) == {"decode"}
     assert "refused as framing" in failures["decode"]
 
 
-def test_blind_spots_that_are_not_declared():
-    assert set(failed_checks(replace(VABUS, blind_spots=lambda *_: frozenset()))) == {"flipped"}
+def test_blind_spots_that_are_not_declared(packaged):
+    assert set(failed_checks(replace(VABUS, blind_spots=lambda *_: frozenset()), packaged)) == {"flipped"}
 
 
-def test_blind_spots_beyond_the_telegram():
-    failures = failed_checks(replace(VABUS, blind_spots=lambda *_: frozenset([999])))
+def test_blind_spots_beyond_the_telegram(packaged):
+    failures = failed_checks(replace(VABUS, blind_spots=lambda *_: frozenset([999])), packaged)
     assert "outside the telegram" in failures["flipped"]
 
 
-def test_bytes_behind_a_telegram_that_are_not_looked_at():
+def test_bytes_behind_a_telegram_that_are_not_looked_at(packaged):
     def decode(codec, data, direction):
         return codec.decode(data[: codec.measure(data, direction)] or data, direction)
 
-    assert "trailing" in failed_checks(mutant(decode=decode))
+    assert "trailing" in failed_checks(mutant(decode=decode), packaged)
 
 
-def test_a_cut_telegram_taken_for_a_whole_one():
+def test_a_cut_telegram_taken_for_a_whole_one(packaged):
     def decode(codec, data, direction):
         try:
             return codec.decode(data, direction)
@@ -125,19 +133,19 @@ def test_a_cut_telegram_taken_for_a_whole_one():
                 raise
             return Ack(address=1)
 
-    assert {"truncated", "truncated-stream"} <= set(failed_checks(mutant(decode=decode)))
+    assert {"truncated", "truncated-stream"} <= set(failed_checks(mutant(decode=decode), packaged))
 
 
 @pytest.mark.parametrize("wrong", [lambda length: length + 1, lambda length: max(0, length - 1), lambda _: 0])
-def test_a_length_that_is_off(wrong):
-    failures = failed_checks(mutant(measure=lambda codec, *values: wrong(codec.measure(*values))))
+def test_a_length_that_is_off(packaged, wrong):
+    failures = failed_checks(mutant(measure=lambda codec, *values: wrong(codec.measure(*values))), packaged)
     assert "five-in-a-row" in failures
 
 
 @pytest.mark.parametrize("shortest", [0, 3])
-def test_a_shortest_telegram_that_is_not_the_shortest(shortest):
+def test_a_shortest_telegram_that_is_not_the_shortest(packaged, shortest):
     failures = failed_checks(
-        mutant(measure=lambda codec, head, direction: codec.measure(head, direction) if head else shortest)
+        mutant(measure=lambda codec, head, direction: codec.measure(head, direction) if head else shortest), packaged
     )
     assert set(failures) == {"shortest"}
     assert f"is shorter than {shortest}" in failures["shortest"]
@@ -177,11 +185,11 @@ def test_an_unknown_option_is_a_failure_of_its_vector():
     assert failures["refuse"].startswith("vabus has no option 'colour'; it has ")
 
 
-def test_an_exception_outside_the_tree():
+def test_an_exception_outside_the_tree(packaged):
     def decode(codec, data, direction):
         return codec.decode(data, direction) if len(data) % 3 else {}[data]
 
-    assert "KeyError outside the error tree" in failed_checks(mutant(decode=decode))["truncated"]
+    assert "KeyError outside the error tree" in failed_checks(mutant(decode=decode), packaged)["truncated"]
 
 
 def answering(answer):
@@ -214,26 +222,26 @@ def reply(data, delay_s=0.0):
     ],
     ids=["answers everybody", "answers nonsense", "answers for another", "answers too soon", "is dead"],
 )
-def test_a_virtual_drive_that_answers_wrongly(answer, expected):
-    assert set(failed_checks(answering(answer))) == expected
+def test_a_virtual_drive_that_answers_wrongly(packaged, answer, expected):
+    assert set(failed_checks(answering(answer), packaged)) == expected
 
 
-def test_a_request_to_an_address_that_no_drive_has():
+def test_a_request_to_an_address_that_no_drive_has(packaged):
     # Not marked as a broadcast in the file: nobody is there to answer, and nobody does.
-    broadcast = next(vector for vector in PACKAGED.vectors if vector.id == "derived-broadcast-select-410-quickstop")
-    file = replace(PACKAGED, vectors=(replace(broadcast, reply_expected=True),))
+    broadcast = next(vector for vector in ALL.vectors if vector.id == "derived-broadcast-select-410-quickstop")
+    file = replace(packaged, vectors=(replace(broadcast, reply_expected=True),))
     assert not failed_checks(VABUS, file)
 
 
-def test_addresses_that_a_variant_does_not_have_are_left_out():
+def test_addresses_that_a_variant_does_not_have_are_left_out(packaged):
     def virtual(address, options, model):
         if address > 5:
             raise AddressError(f"no {address}")
         return VABUS.virtual(address, options, model)
 
     plugin = replace(VABUS, virtual=virtual)
-    vectors = tuple(vector for vector in PACKAGED.vectors if vector.fields.get("address", 1) <= 5)
-    assert not failed_checks(plugin, replace(PACKAGED, vectors=vectors))
+    vectors = tuple(vector for vector in packaged.vectors if vector.fields.get("address", 1) <= 5)
+    assert not failed_checks(plugin, replace(packaged, vectors=vectors))
 
 
 def test_a_reply_that_does_not_belong():
@@ -274,20 +282,20 @@ def test_an_exact_copy_is_an_echo_before_the_protocol_is_asked():
     assert "answers" not in failed_checks(plugin, VectorFile(name="f", protocol="vabus", vectors=(echo,)))
 
 
-def test_options_that_no_drive_can_have_do_not_stop_the_virtual_drive():
-    request = next(vector for vector in PACKAGED.vectors if vector.id == "seed-enquiry-481")
+def test_options_that_no_drive_can_have_do_not_stop_the_virtual_drive(packaged):
+    request = next(vector for vector in ALL.vectors if vector.id == "seed-enquiry-481")
     case = replace(request, fields={**request.fields, "sys": 99})
-    failures = failed_checks(VABUS, replace(PACKAGED, vectors=(case,)))
+    failures = failed_checks(VABUS, replace(packaged, vectors=(case,)))
     assert set(failures) == {"decode", "encode"}
 
 
 def test_vectors_of_another_protocol():
     with pytest.raises(FileFormatError, match="holds vectors of 'vabus', not of 'other'"):
-        list(checks_of(replace(VABUS, name="other"), PACKAGED))
+        list(checks_of(replace(VABUS, name="other"), ALL))
 
 
 def test_a_package_without_vectors_is_judged_by_another_file():
-    value = next(vector for vector in PACKAGED.vectors if vector.id == "seed-reply-481")
+    value = next(vector for vector in ALL.vectors if vector.id == "seed-reply-481")
     file = VectorFile(name="f", protocol="vabus", vectors=(value,))
     assert not failed_checks(replace(VABUS, package="drivecomm.protocol.schema"), file)
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import pytest
+from extents import extents
 
 from drivecomm.errors import DriveCommError, FileFormatError
 from drivecomm.protocol import installed
@@ -38,8 +39,9 @@ def source(name, direction):
 @pytest.mark.parametrize("holds", PROPERTIES, ids=lambda holds: holds.__name__)
 @pytest.mark.parametrize("direction", ["request", "reply"])
 @pytest.mark.parametrize("name", list(_judged()))
-def test_property(name, direction, holds):
-    try_examples(holds, source(name, direction), EXAMPLES)
+@extents(8, EXAMPLES)
+def test_property(name, direction, holds, extent):
+    try_examples(holds, source(name, direction), extent)
 
 
 def test_the_same_examples_are_drawn_every_time():

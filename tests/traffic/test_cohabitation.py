@@ -8,6 +8,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
+from extents import extents
 from hypothesis import given, strategies as st
 
 from drivecomm.errors import AddressError, UnknownProtocolError
@@ -15,12 +16,12 @@ from drivecomm.protocol import DriveConfig, Framed, Framer, LineSettings, instal
 from drivecomm.protocol.schema import constant
 from drivecomm.testing import packaged_vectors
 from drivecomm.traffic.cohabitation import (
-    Outcome,
     Reader,
+    Safety,
+    arbitrary_telegrams,
     character_map,
     check,
     check_line,
-    conversation,
     listen,
     partners_of,
     readable,
@@ -120,7 +121,7 @@ class Bystander:
 def test_a_proof_is_heard_by_the_virtual_drive(pair, partner, verdict):
     speaker, listener = map(partner, pair)
     found = verdict(*pair)
-    assert found.outcome is Outcome.TAKEN
+    assert found.outcome is Safety.TAKEN
     proof = found.proof
     bystander = Bystander(pair[1], speaker)
     bystander.play(each.data for each in proof.telegrams)
@@ -145,18 +146,19 @@ def _options(drive):
 
 @pytest.mark.parametrize(
     ("pair", "outcome"),
-    [*((pair, Outcome.SAFE) for pair in SAFE), *((pair, Outcome.UNHEARD) for pair in UNHEARD)],
+    [*((pair, Safety.SAFE) for pair in SAFE), *((pair, Safety.UNHEARD) for pair in UNHEARD)],
     ids=lambda value: named(value) if isinstance(value, tuple) else "",
 )
-def test_what_is_safe_stays_silent_under_attack(pair, outcome, partner, verdict):
+@extents(20, 100)
+def test_what_is_safe_stays_silent_under_attack(pair, outcome, partner, verdict, extent):
     speaker, listener = map(partner, pair)
     assert verdict(*pair).outcome is outcome
     related = pair[0].protocol == pair[1].protocol
     spoken = [each for each in speaker.spoken if not (related and each.to_all)]
     bystander = Bystander(pair[1], speaker)
     chance = Random(7)
-    for _ in range(100):
-        bystander.play(each.data for each in conversation(spoken, speaker, listener.settings, chance, 20))
+    for _ in range(extent):
+        bystander.play(each.data for each in arbitrary_telegrams(spoken, speaker, listener.settings, chance, 20))
         bystander.line.advance(1.0)
     assert not bystander.took(listener)
     assert not bystander.answered
@@ -213,8 +215,8 @@ def test_an_eight_bit_drive_hears_the_parity_of_seven_bit_traffic(partner, verdi
     hears = character_map(partner(VABUS).settings, partner(VLT).settings)
     assert hears[ord(">")] == ord(">") | 0x80
     assert all(code.bit_count() % 2 == 0 for code in hears)
-    assert verdict(VABUS, VLT).outcome is Outcome.SAFE
-    assert verdict(VABUS_8, VLT).outcome is Outcome.TAKEN
+    assert verdict(VABUS, VLT).outcome is Safety.SAFE
+    assert verdict(VABUS_8, VLT).outcome is Safety.TAKEN
 
 
 def test_an_address_format_is_the_one_that_the_drive_is_asked_in(partner):
@@ -225,7 +227,7 @@ def test_an_address_format_is_the_one_that_the_drive_is_asked_in(partner):
 
 def test_other_baud_rates_are_tried_only_and_said_to_be():
     found = check_line([DriveConfig(protocol="vabus", address=1), VABUS_2])
-    assert {each.outcome for each in found.drives} == {Outcome.UNHEARD}
+    assert {each.outcome for each in found.drives} == {Safety.UNHEARD}
     assert found.safe
     assert all("arbitrary telegrams" in each.reason for each in found.drives)
     assert "as far as it was tried" in found.advice[0]
@@ -239,7 +241,7 @@ def test_the_same_line_gives_the_same_result():
 def test_a_line_of_one_protocol_with_different_addresses_is_safe():
     found = check_line([FUJI, FUJI_2])
     assert found.safe
-    assert all(each.outcome is Outcome.SAFE for each in (*found.drives, *found.master))
+    assert all(each.outcome is Safety.SAFE for each in (*found.drives, *found.master))
     assert found.advice == ("safe: these drives can share the line with these addresses and settings",)
 
 
@@ -252,7 +254,7 @@ def test_two_drives_with_one_address_are_told_to_part():
 
 def test_a_late_reply_that_the_master_would_believe_is_proved(partner):
     found = wait_for(partner(VABUS_8), partner(VLT))
-    assert found.outcome is Outcome.TAKEN
+    assert found.outcome is Safety.TAKEN
     reply = b"".join(each.heard for each in found.proof.telegrams)
     codec = installed["vabus"].codec(_options(VABUS_8))
     finds = Framer(codec, "reply").feed(reply)
@@ -261,13 +263,13 @@ def test_a_late_reply_that_the_master_would_believe_is_proved(partner):
 
 
 def test_a_master_that_waits_for_a_drive_tells_another_one_of_its_protocol_apart(partner):
-    assert wait_for(partner(VLT), partner(VLT_2)).outcome is Outcome.SAFE
+    assert wait_for(partner(VLT), partner(VLT_2)).outcome is Safety.SAFE
 
 
 def test_without_a_proof_what_is_not_excluded_stays_open(partner, monkeypatch):
     monkeypatch.setattr(check, "find_proof", lambda *_: None)
     found = listen(partner(FC), partner(VABUS))
-    assert found.outcome is Outcome.OPEN
+    assert found.outcome is Safety.OPEN
     assert not found.safe
     assert found.proof is None
     assert "leave room for" in found.reason
@@ -334,7 +336,7 @@ def test_a_strangers_protocol_is_checked_as_ours_are(toy):
     found = check_line([stranger, FC_8, DriveConfig(protocol=toy.name, address=other, options=EIGHT)])
     outcomes = {(each.speaker, each.listener): each for each in found.drives}
     assert len(outcomes) == 6
-    assert outcomes[stranger.name, f"{toy.name}:{other}"].outcome is Outcome.SAFE
+    assert outcomes[stranger.name, f"{toy.name}:{other}"].outcome is Safety.SAFE
     proof = outcomes[FC_8.name, stranger.name].proof
     listener, speaker = partners_of([stranger, FC_8])
     bystander = Bystander(stranger, speaker)

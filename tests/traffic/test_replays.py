@@ -14,17 +14,17 @@ from drivecomm.errors import NoReplyError, NotSupported, TelegramError, UsageErr
 from drivecomm.plant import FaultPlan
 from drivecomm.protocol import Command, Damaged, Framed, Framer, installed
 from drivecomm.traffic.replay import (
-    Asking,
-    Exchanged,
-    Outcome,
-    Part,
     RecordedCodec,
+    RecordedExchange,
     RecordedRequest,
+    ReplayedRequest,
     ReplayError,
+    ReplayMaster,
+    ReplyPart,
     Sending,
     difference,
-    exchanged,
     recorded_drives,
+    recorded_exchanges,
     replayed,
 )
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -45,7 +45,7 @@ def pieces_of(*said):
 
 
 def test_requests_and_replies():
-    found = exchanged(
+    found = recorded_exchanges(
         pieces_of(
             (0.0, "drive", b"late"),
             (0.1, "master", b"a"),
@@ -64,14 +64,14 @@ def test_requests_and_replies():
 def test_each_line_has_its_own_conversation():
     said = [("one", "master", b"a"), ("two", "master", b"b"), ("one", "drive", b"A"), ("two", "drive", b"B")]
     pieces = [Piece(time_s=n, line=line, source=source, data=data) for n, (line, source, data) in enumerate(said)]
-    found = exchanged(Capture(provenance=Provenance(), pieces=pieces))
+    found = recorded_exchanges(Capture(provenance=Provenance(), pieces=pieces))
     assert [(each.line, each.request, each.reply) for each in found] == [("one", b"a", b"A"), ("two", b"b", b"B")]
 
 
 def test_somebody_must_have_known_who_spoke():
     with pytest.raises(UsageError, match="who sent what"):
-        exchanged(pieces_of((0, "unknown", b"a")))
-    assert exchanged(pieces_of()) == []
+        recorded_exchanges(pieces_of((0, "unknown", b"a")))
+    assert recorded_exchanges(pieces_of()) == []
 
 
 # As drives
@@ -189,7 +189,7 @@ def test_the_same_program_on_a_bad_line_gets_the_same():
 
     for seed in range(5):
         capture, results = record(program, everybody(faults=FaultPlan(seed=seed, rate=0.3)))
-        assert len(exchanged(capture)) > len(results) + 40 + 10
+        assert len(recorded_exchanges(capture)) > len(results) + 40 + 10
         with replayed(capture) as line, drivecomm.open_bus(line.port) as bus:
             assert program(bus) == results
 
@@ -228,7 +228,7 @@ def test_too_much_and_too_little_are_differences():
     with replayed(capture) as line, drivecomm.open_bus(line.port) as bus:
         read_everybody(bus)
         drive = bus.drive("vabus", 1)
-        with pytest.raises(ReplayError, match="the capture is over, and 04 41"):
+        with pytest.raises(ReplayError, match="the capture has ended, but 04 41"):
             drive.read("481")
 
 
@@ -250,13 +250,13 @@ def test_its_time_is_virtual_and_passes_as_then():
 
 def asked(capture, line, **options):
     """Ask on a virtual line what is in a capture."""
-    return list(Asking(exchanged(capture), EVERYBODY, **options).on(line.port()))
+    return list(ReplayMaster(recorded_exchanges(capture), EVERYBODY, **options).on(line.port()))
 
 
 def test_the_same_drives_answer_the_same():
     capture, _ = record(read_everybody)
     outcomes = asked(capture, everybody())
-    assert len(outcomes) == len(exchanged(capture))
+    assert len(outcomes) == len(recorded_exchanges(capture))
     assert all(outcome.sent and not outcome.differs for outcome in outcomes)
 
 
@@ -332,11 +332,11 @@ def test_differences_are_found_and_named():
 
 
 def test_differences_for_people():
-    then = Exchanged(asked_s=0, request=READ, parts=(Part(after_s=0.1, data=b"\x01\x02"),))
-    assert difference(Outcome(number=1, then=then, came=b"\x03"), EVERYBODY) == "was 01 02, is 03"
+    then = RecordedExchange(asked_s=0, request=READ, parts=(ReplyPart(after_s=0.1, data=b"\x01\x02"),))
+    assert difference(ReplayedRequest(number=1, then=then, came=b"\x03"), EVERYBODY) == "was 01 02, is 03"
     silent = replace(then, parts=())
-    assert difference(Outcome(number=1, then=silent, came=b"\x03"), EVERYBODY) == "nothing came then, now 03"
-    assert not Outcome(number=1, then=silent).differs
+    assert difference(ReplayedRequest(number=1, then=silent, came=b"\x03"), EVERYBODY) == "nothing came then, now 03"
+    assert not ReplayedRequest(number=1, then=silent).differs
 
 
 def test_who_was_silent_then_and_answers_now_is_found():
@@ -352,7 +352,7 @@ def test_more_than_then_is_found():
     line = VirtualLine([virtual_drive("vabus", 1)])
     line.monitor = lambda sent: line.inject(b"!!") if sent.source == "drive" else None
     outcomes = asked(capture, line)
-    assert outcomes[0].came == exchanged(capture)[0].reply + b"!!"
+    assert outcomes[0].came == recorded_exchanges(capture)[0].reply + b"!!"
     assert outcomes[0].differs
 
 
@@ -377,8 +377,8 @@ def test_line_settings_are_those_of_the_capture_or_others():
 
 @pytest.mark.parametrize("faster", [0, -1, float("nan"), float("inf")])
 def test_speeds_that_are_none(faster):
-    with pytest.raises(UsageError, match="is no speed"):
-        Asking([], EVERYBODY, faster=faster)
+    with pytest.raises(UsageError, match="is not a valid speed factor"):
+        ReplayMaster([], EVERYBODY, faster=faster)
 
 
 def test_nothing_to_ask():

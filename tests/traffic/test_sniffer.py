@@ -11,7 +11,7 @@ from traffic import ALL, DIRECTIONS, PROTOCOLS, Meant, Traffic, heard, plant, sn
 
 from drivecomm.capture import Piece
 from drivecomm.protocol import LineSettings, encode, installed
-from drivecomm.traffic.sniffer import AmbiguousTelegram, HeardTelegram, Sniffer, UnknownBytes, Watch
+from drivecomm.traffic.sniffer import AmbiguousTelegram, HeardTelegram, LineMonitor, Sniffer, UnknownBytes
 from drivecomm.virtual import heard as as_heard
 
 
@@ -344,13 +344,13 @@ ROUND = (*VOLTAGE, *CURRENT, *NOTHING)
 
 def said(*talk, pause_s=0.02):
     """Let a master talk with its drive; None stands for what was missed. Returns the directions and the outcomes."""
-    watch, now, events = Watch(PROTOCOLS), 0.0, []
+    watch, now, events = LineMonitor(PROTOCOLS), 0.0, []
     for number, data in enumerate(talk):
         now += (0.01 if number % 2 else pause_s) + 16 * FC_SETTINGS.character_s
         if data is not None:
             events += watch.feed(Piece(time_s=now, data=data))
     events += watch.finish()
-    directions = [event.finding.direction for event in events if isinstance(event.finding, HeardTelegram)]
+    directions = [event.item.direction for event in events if isinstance(event.item, HeardTelegram)]
     return directions, [event.pair.outcome for event in events if event.pair]
 
 
@@ -373,7 +373,7 @@ def test_also_after_an_exchange_of_which_one_half_was_missed(missed):
 
 def test_what_is_said_again_without_a_pause_or_after_the_time_of_a_reply_is_no_reply():
     again = [*ROUND, *ROUND, CURRENT[0]]
-    watch, now, events = Watch(PROTOCOLS), 0.0, []
+    watch, now, events = LineMonitor(PROTOCOLS), 0.0, []
     for number, data in enumerate(again):
         now += (0.01 if number % 2 else 0.02) + 16 * FC_SETTINGS.character_s
         events += watch.feed(Piece(time_s=now, data=data))
@@ -381,5 +381,15 @@ def test_what_is_said_again_without_a_pause_or_after_the_time_of_a_reply_is_no_r
         now += pause_s + 16 * FC_SETTINGS.character_s
         events += watch.feed(Piece(time_s=now, data=CURRENT[0]))
     events += watch.finish()
-    assert [event.finding.direction for event in events if event.finding][-3:] == ["request"] * 3
-    assert [event.retries for event in events if event.finding][-3:] == [0, 1, 2]
+    assert [event.item.direction for event in events if event.item][-3:] == ["request"] * 3
+    assert [event.retries for event in events if event.item][-3:] == [0, 1, 2]
+
+
+def test_a_reply_unlike_the_few_before_it_still_answers_its_request():
+    said = ["U@@@@0516+00030076", "U@CF@0516+03000287", "C@@@@0000+00000043", "C@CF@0000+00000052"]
+    said += ["COGD@0000+00000069", "CG@N@0000+00000064", "C@@@@0000+00000043", "CG@N@0000+00000064"]
+    said += ["COCD@0000+00000065", "CG@N@0000+00000064"]
+    pieces = [Piece(time_s=0.033 * n, data=f"<01{text}>".encode()) for n, text in enumerate(said, start=1)]
+    sniffer = Sniffer([installed["vlt3500"]])
+    found = [finding for piece in pieces for finding in sniffer.feed(piece)] + sniffer.finish()
+    assert [finding.direction for finding in found] == ["request", "reply"] * 5

@@ -9,7 +9,7 @@ from sessions import everybody, read_everybody, record, work_with_everybody
 import drivecomm
 from drivecomm.capture import Capture, Piece, Provenance
 from drivecomm.protocol import installed
-from drivecomm.traffic.replay import exchanged, telling_apart
+from drivecomm.traffic.replay import infer_sources, recorded_exchanges
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 EVERYBODY = list(installed.working())
@@ -22,13 +22,13 @@ def overheard(capture):
 
 
 def said(capture):
-    return [(each.request, each.reply) for each in exchanged(capture)]
+    return [(each.request, each.reply) for each in recorded_exchanges(capture)]
 
 
 @pytest.mark.parametrize("program", [read_everybody, work_with_everybody])
 def test_all_protocols_on_one_line(program):
     capture, _ = record(program)
-    told = telling_apart(overheard(capture), EVERYBODY)
+    told = infer_sources(overheard(capture), EVERYBODY)
     assert said(told) == said(capture)
     assert b"".join(piece.data for piece in told.pieces) == b"".join(piece.data for piece in capture.pieces)
 
@@ -43,7 +43,7 @@ def test_one_protocol_alone(name):
         drive.stop()
 
     capture, _ = record(work, VirtualLine([virtual_drive(name, 1)]))
-    assert said(telling_apart(overheard(capture), [installed[name]])) == said(capture)
+    assert said(infer_sources(overheard(capture), [installed[name]])) == said(capture)
 
 
 @given(cuts=st.lists(st.floats(0, 1), max_size=30))
@@ -55,7 +55,7 @@ def test_however_it_came_in_pieces(cuts):
         place = round(cut * len(piece.data))
         halves = [replace(piece, data=data) for data in (piece.data[:place], piece.data[place:]) if data]
         pieces += halves
-    assert said(telling_apart(replace(capture, pieces=pieces), EVERYBODY)) == said(SESSION)
+    assert said(infer_sources(replace(capture, pieces=pieces), EVERYBODY)) == said(SESSION)
 
 
 SESSION, _ = record(work_with_everybody)
@@ -63,7 +63,7 @@ SESSION, _ = record(work_with_everybody)
 
 def test_a_request_that_is_repeated_is_no_reply():
     capture, _ = record(lambda bus: _silence(bus.drive("danfoss-fc", 9, attempts=3)), everybody())
-    told = telling_apart(overheard(capture), EVERYBODY)
+    told = infer_sources(overheard(capture), EVERYBODY)
     assert [piece.source for piece in told.pieces] == ["master"] * 3
 
 
@@ -81,7 +81,7 @@ def test_what_is_no_telegram_stays_unknown():
             Piece(time_s=0.5, data=b"\xff" + READ + b"\x7f"),
         ],
     )
-    told = telling_apart(noise, [installed["vabus"]])
+    told = infer_sources(noise, [installed["vabus"]])
     assert b"".join(piece.data for piece in told.pieces) == b"".join(piece.data for piece in noise.pieces)
     assert [(piece.time_s, piece.data) for piece in told.pieces if piece.data == READ] == [(0.5, READ)]
     assert next(piece.data for piece in told.pieces if piece.source == "unknown") == b"\xff\xfe"
@@ -89,12 +89,12 @@ def test_what_is_no_telegram_stays_unknown():
 
 def test_what_is_known_stays():
     capture = Capture(provenance=Provenance(), pieces=[Piece(time_s=0.0, data=READ, source="drive")])
-    assert telling_apart(capture, EVERYBODY) == capture
+    assert infer_sources(capture, EVERYBODY) == capture
 
 
 def test_lines_are_kept_apart():
     whole = [Piece(time_s=n / 1000, data=READ[n : n + 1], line=line) for n in range(8) for line in ("one", "two")]
-    told = telling_apart(Capture(provenance=Provenance(), pieces=whole), EVERYBODY)
+    told = infer_sources(Capture(provenance=Provenance(), pieces=whole), EVERYBODY)
     assert sorted((piece.line, piece.data, piece.source) for piece in told.pieces) == [
         ("one", READ, "master"),
         ("two", READ, "master"),

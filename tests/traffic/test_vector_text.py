@@ -13,8 +13,8 @@ from drivecomm.capture import Capture, Piece, Provenance
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import installed
 from drivecomm.testing import carry_out, checks_of, load_vectors, packaged_vectors, run_checks
+from drivecomm.tomlfile import toml_value
 from drivecomm.traffic.replay import heard_telegrams, vectors_text
-from drivecomm.traffic.replay.vector_text import _written
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 READ = bytes.fromhex("04 41 30 30 34 38 31 05")
@@ -161,4 +161,4 @@ def test_what_was_cut_off_does_not_go_on_later():
     )
 )
 def test_values_are_written_as_toml_reads_them(value):
-    assert tomllib.loads(f"value = {_written(value)}")["value"] == value
+    assert tomllib.loads(f"value = {toml_value(value)}")["value"] == value

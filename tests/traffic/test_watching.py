@@ -6,7 +6,7 @@ from traffic import PROTOCOLS, model_of, plant, sniffed
 from drivecomm.capture import Piece
 from drivecomm.errors import RefusedError
 from drivecomm.protocol import encode, installed
-from drivecomm.traffic.sniffer import HeardTelegram, Pairing, ParameterNames, Watch
+from drivecomm.traffic.sniffer import HeardTelegram, LineMonitor, Pairing, ParameterNames
 
 ENQUIRY = bytes.fromhex("0441303034383105")
 OTHER = bytes.fromhex("0441303034383005")
@@ -19,7 +19,7 @@ def value(parameter=481, data="000003E8", address=1):
 
 def watched(*parts):
     """Return the events and the statistics of bytes at these times."""
-    watch = Watch(PROTOCOLS)
+    watch = LineMonitor(PROTOCOLS)
     events = [event for time_s, data in parts for event in watch.feed(Piece(time_s=time_s, data=data))]
     return events + watch.finish(), watch.statistics
 
@@ -31,7 +31,7 @@ def outcomes(events):
 def test_a_reply_is_paired_with_its_request_and_timed():
     events, statistics = watched((0.01, ENQUIRY), (0.04, value()))
     assert outcomes(events) == ["answered"]
-    assert events[1].pair.request is events[0].finding
+    assert events[1].pair.request is events[0].item
     assert events[1].pair.reply_time_s == pytest.approx(0.03)
     assert statistics["vabus:1"].counters == {"requests": 1, "replies": 1}
     assert statistics["vabus:1"].reply_times.count == 1
@@ -41,7 +41,7 @@ def test_a_reply_is_paired_with_its_request_and_timed():
 def test_what_is_asked_again_is_a_retry_and_was_unanswered_before():
     events, statistics = watched((0.0, ENQUIRY), (0.6, ENQUIRY), (1.2, ENQUIRY), (1.23, value()))
     assert outcomes(events) == ["unanswered", "unanswered", "answered"]
-    assert [event.retries for event in events if isinstance(event.finding, HeardTelegram)] == [0, 1, 2, 0]
+    assert [event.retries for event in events if isinstance(event.item, HeardTelegram)] == [0, 1, 2, 0]
     assert events[-1].pair.retries == 2
     assert [event.wrong for event in events] == [False, True, True, True, True, False]
     assert statistics["vabus:1"].counters == {"requests": 1, "retries": 2, "replies": 1, "timeouts": 2}
@@ -95,7 +95,7 @@ def test_broadcasts_are_counted_and_expect_nothing():
 def test_the_master_and_the_listener_count_the_same():
     """Of every request that was sent, the listener knows the end; on a line without faults all are answered."""
     traffic = plant(20, seed=4)
-    watch = Watch(PROTOCOLS)
+    watch = LineMonitor(PROTOCOLS)
     for piece in traffic.pieces():
         watch.feed(piece)
     watch.finish()

@@ -270,7 +270,7 @@ def test_drives_that_cannot_be():
         forecast(plan_of("481", one=drive(address=99)))
     with pytest.raises(UsageError, match="no option 'colour'"):
         forecast(plan_of("481", one=drive(options={"colour": "red"})))
-    with pytest.raises(UsageError, match="no fact 'speed'"):
+    with pytest.raises(UsageError, match="unknown line setting 'speed'"):
         forecast(plan_of("481"), speed=5)
     with pytest.raises(UsageError, match="invalid reply_delay_s = -1; write 0 to 60 seconds"):
         drive(reply_delay_s=-1)

@@ -14,8 +14,8 @@ import drivecomm
 from drivecomm.errors import LinkDownError, NoReplyError, PortError, UsageError
 from drivecomm.plant import Fault, Plant, PlantLine, PowerCutStep, TelegramFault
 from drivecomm.protocol import DriveConfig
-from drivecomm.virtual import LONGEST_ORDER, PlantControl, PlantServer, VirtualPlant, parse_place
-from drivecomm.virtual.control_door import _MOST_GUESTS
+from drivecomm.virtual import LONGEST_ORDER, ControlClient, PlantServer, VirtualPlant, parse_place
+from drivecomm.virtual.control_socket import _MOST_CLIENTS
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="Unix sockets and pseudo-terminals are of POSIX systems")
 
@@ -120,7 +120,7 @@ class TestLines:
                 bus.drive("vabus", 2, attempts=1, reply_timeout_s=0.1).read("481")
 
     def test_a_line_that_listens_nowhere(self):
-        with pytest.raises(UsageError, match="line line 0 says nowhere to listen; write listen"):
+        with pytest.raises(UsageError, match="line line 0 has no listen key; set it to pty:PATH"):
             PlantServer(plant_of(listen=""))
 
     def test_a_place_that_is_taken_leaves_nothing_open(self):
@@ -129,7 +129,7 @@ class TestLines:
             lines = (PlantLine(name="a", listen="tcp::0"), PlantLine(name="b", listen=f"tcp::{taken}"))
             with pytest.raises(PortError, match=f"cannot listen at 127.0.0.1:{taken}"):
                 PlantServer(VirtualPlant(Plant(lines=lines))).__enter__()
-            with pytest.raises(PortError, match=f"cannot listen for control at 127.0.0.1:{taken}"):
+            with pytest.raises(PortError, match=f"cannot open the control socket at 127.0.0.1:{taken}"):
                 PlantServer(plant_of(), control=f":{taken}").__enter__()
 
     def test_waiting_costs_nothing(self):
@@ -142,7 +142,7 @@ class TestLines:
 class TestControl:
     def test_every_order(self):
         plant = plant_of(paced=False)
-        with running(plant) as server, PlantControl(server.control) as control:
+        with running(plant) as server, ControlClient(server.control) as control:
             with drivecomm.open_bus(server.addresses["line 0"]) as bus:
                 drive = bus.drive("vabus", 1, attempts=1, reply_timeout_s=0.1)
                 assert control.order("set", drive="drive 0-1", parameter="481", value=1234) == {"value": "000004D2"}
@@ -164,7 +164,7 @@ class TestControl:
             assert control.order("show", drive="drive 0-1", parameters=["480", "481"])["values"]["481"] == "000003E8"
 
     def test_injected_bytes_reach_the_master_at_once(self):
-        with running() as server, PlantControl(server.control) as control:
+        with running() as server, ControlClient(server.control) as control:
             host, _, port = server.addresses["line 0"].removeprefix("socket://").rpartition(":")
             with socket.create_connection((host, int(port)), timeout=5) as master:
                 time.sleep(0.05)
@@ -174,19 +174,19 @@ class TestControl:
     @pytest.mark.parametrize(
         ("order", "sentence"),
         [
-            (b"x", "an order is one object of JSON"),
-            (b"[1]", "an order is one object of JSON"),
-            (b"[" * 50_000, "an order is one object of JSON"),
-            (b"\xff\xfe", "an order is one object of JSON"),
-            (b"{}", "None is no order; write one of trip, power, set"),
-            ({"order": ["trip"]}, "is no order"),
-            ({"order": "explode"}, "'explode' is no order"),
-            ({"order": "trip", "drive": "drive 0-1"}, "the order trip lacks code; write a whole number"),
-            ({"order": "trip", "drive": "drive 0-1", "code": "5"}, "code of the order trip cannot be '5'"),
-            ({"order": "trip", "drive": "drive 0-1", "code": True}, "cannot be True"),
+            (b"x", "an order is one JSON object"),
+            (b"[1]", "an order is one JSON object"),
+            (b"[" * 50_000, "an order is one JSON object"),
+            (b"\xff\xfe", "an order is one JSON object"),
+            (b"{}", "unknown order None; write one of trip, power, set"),
+            ({"order": ["trip"]}, "unknown order ['trip']"),
+            ({"order": "explode"}, "unknown order 'explode'"),
+            ({"order": "trip", "drive": "drive 0-1"}, "the order trip needs code, a whole number"),
+            ({"order": "trip", "drive": "drive 0-1", "code": "5"}, "invalid code '5' in the order trip"),
+            ({"order": "trip", "drive": "drive 0-1", "code": True}, "invalid code True"),
             ({"order": "trip", "drive": "drive 0-1", "code": 0}, "fault code 0"),
             ({"order": "trip", "drive": "drive 9", "code": 5}, "there is no drive 'drive 9'"),
-            ({"order": "show", "code": 5}, "the order show has no 'code'"),
+            ({"order": "show", "code": 5}, "unknown key 'code' in the order show"),
             ({"order": "power", "drive": "drive 0-1", "state": "half"}, "write one of on, off, factory"),
             ({"order": "set", "drive": "drive 0-1", "parameter": "999", "value": 1}, "999"),
             ({"order": "set", "drive": "drive 0-1", "parameter": "x", "value": 1}, "'x'"),
@@ -225,15 +225,15 @@ class TestControl:
                         time.sleep(0.01)
                     if not guest.recv(1):
                         raise ConnectionError
-            with PlantControl(server.control) as control:
+            with ControlClient(server.control) as control:
                 assert control.order("show")
 
     def test_many_programs_at_once_and_no_more(self):
         with running() as server:
-            controls = [PlantControl(server.control) for _ in range(_MOST_GUESTS)]
+            controls = [ControlClient(server.control) for _ in range(_MOST_CLIENTS)]
             for control in controls:
                 control.order("show")
-            one_more = PlantControl(server.control)
+            one_more = ControlClient(server.control)
             with pytest.raises(LinkDownError):
                 one_more.order("show")
             for control in [*controls, one_more]:
@@ -241,7 +241,7 @@ class TestControl:
             shown = {}
             until = time.monotonic() + 5
             while not shown and time.monotonic() < until:
-                with suppress(LinkDownError), PlantControl(server.control) as control:
+                with suppress(LinkDownError), ControlClient(server.control) as control:
                     shown = control.order("show")
             assert shown
 
@@ -254,7 +254,7 @@ class TestControl:
                     for _ in range(2000):
                         guest.sendall(b'{"order": "show"}\n' * 10)
                         time.sleep(0.001)
-            with PlantControl(server.control) as control:
+            with ControlClient(server.control) as control:
                 assert control.order("show")
 
     @posix
@@ -263,14 +263,14 @@ class TestControl:
         for _ in range(2):
             with running(control=place) as server:
                 assert server.control == place
-                with PlantControl(place) as control:
+                with ControlClient(place) as control:
                     assert control.order("show")["speed"] == 1
             assert not (tmp_path / "control").exists()
         (tmp_path / "control").write_text("mine")
-        with pytest.raises(PortError, match="exists and is no socket"):
+        with pytest.raises(PortError, match="exists and is not a socket"):
             PlantServer(plant_of(), control=place).__enter__()
         assert (tmp_path / "control").read_text() == "mine"
-        with pytest.raises(PortError, match="cannot listen for control"):
+        with pytest.raises(PortError, match="cannot open the control socket"):
             PlantServer(plant_of(), control=f"unix:{tmp_path / 'no' / 'control'}").__enter__()
 
     @posix
@@ -279,16 +279,16 @@ class TestControl:
         left = socket.socket(socket.AF_UNIX)
         left.bind(str(path))
         left.close()
-        with running(control=f"unix:{path}"), PlantControl(f"unix:{path}") as control:
+        with running(control=f"unix:{path}"), ControlClient(f"unix:{path}") as control:
             assert control.order("show")
 
     @posix
     def test_a_unix_socket_of_another_plant_is_not_taken_over(self, tmp_path):
         place = f"unix:{tmp_path / 'control'}"
         with running(control=place):
-            with pytest.raises(PortError, match="another plant is steered at"):
+            with pytest.raises(PortError, match="another plant has its control socket at"):
                 PlantServer(plant_of(), control=place).__enter__()
-            with PlantControl(place) as control:
+            with ControlClient(place) as control:
                 assert control.order("show")
 
     @pytest.mark.parametrize("text", ["", "here", "host:", "host:x", "host:70000", "unix:"])
@@ -304,11 +304,11 @@ class TestControl:
         with socket.create_server(("127.0.0.1", 0)) as door:
             place = f"127.0.0.1:{door.getsockname()[1]}"
         with pytest.raises(PortError, match=f"no plant at {place}"):
-            PlantControl(place)
+            ControlClient(place)
 
     def test_a_plant_that_goes(self):
         with running() as server:
-            control = PlantControl(server.control)
+            control = ControlClient(server.control)
             control.order("show")
         with pytest.raises(LinkDownError, match="the plant at"):
             control.order("show")

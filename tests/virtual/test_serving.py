@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 
 from drivecomm.errors import PortError, UsageError
-from drivecomm.virtual import PretendedPort, Rfc2217Listener, Server, TcpListener, parse_listen, serve, virtual_drive
+from drivecomm.virtual import PretendedPort, Rfc2217Listener, Server, TcpListener, parse_listen, virtual_drive
 
 ENQUIRY = bytes.fromhex("04 41 30 30 34 38 31 05")
 VALUE = bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03")
@@ -302,16 +302,18 @@ class TestTcp:
             time.sleep(0.3)
             assert time.process_time() - before < 0.05
 
-    def test_serve_in_one_call(self):
-        stop, ready = threading.Event(), []
+    def test_the_address_is_known_once_it_is_entered(self):
+        with Server([virtual_drive("vabus", 1)], parse_listen("tcp::0")) as server:
+            assert server.address.startswith("socket://127.0.0.1:")
+            server.run(set_event())
+        with Server([], parse_listen("tcp::0")) as server:
+            server.run(set_event())
 
-        def started(address):
-            ready.append(address)
-            stop.set()
 
-        serve([virtual_drive("vabus", 1)], "tcp::0", stop=stop, ready=started)
-        assert ready[0].startswith("socket://127.0.0.1:")
-        serve([], "tcp::0", stop=stop)
+def set_event():
+    stop = threading.Event()
+    stop.set()
+    return stop
 
 
 class TestTiming:
@@ -437,12 +439,12 @@ class TestPseudoTerminal:
     def test_what_is_no_link_is_left_alone(self, tmp_path):
         path = tmp_path / "drive"
         path.write_text("mine")
-        with pytest.raises(PortError, match="exists and is no symbolic link"):
+        with pytest.raises(PortError, match="exists and is not a symbolic link"):
             parse_listen(f"pty:{path}").open()
         assert path.read_text() == "mine"
 
     def test_a_folder_that_does_not_exist(self, tmp_path):
-        with pytest.raises(PortError, match="choose a path in a folder that exists"):
+        with pytest.raises(PortError, match="choose a path in an existing folder"):
             parse_listen(f"pty:{tmp_path / 'no' / 'drive'}").open()
 
     def test_a_link_that_somebody_has_taken_over_stays(self, tmp_path):

@@ -18,7 +18,7 @@ from drivecomm.cli.sniff.sources import Ear, is_file, pieces_from, with_settings
 from drivecomm.cli.sniff.table import LiveTable, emit_summary, print_summary
 from drivecomm.errors import LinkError, UsageError
 from drivecomm.protocol import LineSettings, installed, parse_drive
-from drivecomm.traffic.sniffer import Watch, detect
+from drivecomm.traffic.sniffer import LineMonitor, detect
 from drivecomm.transport import listening_port, shared_listening_port
 from drivecomm.version import __version__
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from drivecomm.cli.sniff.naming import Meaning
     from drivecomm.link import Statistics
     from drivecomm.protocol import Protocol
-    from drivecomm.traffic.sniffer import Detected, Event
+    from drivecomm.traffic.sniffer import Detected, LineEvent
     from drivecomm.transport import ListeningPort
 
 _LINE = "Line"
@@ -110,7 +110,7 @@ class Output:
     """How events are shown: each one, and at the beginning and the end."""
 
     begin: Callable[[], None]
-    show: Callable[[Event, Meaning], None]
+    show: Callable[[LineEvent, Meaning], None]
     end: Callable[[], None]
 
 
@@ -123,7 +123,7 @@ class Job:
     given: dict[str, object]
     chosen: frozenset[str]
     errors_only: bool
-    _watches: dict[str, Watch] = field(default_factory=dict)
+    _watches: dict[str, LineMonitor] = field(default_factory=dict)
     _heard: bool = False
 
     def counted(self) -> Mapping[str, Mapping[str, Statistics]]:
@@ -193,7 +193,7 @@ class Job:
 
     def _events(
         self, pieces: Iterable[Piece], settings: LineSettings | None, writer: CaptureWriter | None
-    ) -> Iterator[Event]:
+    ) -> Iterator[LineEvent]:
         try:
             for piece in pieces:
                 if writer is not None:
@@ -206,12 +206,12 @@ class Job:
             left = [event for watch in self._watches.values() for event in watch.finish()]
         yield from left
 
-    def _watch(self, line: str, settings: LineSettings | None) -> Watch:
+    def _watch(self, line: str, settings: LineSettings | None) -> LineMonitor:
         if line not in self._watches:
-            self._watches[line] = Watch(self.protocols, name=line, settings=settings, options=self.naming.options)
+            self._watches[line] = LineMonitor(self.protocols, name=line, settings=settings, options=self.naming.options)
         return self._watches[line]
 
-    def _is_wanted(self, event: Event) -> bool:
+    def _is_wanted(self, event: LineEvent) -> bool:
         if self.errors_only and not event.wrong:
             return False
         return not self.chosen or event.drive in self.chosen or event.drive.partition(":")[0] in self.chosen

@@ -11,10 +11,10 @@ from drivecomm.traffic.sniffer import AmbiguousTelegram, DamagedTelegram, HeardT
 
 if TYPE_CHECKING:
     from drivecomm.cli.sniff.naming import Meaning
-    from drivecomm.traffic.sniffer import Event
+    from drivecomm.traffic.sniffer import LineEvent
 
 
-def say_event(event: Event, meaning: Meaning) -> None:
+def say_event(event: LineEvent, meaning: Meaning) -> None:
     """Print an event for people: time, direction, drive, content, what is known of the parameter, remarks."""
     arrow, content = _content(event)
     line = f"{event.line}  " if event.line else ""
@@ -22,9 +22,9 @@ def say_event(event: Event, meaning: Meaning) -> None:
     say(line + line_text(event.time_s, arrow, *parts, remarks=_remarks(event)))
 
 
-def emit_event(event: Event, meaning: Meaning) -> None:
+def emit_event(event: LineEvent, meaning: Meaning) -> None:
     """Print an event as one JSON object."""
-    finding, pair = event.finding, event.pair
+    finding, pair = event.item, event.pair
     content: dict[str, Any] = {
         "line": event.line,
         "time_s": round(event.time_s, 6),
@@ -60,8 +60,8 @@ def _named(meaning: Meaning) -> dict[str, Any]:
     return named
 
 
-def _what(event: Event) -> str:
-    finding = event.finding
+def _what(event: LineEvent) -> str:
+    finding = event.item
     if finding is None:
         return "unanswered"
     if isinstance(finding, HeardTelegram):
@@ -71,8 +71,8 @@ def _what(event: Event) -> str:
     return "ambiguous" if isinstance(finding, AmbiguousTelegram) else "unknown"
 
 
-def _content(event: Event) -> tuple[str, str]:
-    finding = event.finding
+def _content(event: LineEvent) -> tuple[str, str]:
+    finding = event.item
     if finding is None:
         asked = event.pair.request if event.pair else None
         return "--", f"no reply to {fields_text(asked.message)}" if asked else "no reply"
@@ -96,12 +96,12 @@ def _about(meaning: Meaning) -> str:
     return name if meaning.reading is None else f"{name} = {meaning.reading}"
 
 
-def _remarks(event: Event) -> list[str]:
+def _remarks(event: LineEvent) -> list[str]:
     found = []
     if event.retries:
         found.append(f"retry {event.retries}")
     pair = event.pair
-    if pair is None or event.finding is None:
+    if pair is None or event.item is None:
         return found
     if pair.reply_time_s is not None:
         found.append(f"{pair.reply_time_s * 1000:.1f} ms")

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from drivecomm.protocol import LineSettings, ParameterInfo, Reading
-    from drivecomm.traffic.sniffer import Event
+    from drivecomm.traffic.sniffer import LineEvent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,11 +59,11 @@ class Naming:
         """The line settings of the first drive."""
         return _sorted_out(self.drives[0])[0] if self.drives else None
 
-    def meaning(self, event: Event) -> Meaning:
+    def meaning(self, event: LineEvent) -> Meaning:
         """Return what a telegram is about, as far as the drive's model says."""
-        if not isinstance(event.finding, HeardTelegram):
+        if not isinstance(event.item, HeardTelegram):
             return _NOTHING
-        request = event.pair.request if event.pair else event.finding
+        request = event.pair.request if event.pair else event.item
         if request is None or request.direction != "request":
             return _NOTHING
         names = self._names_of(request.drive)
@@ -73,7 +73,7 @@ class Naming:
         if event.pair is None:
             return Meaning(parameter=parameter)
         try:
-            return Meaning(parameter=parameter, reading=names.reading(request.message, event.finding.message))
+            return Meaning(parameter=parameter, reading=names.reading(request.message, event.item.message))
         except DriveCommError as error:
             return Meaning(parameter=parameter, refusal=str(error))
 

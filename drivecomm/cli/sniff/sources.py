@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivecomm.capture import Piece
-from drivecomm.traffic.sniffer import Overheard
+from drivecomm.traffic.sniffer import LineSample
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -45,7 +45,7 @@ class Ear:
 
     port: ListeningPort
 
-    def listen(self, settings: LineSettings, telegrams: int) -> Overheard:
+    def listen(self, settings: LineSettings, telegrams: int) -> LineSample:
         """Return what came until so many silences, at the longest for 4 s."""
         self.port.configure(settings)
         began, spoilt = self.port.now(), self.port.spoilt
@@ -60,7 +60,7 @@ class Ear:
             elif pieces and now - last_s >= silence_s:
                 bursts += pieces[-1].time_s + began > last_s
                 last_s = max(last_s, pieces[-1].time_s + began)
-        return Overheard(pieces=pieces, spoilt=self.port.spoilt - spoilt)
+        return LineSample(pieces=pieces, spoilt=self.port.spoilt - spoilt)
 
 
 def with_settings(piece: Piece, settings: LineSettings | None) -> Piece:

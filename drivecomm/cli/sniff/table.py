@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from drivecomm.cli.sniff.naming import Meaning
     from drivecomm.link import ReplyTimes, Statistics
-    from drivecomm.traffic.sniffer import Event
+    from drivecomm.traffic.sniffer import LineEvent
 
 _COUNTED = ("requests", "replies")
 _TIMES: dict[str, Callable[[ReplyTimes], float]] = {
@@ -52,7 +52,7 @@ class LiveTable:
             self._live = Live(get_renderable=self._table, refresh_per_second=_PER_SECOND, screen=False)
             self._live.start()
 
-    def show(self, event: Event, meaning: Meaning) -> None:
+    def show(self, event: LineEvent, meaning: Meaning) -> None:
         """Keep the last value of each drive."""
         if meaning.parameter is not None and meaning.reading is not None:
             self._last[event.line, event.drive] = f"{meaning.parameter.name} = {meaning.reading}"

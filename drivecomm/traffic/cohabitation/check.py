@@ -6,16 +6,14 @@ from dataclasses import dataclass, replace
 from random import Random
 from typing import TYPE_CHECKING
 
-from drivecomm.traffic.cohabitation import reasons
-from drivecomm.traffic.cohabitation.advice import advice
+from drivecomm.traffic.cohabitation import explanations
 from drivecomm.traffic.cohabitation.drives import partners_of
-from drivecomm.traffic.cohabitation.hearing import Hearing, Reader, character_map
+from drivecomm.traffic.cohabitation.explanations import advice
 from drivecomm.traffic.cohabitation.outlines import as_usual
-from drivecomm.traffic.cohabitation.search import find_proof
-from drivecomm.traffic.cohabitation.traffic import Sightings, Traffic
-from drivecomm.traffic.cohabitation.trial import try_out
-from drivecomm.traffic.cohabitation.verdicts import Outcome, Proof, Verdict
-from drivecomm.traffic.cohabitation.writing import any_telegram
+from drivecomm.traffic.cohabitation.sampling import any_telegram
+from drivecomm.traffic.cohabitation.search import find_proof, try_out
+from drivecomm.traffic.cohabitation.traffic import Reader, Sightings, Traffic, character_map
+from drivecomm.traffic.cohabitation.verdicts import PairVerdict, Proof, Safety
 from drivecomm.virtual import heard
 
 if TYPE_CHECKING:
@@ -38,8 +36,8 @@ class Cohabitation:
     drive's reply when another drive answers late. advice: what follows for the line, in sentences.
     """
 
-    drives: tuple[Verdict, ...]
-    master: tuple[Verdict, ...]
+    drives: tuple[PairVerdict, ...]
+    master: tuple[PairVerdict, ...]
     advice: tuple[str, ...]
 
     @property
@@ -63,7 +61,7 @@ def check_line(drives: Sequence[DriveConfig]) -> Cohabitation:
     )
 
 
-def listen(speaker: Partner, listener: Partner) -> Verdict:
+def listen(speaker: Partner, listener: Partner) -> PairVerdict:
     """Find out what a drive can take for its own of what is said to another one, and of what that one answers."""
     return _examine(*_as_listener(speaker, listener))
 
@@ -81,7 +79,7 @@ def _as_listener(speaker: Partner, listener: Partner) -> tuple[Partner, Sequence
     return speaker, [each for each in speaker.spoken if not (related and each.to_all)], ear
 
 
-def wait_for(expected: Partner, late: Partner) -> Verdict:
+def wait_for(expected: Partner, late: Partner) -> PairVerdict:
     """Find out what the master, waiting for one drive, can take for its reply in a late one of another drive."""
     ear = Ear(
         name=expected.name,
@@ -108,33 +106,33 @@ class Ear:
     of_anybody: Sequence[Outline]
 
 
-def _examine(speaker: Partner, spoken: Sequence[Outline], ear: Ear) -> Verdict:
+def _examine(speaker: Partner, spoken: Sequence[Outline], ear: Ear) -> PairVerdict:
     chance = Random(_SEED)  # noqa: S311 - repeatable on purpose
     hears = character_map(speaker.settings, ear.settings)
     proof: Proof | None
     if hears is None:
         proof = try_out(spoken, speaker, ear.settings, ear.reader, chance)
-        outcome, reason = (Outcome.TAKEN, "") if proof else (Outcome.UNHEARD, reasons.unheard(speaker, ear.settings))
+        outcome, reason = (Safety.TAKEN, "") if proof else (Safety.UNHEARD, explanations.unheard(speaker, ear.settings))
     else:
         traffic = Traffic(spoken, hears)
         sightings, whole = _sightings(traffic, speaker, ear, chance)
-        hearing = Hearing(ear.settings, hears, ear.reader)
         # What is looked into anyway comes first; the rest is only once the listener has lost its place.
         places = [Sightings(traffic, ear.wanted, _looked_into(traffic, speaker, ear, chance)), sightings]
-        proofs = (find_proof(each, speaker, hearing, chance) for each in places if sightings.starts and each.starts)
+        tried = [each for each in places if sightings.starts and each.starts]
+        proofs = (find_proof(each, speaker, ear.settings, ear.reader, chance) for each in tried)
         proof = next((each for each in proofs if each is not None), None)
         if proof is None and sightings.starts:
             usual = replace(ear, wanted=list(map(as_usual, ear.wanted)), of_anybody=list(map(as_usual, ear.of_anybody)))
             left, _ = _sightings(Traffic(list(map(as_usual, spoken)), hears), speaker, usual, chance)
             if left.starts:
-                outcome, reason = Outcome.OPEN, reasons.open_question(left)
+                outcome, reason = Safety.OPEN, explanations.open_question(left)
             else:
-                outcome, reason = Outcome.UNHEARD, reasons.never_read(left)
+                outcome, reason = Safety.UNHEARD, explanations.never_read(left)
         else:
-            outcome, reason = Outcome.SAFE, reasons.safe(sightings, whole=whole)
+            outcome, reason = Safety.SAFE, explanations.safe(sightings, whole=whole)
     if proof is not None:
-        outcome, reason = Outcome.TAKEN, reasons.taken(proof, speaker.name, ear.name)
-    return Verdict(speaker=speaker.name, listener=ear.name, outcome=outcome, reason=reason, proof=proof)
+        outcome, reason = Safety.TAKEN, explanations.taken(proof, speaker.name, ear.name)
+    return PairVerdict(speaker=speaker.name, listener=ear.name, outcome=outcome, reason=reason, proof=proof)
 
 
 def _is_excluded(speaker: Partner, listener: Partner) -> bool:

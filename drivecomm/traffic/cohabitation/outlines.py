@@ -55,7 +55,7 @@ class Outline:
     to_all: bool = False
 
     def following(self, place: int) -> Iterator[int]:
-        """Yield the places that may come behind a place; -1 stands for the beginning, len(places) for the end."""
+        """Yield the places that may come after a place; -1 stands for the beginning, len(places) for the end."""
         if place >= 0 and self.places[place].repeats:
             yield place
         place += 1
@@ -204,7 +204,7 @@ def _foreign(title: str, leaf: Any, number: int) -> list[Place]:
         size = leaf.sizeof()
     except Exception as error:
         raise UsageError(
-            f"the form {title!r} has a part that does not tell its size; declare it with drivecomm.protocol.schema"
+            f"the form {title!r} has a part of unknown size; declare it with drivecomm.protocol.schema"
         ) from error
     return [Place(alphabets.ALL, number)] * size
 

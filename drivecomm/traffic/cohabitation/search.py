@@ -7,19 +7,19 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from drivecomm.protocol import fields_of
+from drivecomm.traffic.cohabitation.sampling import Draft, Window, any_sizes, any_telegram
 from drivecomm.traffic.cohabitation.traffic import is_next_telegram
 from drivecomm.traffic.cohabitation.verdicts import Proof, ProofTelegram
-from drivecomm.traffic.cohabitation.writing import Draft, Window, any_sizes
 from drivecomm.virtual import heard
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from random import Random
 
+    from drivecomm.protocol import LineSettings
     from drivecomm.traffic.cohabitation.drives import Partner
-    from drivecomm.traffic.cohabitation.hearing import Hearing, Reader
     from drivecomm.traffic.cohabitation.outlines import Outline, Spot
-    from drivecomm.traffic.cohabitation.traffic import Sightings, State
+    from drivecomm.traffic.cohabitation.traffic import Reader, Sightings, State
 
 ALIGNMENTS = 400
 """Ways to lay one telegram over the other that are tried, half of them within a single telegram."""
@@ -29,6 +29,12 @@ _PROOFS = 8
 
 _WRITINGS = 80
 """Attempts to fill each of them."""
+
+TELEGRAMS = 1500
+"""With arbitrary contents, to try out what cannot be laid out in places."""
+
+_TOGETHER = 6
+"""So many of them follow each other, before the listener is given a pause."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,10 +48,12 @@ class _Laid:
     wanted_sizes: dict[int, int]
 
 
-def find_proof(sightings: Sightings, speaker: Partner, hearing: Hearing, chance: Random) -> Proof | None:
+def find_proof(
+    sightings: Sightings, speaker: Partner, settings: LineSettings, reader: Reader, chance: Random
+) -> Proof | None:
     """Return telegrams that the reader really takes for its own, the likeliest of a few; None where none could be made.
 
-    speaker: whose telegrams the traffic is.
+    speaker: whose telegrams the traffic is. settings: of the line, as the reader has them.
     """
     found: list[Proof] = []
     alone = [start for start in sightings.starts if not sightings.wanted[start[1][0]].to_all]
@@ -60,13 +68,13 @@ def find_proof(sightings: Sightings, speaker: Partner, hearing: Hearing, chance:
         if wanted is None or any(each is None for each in spots):
             continue
         known = [each for each in spots if each is not None]
-        draft = Draft(known, Window(laid.start, wanted, hearing.hears))
+        draft = Draft(known, Window(laid.start, wanted, sightings.traffic.hears))
         if not draft.possible:
             continue
         for _ in range(_WRITINGS):
             data = draft.written(chance)
-            telegrams = None if data is None else _cut(data, known, laid.outlines, speaker, hearing)
-            proof = None if telegrams is None else _proof(telegrams, laid.wanted.title, draft.bits, hearing.reader)
+            telegrams = None if data is None else _cut(data, known, laid.outlines, speaker, settings)
+            proof = None if telegrams is None else _proof(telegrams, laid.wanted.title, draft.bits, reader)
             if proof is not None:
                 found.append(proof)
                 break
@@ -90,10 +98,7 @@ def _lay(sightings: Sightings, way: Sequence[State], chance: Random) -> _Laid | 
     wanted_sizes = _sizes(wanted, [place for _, (_, place) in way])
     sizes = [_sizes(outline, places) for outline, places in zip(outlines, visited, strict=True)]
     extra = _fill_up(outlines[0], sizes[0], first=visited[0][0], last=None, chance=chance)
-    if len(outlines) > 1:
-        _fill_up(outlines[-1], sizes[-1], first=None, last=visited[-1][-1], chance=chance)
-    else:
-        _fill_up(outlines[0], sizes[0], first=None, last=visited[0][-1], chance=chance)
+    _fill_up(outlines[-1], sizes[-1], first=None, last=visited[-1][-1], chance=chance)
     start = 0
     for place in outlines[0].places[: visited[0][0]]:
         start += sizes[0].get(place.leaf, 0) if place.repeats else 1
@@ -110,7 +115,7 @@ def _sizes(outline: Outline, places: Sequence[int]) -> dict[int, int]:
 
 
 def _fill_up(outline: Outline, sizes: dict[int, int], *, first: int | None, last: int | None, chance: Random) -> int:
-    """Lengthen runs before the first or behind the last visited place; return by how much the first visited one is."""
+    """Lengthen runs before the first or after the last visited place; return by how much the first visited one is."""
     lengthened = 0
     usual = any_sizes(outline, chance)
     for number, place in enumerate(outline.places):
@@ -129,27 +134,25 @@ def _fill_up(outline: Outline, sizes: dict[int, int], *, first: int | None, last
 
 
 def _cut(
-    data: bytes, spots: Sequence[Sequence[Spot]], outlines: Sequence[Outline], speaker: Partner, hearing: Hearing
+    data: bytes, spots: Sequence[Sequence[Spot]], outlines: Sequence[Outline], speaker: Partner, settings: LineSettings
 ) -> list[ProofTelegram] | None:
-    """Return the telegrams that stand behind each other; None where one of them is not the speaker's."""
+    """Return the telegrams one by one; None where one of them is not the speaker's."""
     telegrams, at = [], 0
     for outline, each in zip(outlines, spots, strict=True):
         telegram = data[at : at + len(each)]
         at += len(each)
         if not speaker.sends(telegram, outline):
             return None
-        telegrams.append(
-            ProofTelegram(
-                title=outline.title,
-                direction=outline.direction,
-                data=telegram,
-                heard=heard(telegram, speaker.settings, hearing.settings),
-            )
-        )
+        telegrams.append(_proof_telegram(outline, telegram, speaker, settings))
     return telegrams
 
 
-def _proof(telegrams: Sequence[ProofTelegram], title: str, bits: int, reader: Reader) -> Proof | None:
+def _proof_telegram(outline: Outline, data: bytes, speaker: Partner, settings: LineSettings) -> ProofTelegram:
+    as_heard = heard(data, speaker.settings, settings)
+    return ProofTelegram(title=outline.title, direction=outline.direction, data=data, heard=as_heard)
+
+
+def _proof(telegrams: Sequence[ProofTelegram], title: str, bits: int | None, reader: Reader) -> Proof | None:
     taken = reader.taken(each.heard for each in telegrams)
     if taken is None:
         return None
@@ -158,7 +161,36 @@ def _proof(telegrams: Sequence[ProofTelegram], title: str, bits: int, reader: Re
         telegrams=tuple(telegrams),
         offset=offset,
         taken=found.data,
-        title=title,
+        title=title or found.message.kind,
         fields=fields_of(found.message),
         bits=bits,
     )
+
+
+def try_out(
+    spoken: Sequence[Outline], speaker: Partner, settings: LineSettings, reader: Reader, chance: Random
+) -> Proof | None:
+    """Return telegrams with arbitrary contents that the reader takes for its own, None where none of those tried is."""
+    for _ in range(TELEGRAMS // _TOGETHER):
+        telegrams = list(arbitrary_telegrams(spoken, speaker, settings, chance, _TOGETHER))
+        if (proof := _proof(telegrams, "", None, reader)) is not None:
+            return proof
+    return None
+
+
+def arbitrary_telegrams(
+    spoken: Sequence[Outline], speaker: Partner, settings: LineSettings, chance: Random, length: int
+) -> Iterator[ProofTelegram]:
+    """Yield telegrams with arbitrary contents, a reply after a request only."""
+    before = "reply"
+    left = length
+    while left:
+        left -= 1
+        behind = [each for each in spoken if each.direction == "request" or before == "request"] or list(spoken)
+        outline = chance.choice(behind)
+        content = any_telegram(outline, chance)
+        data = None if content is None else speaker.settled(content, outline)
+        if data is None:
+            continue
+        before = outline.direction
+        yield _proof_telegram(outline, data, speaker, settings)

@@ -8,12 +8,17 @@ exclude may still be impossible.
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from drivecomm.protocol import Damaged, Framed, Framer
+from drivecomm.virtual import heard
+
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from random import Random
 
+    from drivecomm.protocol import Codec, Direction, LineSettings, Message
     from drivecomm.traffic.cohabitation.outlines import Outline
 
 Node = tuple[int, int]
@@ -24,13 +29,13 @@ State = tuple[Node, Node]
 
 
 class Traffic:
-    """Telegrams one after the other: a reply comes behind a request only, a request behind anything.
+    """Telegrams one after the other: a reply comes after a request only, a request after anything.
 
     outlines: the telegrams. hears: what becomes of each character on the way to its reader.
     """
 
     def __init__(self, outlines: Sequence[Outline], hears: bytes) -> None:
-        self.outlines = outlines
+        self.outlines, self.hears = outlines, hears
         self._masks = [[_mask(hears[code] for code in place.allowed) for place in each.places] for each in outlines]
         behind_reply = [number for number, each in enumerate(outlines) if each.direction == "request"]
         self._behind = {"request": range(len(outlines)), "reply": behind_reply}
@@ -163,3 +168,44 @@ def _mask(codes: Iterable[int]) -> int:
     for code in codes:
         mask |= 1 << code
     return mask
+
+
+def character_map(sender: LineSettings, receiver: LineSettings) -> bytes | None:
+    """Return what a receiver makes of each of 256 characters; None where that depends on those around it.
+
+    It does not when both have the same baud rate, the sender's characters last as long as the receiver's or longer, so
+    that each start bit finds the receiver waiting for it, and none of them is taken for two.
+    """
+    receiver_bits = 1 + receiver.bytesize + (receiver.parity != "N") + 1
+    sender_bits = 1 + sender.bytesize + (sender.parity != "N") + sender.stopbits
+    if sender.baudrate != receiver.baudrate or receiver_bits > sender_bits:
+        return None
+    each = [heard(bytes([code]), sender, receiver) for code in range(256)]
+    return b"".join(each) if all(len(one) == 1 for one in each) else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reader:
+    """Somebody who looks for telegrams in what is heard. means: whether a telegram is one that it takes for its own."""
+
+    codec: Codec
+    direction: Direction
+    means: Callable[[Message], bool]
+
+    def taken(self, pieces: Iterable[bytes]) -> tuple[int, Framed] | None:
+        """Return the first telegram that it takes for its own, and how many characters came before it."""
+        framer = Framer(self.codec, self.direction)
+        done = 0
+        for piece in pieces:
+            for find in framer.feed(piece):
+                if isinstance(find, Framed) and self.means(find.message):
+                    return done, find
+                if not isinstance(find, Damaged):
+                    done += len(find.data)
+        return None
+
+    def reads_whole(self, data: bytes) -> bool:
+        """Whether it reads just one telegram in these bytes, from the first to the last."""
+        return [find.data for find in Framer(self.codec, self.direction).feed(data) if isinstance(find, Framed)] == [
+            data
+        ]

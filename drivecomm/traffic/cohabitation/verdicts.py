@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Direction
 
 
-class Outcome(Enum):
+class Safety(Enum):
     """How it stands between the one that speaks and the one that listens.
 
     SAFE: no telegrams, one after the other, hold one for the listener; what their places may hold excludes it.
@@ -55,16 +55,16 @@ class Proof:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
+class PairVerdict:
     """How it stands between two. speaker, listener: names of the drives. reason: a sentence that says why."""
 
     speaker: str
     listener: str
-    outcome: Outcome
+    outcome: Safety
     reason: str
     proof: Proof | None = None
 
     @property
     def safe(self) -> bool:
         """Whether it is excluded, or was not met in what was tried."""
-        return self.outcome in (Outcome.SAFE, Outcome.UNHEARD)
+        return self.outcome in (Safety.SAFE, Safety.UNHEARD)

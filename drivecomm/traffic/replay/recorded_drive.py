@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from drivecomm.errors import NotSupported, TelegramError, UsageError
 from drivecomm.protocol import Framed, LineSettings, Motor, VirtualReply
-from drivecomm.traffic.replay.conversation import exchanged
+from drivecomm.traffic.replay.exchanges import recorded_exchanges
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from drivecomm.capture import Capture
     from drivecomm.protocol import Codec, Damaged, Direction, Message
-    from drivecomm.traffic.replay.conversation import Exchanged
+    from drivecomm.traffic.replay.exchanges import RecordedExchange
 
 # A master on a network may hand over one telegram in pieces.
 _GAP_S = 0.05
@@ -58,13 +58,13 @@ class RecordedCodec:
     def decode(self, data: bytes, direction: Direction) -> RecordedRequest:
         """Return the request. Raises TelegramError for what is not in the capture."""
         if direction != "request" or data not in self._requests:
-            raise TelegramError("framing", "these bytes are no request of the capture")
+            raise TelegramError("framing", "these bytes are not a request in the capture")
         return RecordedRequest(data)
 
     def encode(self, message: Message) -> bytes:
         """Return its bytes. Raises TelegramError for the message of a protocol."""
         if not isinstance(message, RecordedRequest):
-            raise TelegramError("field", f"a {message.kind} is no request of the capture")
+            raise TelegramError("field", f"a {message.kind} is not a request in the capture")
         return message.data
 
 
@@ -75,18 +75,18 @@ def recorded_drives(capture: Capture) -> list[RecordedDrive]:
     then is not answered now, and one that is not in the capture neither. An answer is whole as long after its request
     as it was then.
     """
-    asked: dict[LineSettings, list[Exchanged]] = {}
-    for each in exchanged(capture):
+    asked: dict[LineSettings, list[RecordedExchange]] = {}
+    for each in recorded_exchanges(capture):
         asked.setdefault(each.settings or LineSettings(), []).append(each)
     if not asked:
-        raise UsageError("there is no request in this capture, so there is nothing to answer")
+        raise UsageError("this capture contains no request, so there is nothing to answer")
     return [RecordedDrive(conversation, settings) for settings, conversation in asked.items()]
 
 
 class RecordedDrive:
     """All drives of a capture that have these line settings, as one; `recorded_drives` makes them."""
 
-    def __init__(self, conversation: Iterable[Exchanged], settings: LineSettings) -> None:
+    def __init__(self, conversation: Iterable[RecordedExchange], settings: LineSettings) -> None:
         answers: dict[bytes, list[VirtualReply | None]] = {}
         for each in conversation:
             reply = VirtualReply(data=each.reply, delay_s=each.reply_s) if each.parts else None
@@ -120,4 +120,6 @@ class RecordedDrive:
 
     def trip(self, code: int, now: float) -> None:
         """Raise NotSupported: a recording does only what it did then."""
-        raise NotSupported(f"a recorded drive cannot trip with {code} at {now:g} s; it does only what it did then")
+        raise NotSupported(
+            f"a recorded drive cannot trip with {code} at {now:g} s; it only repeats what it did in the capture"
+        )

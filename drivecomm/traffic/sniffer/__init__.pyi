@@ -1,15 +1,18 @@
-from .choosing import Candidate as Candidate, choose as choose
-from .detection import BAUD_RATES as BAUD_RATES, Detected as Detected, Overheard as Overheard, detect as detect
-from .heard import (
-    AmbiguousTelegram as AmbiguousTelegram,
-    DamagedTelegram as DamagedTelegram,
-    Finding as Finding,
-    HeardTelegram as HeardTelegram,
-    UnknownBytes as UnknownBytes,
+from .detection import BAUD_RATES as BAUD_RATES, Detected as Detected, LineSample as LineSample, detect as detect
+from .line_monitor import (
+    LINE as LINE,
+    LineEvent as LineEvent,
+    LineMonitor as LineMonitor,
+    Pair as Pair,
+    Pairing as Pairing,
 )
 from .names import ParameterNames as ParameterNames
-from .pairing import Pair as Pair, Pairing as Pairing
-from .readings import Reading as Reading
+from .readings import Candidate as Candidate, Reading as Reading, choose as choose
 from .sniffer import Sniffer as Sniffer
-from .tally import LINE as LINE
-from .watching import Event as Event, Watch as Watch
+from .traffic_items import (
+    AmbiguousTelegram as AmbiguousTelegram,
+    DamagedTelegram as DamagedTelegram,
+    HeardTelegram as HeardTelegram,
+    TrafficItem as TrafficItem,
+    UnknownBytes as UnknownBytes,
+)

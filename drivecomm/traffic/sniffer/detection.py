@@ -1,4 +1,4 @@
-"""Finding out what is spoken on an unknown line: baud rate, character format, protocols. Only by listening.
+"""TrafficItem out what is spoken on an unknown line: baud rate, character format, protocols. Only by listening.
 
 At a wrong baud rate nothing that is heard is a telegram. At the right one, 8N1 hears characters of ten bits as they
 are, those of 7E1 with their parity as an eighth bit, and 8E1 hears characters of eleven; which of the formats it really
@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol as Interface
 
 from drivecomm.protocol import LineSettings
-from drivecomm.traffic.sniffer.heard import AmbiguousTelegram, HeardTelegram
 from drivecomm.traffic.sniffer.sniffer import Sniffer
+from drivecomm.traffic.sniffer.traffic_items import AmbiguousTelegram, HeardTelegram
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from drivecomm.capture import Piece
     from drivecomm.protocol import Parity, Protocol
-    from drivecomm.traffic.sniffer.heard import Finding
+    from drivecomm.traffic.sniffer.traffic_items import TrafficItem
 
 BAUD_RATES = (9600, 19200, 38400, 4800, 57600, 115200, 2400, 1200)
 """Most likely first."""
@@ -38,8 +38,8 @@ _SHORT = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Overheard:
-    """What came while somebody listened. spoilt: how many of the characters had a wrong parity or stop bit."""
+class LineSample:
+    """What was received while listening. spoilt: how many of the characters had a wrong parity or stop bit."""
 
     pieces: Sequence[Piece]
     spoilt: int
@@ -53,7 +53,7 @@ class Overheard:
 class Listening(Interface):
     """A line that can be listened to with any settings."""
 
-    def listen(self, settings: LineSettings, telegrams: int) -> Overheard:
+    def listen(self, settings: LineSettings, telegrams: int) -> LineSample:
         """Listen until about so many telegrams, separated by silence, have passed; not forever if none come.
 
         Spoilt characters are heard all the same. Raises LinkError when the line is gone.
@@ -94,7 +94,7 @@ def _is_right(line: Listening, protocols: Sequence[Protocol], baudrate: int) -> 
     return _judge(line.listen(eleven_bits, _LOOK), protocols, eleven_bits) is not None
 
 
-def _seven_bits(heard: Overheard) -> Overheard:
+def _seven_bits(heard: LineSample) -> LineSample:
     """Return the same characters without their parity bit, if that is what the eighth bit is."""
     pieces = [replace(piece, data=bytes(byte & 0x7F for byte in piece.data)) for piece in heard.pieces]
     return replace(heard, pieces=pieces)
@@ -117,11 +117,11 @@ def _settings(baudrate: int, frame: tuple[int, Parity]) -> LineSettings:
     return LineSettings(baudrate=baudrate, bytesize=frame[0], parity=frame[1])
 
 
-def _judge(heard: Overheard, protocols: Sequence[Protocol], settings: LineSettings) -> Detected | None:
+def _judge(heard: LineSample, protocols: Sequence[Protocol], settings: LineSettings) -> Detected | None:
     """Return what is understood with these settings; None when that is nothing, or could be chance."""
     sniffer = Sniffer(protocols, settings=settings)
-    findings = [finding for piece in heard.pieces for finding in sniffer.feed(replace(piece, settings=settings))]
-    sound = [each for each in _sound([*findings, *sniffer.finish()]) if len(each[1]) >= _SHORT]
+    items = [item for piece in heard.pieces for item in sniffer.feed(replace(piece, settings=settings))]
+    sound = [each for each in _sound([*items, *sniffer.finish()]) if len(each[1]) >= _SHORT]
     if len(sound) < _ENOUGH:
         return None
     names = [name for name, _ in sound]
@@ -134,10 +134,10 @@ def _judge(heard: Overheard, protocols: Sequence[Protocol], settings: LineSettin
     )
 
 
-def _sound(findings: Iterable[Finding]) -> Iterator[tuple[str, bytes]]:
+def _sound(items: Iterable[TrafficItem]) -> Iterator[tuple[str, bytes]]:
     """Yield protocol and bytes of each telegram; which way it went may be open."""
-    for finding in findings:
-        if isinstance(finding, HeardTelegram):
-            yield finding.protocol, finding.data
-        elif isinstance(finding, AmbiguousTelegram) and len({name for name, _, _ in finding.readings}) == 1:
-            yield finding.readings[0][0], finding.data
+    for item in items:
+        if isinstance(item, HeardTelegram):
+            yield item.protocol, item.data
+        elif isinstance(item, AmbiguousTelegram) and len({name for name, _, _ in item.readings}) == 1:
+            yield item.readings[0][0], item.data

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm.errors import TelegramError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
     from drivecomm.protocol import Codec, Direction, Message, Parity, Protocol
+
 
 # More than any telegram has, see drivecomm.protocol.framing.
 _HEAD = 512
@@ -94,7 +97,7 @@ class Reader:
         return Unfinished(needed)
 
     def look_at_rest(self, data: bytes, start: int, limit: int) -> Look:
-        """Return what begins at `start` when nothing comes behind `limit`: a whole telegram or a broken one."""
+        """Return what begins at `start` when nothing comes after `limit`: a whole telegram or a broken one."""
         found = self.look(data, start, limit)
         return self._read(self._text(data, start, limit), start) if isinstance(found, Unfinished) else found
 
@@ -136,6 +139,81 @@ class SevenBitReader(Reader):
         return (heard if wrong < 0 else heard[:wrong]).translate(self._plain)
 
 
+def readers_of(protocol: Protocol, options: Any) -> list[Reader]:
+    """Return the readers of a protocol: of both directions, and of seven data bits that are heard as eight."""
+    directions: tuple[Direction, Direction] = ("request", "reply")
+    chosen = protocol.options() if options is None else options
+    # A codec may remember what it has just measured, so each reader has its own.
+    readers = [Reader(protocol, protocol.codec(chosen), direction) for direction in directions]
+    settings = protocol.facts.settings
+    if settings.bytesize == 7 and settings.parity != "N":
+        readers += [
+            SevenBitReader(protocol, protocol.codec(chosen), direction, settings.parity) for direction in directions
+        ]
+    return readers
+
+
 def _parity_bit(byte: int, parity: Parity) -> int:
     odd = byte.bit_count() % 2
     return 0x80 * {"E": odd, "O": 1 - odd, "M": 1, "S": 0, "N": 0}[parity]
+
+
+# A reading of random bytes is rare, two of them at once are rarer by far: number goes before everything else.
+_EACH = 8
+# A select of VABus holds the reply with the same value: who explains all bytes is right.
+_LEFT_OVER, _MANY = 3, 2
+_CLEARLY_BETTER = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One telegram that may have been sent, one way or the other. merit: what else speaks for it, or against."""
+
+    readings: tuple[Reading, ...]
+    merit: int
+
+    @property
+    def start(self) -> int:
+        """Where it begins."""
+        return self.readings[0].start
+
+    @property
+    def end(self) -> int:
+        """Where it is over."""
+        return self.readings[0].end
+
+
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    """Candidates one after the other. end: where the last is over; left_over: characters before it that none has."""
+
+    weight: int
+    end: int
+    left_over: int
+    chosen: tuple[Candidate, ...] = ()
+
+    def behind(self, next_one: Candidate) -> _Choice:
+        left_over = min(_MANY, self.left_over + next_one.start - self.end)
+        return _Choice(self.weight + _EACH + next_one.merit, next_one.end, left_over, (*self.chosen, next_one))
+
+    def complete(self, end: int) -> int:
+        """Return the weight when nothing follows."""
+        return self.weight - _LEFT_OVER * min(_MANY, self.left_over + end - self.end)
+
+
+def choose(candidates: Sequence[Candidate]) -> list[Candidate] | None:
+    """Return those that explain the bytes best and share none, in their order; None when two choices are as good."""
+    begin, end = min(each.start for each in candidates), max(each.end for each in candidates)
+    choices = [_Choice(weight=0, end=begin, left_over=0)]
+    for each in sorted(candidates, key=lambda each: each.end):
+        longer = [choice.behind(each) for choice in choices if choice.end <= each.start]
+        # What is not among the two best here is not among the two best in the end.
+        for left_over in range(_MANY + 1):
+            choices += _best(choice for choice in longer if choice.left_over == left_over)
+    ranked = sorted(choices, key=lambda choice: choice.complete(end), reverse=True)[:2]
+    best, second = ranked
+    return None if best.complete(end) - second.complete(end) < _CLEARLY_BETTER else list(best.chosen)
+
+
+def _best(choices: Iterable[_Choice]) -> list[_Choice]:
+    return sorted(choices, key=lambda choice: choice.weight, reverse=True)[:2]

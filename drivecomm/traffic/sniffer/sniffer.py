@@ -10,44 +10,34 @@ telegrams, and are what a request waits for; a request of one character where su
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from drivecomm.traffic.sniffer.choosing import Candidate, choose
-from drivecomm.traffic.sniffer.conversation import Beginning, Conversation, Heard
-from drivecomm.traffic.sniffer.heard import AmbiguousTelegram, DamagedTelegram, UnknownBytes
-from drivecomm.traffic.sniffer.readings import Broken, Reader, Reading, SevenBitReader, Unfinished
+from drivecomm.traffic.sniffer.damage import DamageReport
+from drivecomm.traffic.sniffer.directions import DirectionEstimator, Observation
+from drivecomm.traffic.sniffer.pending import PendingItems
+from drivecomm.traffic.sniffer.readings import Candidate, Reader, Reading, Unfinished, choose, readers_of
 from drivecomm.traffic.sniffer.stretch import Stretch
-from drivecomm.traffic.sniffer.telling import ambiguous_of, drive_named_in, telegram_of, ways_of
+from drivecomm.traffic.sniffer.traffic_items import AmbiguousTelegram, ways_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from drivecomm.capture import Piece
     from drivecomm.protocol import Direction, LineSettings, Protocol
-    from drivecomm.traffic.sniffer.heard import Finding
+    from drivecomm.traffic.sniffer.traffic_items import TrafficItem
 
-_DIRECTIONS: tuple[Direction, Direction] = ("request", "reply")
 _SENDERS: dict[str, Direction] = {"master": "request", "drive": "reply"}
 Belief: TypeAlias = Literal["yes", "no", "wait", "perhaps"]
 
 # Unexplained bytes that never pause are reported in pieces of this size.
-_LONGEST_RIDDLE = 4096
+_LONGEST_UNKNOWN = 4096
 # So many readings that share bytes are looked at together; what is sound by chance seldom shares them with two others.
 _TOGETHER = 16
-# What a pause inside a telegram says against it, see drivecomm.traffic.sniffer.choosing.
+# What a pause inside a telegram says against it, see drivecomm.traffic.sniffer.readings.
 _TORN = 6
 # So often in a row a single character is noise.
 _MANY = 4
-
-
-@dataclass(slots=True)
-class _Slot:
-    """A finding in its place, None while its direction is not known."""
-
-    heard: Heard
-    finding: Finding | None = None
 
 
 class Sniffer:
@@ -69,56 +59,52 @@ class Sniffer:
     ) -> None:
         known = list(protocols)
         self._stretch = Stretch(settings.character_s if settings else None)
-        self._conversations = {protocol.name: Conversation(protocol) for protocol in known}
-        self._beginnings = {name: (Beginning(each), list[_Slot]()) for name, each in self._conversations.items()}
-        readers = [reader for protocol in known for reader in _readers(protocol, (options or {}).get(protocol.name))]
-        self._readers = readers
+        self._estimators = {protocol.name: DirectionEstimator(protocol) for protocol in known}
+        self._pending = PendingItems(self._estimators)
+        self._damage = DamageReport(self._stretch, self._estimators, self._readers_for)
+        options = options or {}
+        self._readers = [reader for each in known for reader in readers_of(each, options.get(each.name))]
         self._by_first_byte: dict[int, list[Reader]] = {}
         self._single: dict[int, bool] = {}
         self._longest_gap_s = max((protocol.facts.gap_s for protocol in known), default=0.0)
         self._place = 0
         self._spoken_last = ""
         self._silence_s = 0.0
-        self._found: list[_Slot | Finding] = []
 
-    def feed(self, piece: Piece) -> list[Finding]:
+    def feed(self, piece: Piece) -> list[TrafficItem]:
         """Take bytes from the line and return what is now certain."""
         if not piece.data:
             return self.flush(piece.time_s)
         self._silence_s = 0.0
         self._stretch.append(piece)
         self._search()
-        return self._certain()
+        return self._pending.certain()
 
-    def flush(self, now: float) -> list[Finding]:
+    def flush(self, now: float) -> list[TrafficItem]:
         """Return what is certain now that nothing has come up to this time."""
         self._silence_s = max(0.0, self._stretch.silence_after(now))
         self._search()
-        return self._certain()
+        return self._pending.certain()
 
-    def finish(self) -> list[Finding]:
+    def finish(self) -> list[TrafficItem]:
         """Return all that is left, now that nothing follows."""
         self._silence_s = inf
         self._search()
-        for name in self._beginnings:
-            self._settle(name, 1)
-            self._give_up(name)
-        return self._certain()
-
-    # Looking for telegrams
+        self._pending.finish()
+        return self._pending.certain()
 
     def _search(self) -> None:
         while self._place < len(self._stretch) and self._step():
             pass
         over = self._place == len(self._stretch) and self._silence_s > self._longest_gap_s
-        if over or self._place > _LONGEST_RIDDLE:
-            self._riddle(self._place)
+        if over or self._place > _LONGEST_UNKNOWN:
+            self._report(self._place)
 
     def _step(self) -> bool:
         """Decide about one place; returns whether it could be decided."""
         place, stretch = self._place, self._stretch
         if place and stretch.silence_before(place) > self._longest_gap_s:
-            self._riddle(place)
+            self._report(place)
             return True
         if not self._readers_for(stretch.data[place]):
             self._place += 1
@@ -133,7 +119,7 @@ class Sniffer:
             return False
         elif readings and place and stretch.silence_before(place) > stretch.quiet_s(place):
             # What is before it may be the damaged request that it answers.
-            self._riddle(place)
+            self._report(place)
         elif readings and (belief := self._belief(readings[0])) != "no":
             if belief == "wait":
                 return False
@@ -191,7 +177,7 @@ class Sniffer:
         kept: dict[tuple[str, Direction, int], Reading] = {}
         for reading in readings:
             name = reading.protocol.name
-            usual = self._conversations[name].parity
+            usual = self._estimators[name].parity
             if reading.short and usual not in (None, reading.parity):
                 continue
             said = (name, reading.direction, reading.end)
@@ -206,7 +192,7 @@ class Sniffer:
             return True
         if any(other.direction == "request" for other in others):
             return True
-        return self._conversations[reading.protocol.name].may_come(reading, stretch.began_s(place))
+        return self._estimators[reading.protocol.name].may_come(reading, stretch.began_s(place))
 
     def _may_be_sent(self, reading: Reading) -> bool:
         source = self._stretch.source_of(reading.start, reading.end)
@@ -242,11 +228,11 @@ class Sniffer:
 
     def _merit(self, readings: list[Reading]) -> int:
         start, end = readings[0].start, readings[0].end
-        conversation = self._conversations[readings[0].protocol.name]
+        estimator = self._estimators[readings[0].protocol.name]
         over = end == len(self._stretch) or self._stretch.silence_before(end) > self._stretch.quiet_s(end)
         begun = self._stretch.silence_before(start) > self._stretch.quiet_s(start)
         torn = self._stretch.unbroken_until(start, self._stretch.quiet_s(start)) < end
-        return conversation.plausibility(self._heard(readings)) + begun + over - _TORN * torn
+        return estimator.plausibility(self._heard(readings)) + begun + over - _TORN * torn
 
     def _belief(self, reading: Reading) -> Belief:
         """Return whether a telegram of a few characters is one."""
@@ -255,15 +241,14 @@ class Sniffer:
             return "no"
         alone = self._stands_alone(end)
         if alone != "yes":
-            # Of a request that was damaged behind its first character, that one is left over.
+            # Of a request that was damaged after its first character, that one is left over.
             return alone
-        conversation = self._conversations[reading.protocol.name]
+        estimator = self._estimators[reading.protocol.name]
         if reading.direction == "reply":
-            return "yes" if conversation.may_come(reading, stretch.began_s(start)) else "no"
-        often = conversation.closes_often
-        known = conversation.spoken
-        conversation.close()
-        return "yes" if often else "perhaps" if known else "no"
+            return "yes" if estimator.may_come(reading, stretch.began_s(start)) else "no"
+        belief: Belief = "yes" if estimator.closes_often else "perhaps" if estimator.spoken else "no"
+        estimator.close()
+        return belief
 
     def _stands_alone(self, end: int) -> Belief:
         """Return whether what is over here is followed by silence or by a telegram."""
@@ -274,16 +259,14 @@ class Sniffer:
             return "yes"
         following, waiting = self._readings_at(end)
         if following:
-            # The same again and again is no telegram behind another.
+            # The same again and again is no telegram after another.
             same = stretch.data[end - 1 : end] * _MANY == stretch.data[end - 1 : end - 1 + _MANY]
             return "no" if same and all(reading.short for reading in following) else "yes"
         return "wait" if waiting else "no"
 
-    # Taking telegrams
-
-    def _heard(self, readings: list[Reading]) -> Heard:
+    def _heard(self, readings: list[Reading]) -> Observation:
         start, end = readings[0].start, readings[0].end
-        return Heard(
+        return Observation(
             readings=tuple(readings),
             began_s=self._stretch.began_s(start),
             ended_s=self._stretch.ended_s(end - 1),
@@ -293,134 +276,24 @@ class Sniffer:
 
     def _take(self, readings: list[Reading]) -> None:
         heard = self._heard(readings)
-        name, end = readings[0].protocol.name, readings[0].end
-        self._spoken_last = name
-        self._riddle(self._place)
-        self._forget(end - readings[0].start)
-        conversation = self._conversations[name]
-        beginning, slots = self._beginnings[name]
-        if conversation.certain or (len(readings) == 1 and not beginning.heard):
-            self._found.append(self._told(conversation, heard, conversation.direction_of(heard)))
-            return
-        slot = _Slot(heard)
-        self._found.append(slot)
-        slots.append(slot)
-        beginning.add(heard)
-        self._settle(name)
-        if beginning.too_long:
-            self._give_up(name)
+        self._spoken_last = readings[0].protocol.name
+        self._report(self._place)
+        self._forget(readings[0].end - readings[0].start)
+        self._pending.hear(heard)
 
     def _take_as_ambiguous(self, readings: list[Reading]) -> None:
         end = max(reading.end for reading in readings)
         data, time_s = self._stretch.data[self._place : end], self._stretch.ended_s(end - 1)
-        start = self._place
-        self._riddle(start)
-        self._forget(end - start)
-        self._found.append(AmbiguousTelegram(time_s=time_s, data=data, readings=ways_of(readings)))
+        self._report(self._place)
+        self._forget(len(data))
+        self._pending.add(AmbiguousTelegram(time_s=time_s, data=data, readings=ways_of(readings)))
 
-    def _settle(self, name: str, *margin: int) -> None:
-        beginning, slots = self._beginnings[name]
-        directions = beginning.settled(*margin)
-        if not directions:
-            return
-        conversation = self._conversations[name]
-        conversation.certain = True
-        for slot, direction in zip(slots, directions, strict=True):
-            slot.finding = self._told(conversation, slot.heard, direction)
-        self._beginnings[name] = Beginning(conversation), []
-
-    def _give_up(self, name: str) -> None:
-        for slot in self._beginnings[name][1]:
-            slot.finding = ambiguous_of(slot.heard)
-        self._beginnings[name] = Beginning(self._conversations[name]), []
-
-    def _told(self, conversation: Conversation, heard: Heard, direction: Direction | None) -> Finding:
-        reading = heard.reading(direction) if direction else None
-        if reading is None:
-            conversation.doubt(heard)
-            return ambiguous_of(heard)
-        conversation.take(reading, heard.began_s, heard.ended_s)
-        return telegram_of(reading, heard)
-
-    # What is no telegram
-
-    def _riddle(self, end: int) -> None:
+    def _report(self, end: int) -> None:
         """Report the bytes before this place as damaged telegrams, or as unknown."""
-        start = unknown_from = 0
-        while start < end:
-            broken = self._broken_at(start, end) if self._may_begin(start, unknown_from) else None
-            if broken is None:
-                start += 1
-                continue
-            self._report_unknown(unknown_from, start)
-            self._report_damaged(broken)
-            start = unknown_from = broken.end
-        self._report_unknown(unknown_from, end)
+        for item in self._damage.items(end):
+            self._pending.add(item)
         self._forget(end)
-
-    def _may_begin(self, place: int, unknown_from: int) -> bool:
-        return place == unknown_from or self._stretch.silence_before(place) > self._stretch.quiet_s(place)
-
-    def _broken_at(self, start: int, end: int) -> Broken | None:
-        """Return the damaged telegram that these bytes most likely are, of a protocol that is spoken here."""
-        found = []
-        for reader in self._readers_for(self._stretch.data[start]):
-            if self._conversations[reader.protocol.name].spoken:
-                limit = min(end, self._stretch.unbroken_until(start, reader.gap_s))
-                look = reader.look_at_rest(self._stretch.data, start, limit)
-                if isinstance(look, Broken):
-                    found.append((self._likelihood(look, start), look))
-        return max(found, key=lambda each: each[0])[1] if found else None
-
-    def _likelihood(self, broken: Broken, start: int) -> tuple[bool, bool]:
-        """A telegram with a wrong check was whole; a request comes while no reply is due, and a reply while one is."""
-        due = self._conversations[broken.protocol.name].awaited(self._stretch.began_s(start)) is not None
-        return broken.error.category in ("checksum", "field"), due == (broken.direction == "reply")
-
-    def _report_damaged(self, broken: Broken) -> None:
-        conversation = self._conversations[broken.protocol.name]
-        asked = conversation.awaited(self._stretch.began_s(broken.start)) if broken.direction == "reply" else None
-        if broken.direction == "request":
-            conversation.mishear(self._stretch.ended_s(broken.end - 1))
-        self._found.append(
-            DamagedTelegram(
-                time_s=self._stretch.ended_s(broken.end - 1),
-                protocol=broken.protocol.name,
-                direction=broken.direction,
-                drive="" if asked is None else drive_named_in(broken.protocol, asked),
-                data=self._stretch.data[broken.start : broken.end],
-                error=broken.error,
-            )
-        )
-
-    def _report_unknown(self, start: int, end: int) -> None:
-        if start < end:
-            self._found.append(UnknownBytes(time_s=self._stretch.ended_s(end - 1), data=self._stretch.data[start:end]))
 
     def _forget(self, number: int) -> None:
         self._stretch.drop(number)
         self._place = 0
-
-    def _certain(self) -> list[Finding]:
-        """Return the findings before the first whose direction is still open."""
-        certain: list[Finding] = []
-        for number, each in enumerate(self._found):
-            finding = each.finding if isinstance(each, _Slot) else each
-            if finding is None:
-                self._found = self._found[number:]
-                return certain
-            certain.append(finding)
-        self._found = []
-        return certain
-
-
-def _readers(protocol: Protocol, options: Any) -> list[Reader]:
-    chosen = protocol.options() if options is None else options
-    # A codec may remember what it has just measured, so each reader has its own.
-    readers = [Reader(protocol, protocol.codec(chosen), direction) for direction in _DIRECTIONS]
-    settings = protocol.facts.settings
-    if settings.bytesize == 7 and settings.parity != "N":
-        readers += [
-            SevenBitReader(protocol, protocol.codec(chosen), direction, settings.parity) for direction in _DIRECTIONS
-        ]
-    return readers

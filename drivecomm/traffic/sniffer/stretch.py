@@ -1,4 +1,4 @@
-"""Bytes of a line that are still being looked at, with what is known of each: when it came and who sent it."""
+"""Bytes of a line that are not yet decided, each with its time and its sender."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Stretch:
                 del pauses[: bisect_right(pauses, self._dropped - 1)]
 
     def silence_before(self, place: int) -> float:
-        """Return how long nothing was heard before a byte; 0 inside a piece, and behind the last byte."""
+        """Return how long nothing was heard before a byte; 0 inside a piece, and after the last byte."""
         if place >= len(self.data):
             return 0.0
         part = self._part(place)

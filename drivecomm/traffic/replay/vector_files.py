@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
+from itertools import starmap
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import Framed, Framer, fields_of, installed
-from drivecomm.traffic.replay.telling_apart import telling_apart
+from drivecomm.tomlfile import toml_line, toml_value
+from drivecomm.traffic.replay.exchanges import infer_sources
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -21,7 +22,7 @@ _WAYS: dict[str, Direction] = {"master": "request", "drive": "reply"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Heard:
+class CapturedTelegram:
     """A sound telegram of a capture. answers: for a reply, the bytes of the request before it, if it answers that."""
 
     direction: Direction
@@ -30,12 +31,12 @@ class Heard:
     answers: bytes = b""
 
 
-def heard_telegrams(capture: Capture, plugin: Protocol, options: Mapping[str, Any]) -> list[Heard]:
+def heard_telegrams(capture: Capture, plugin: Protocol, options: Mapping[str, Any]) -> list[CapturedTelegram]:
     """Return the sound telegrams of one protocol in a capture, in order. options: the protocol's, for its codec."""
     codec = plugin.codec(plugin.options(**options))
     # With the others at hand, nothing in their telegrams is taken for one of these.
-    told = telling_apart(capture, [plugin, *(other for other in installed.working() if other.name != plugin.name)])
-    found: list[Heard] = []
+    told = infer_sources(capture, [plugin, *(other for other in installed.working() if other.name != plugin.name)])
+    found: list[CapturedTelegram] = []
     for line in dict.fromkeys(piece.line for piece in told.pieces):
         found += _of_one_line([piece for piece in told.pieces if piece.line == line], plugin, codec)
     return found
@@ -48,7 +49,7 @@ def vectors_text(capture: Capture, plugin: Protocol, *, name: str, options: Mapp
     """
     codec = plugin.codec(plugin.options(**options))
     source = _source(capture.provenance, name)
-    lines = [f"format = {_FORMAT}", f"protocol = {_written(plugin.name)}"]
+    lines = [f"format = {_FORMAT}", f"protocol = {toml_value(plugin.name)}"]
     counts: dict[str, int] = {}
     heard = heard_telegrams(capture, plugin, options)
     for direction, data, answers in dict.fromkeys((each.direction, each.data, each.answers) for each in heard):
@@ -66,26 +67,27 @@ def vectors_text(capture: Capture, plugin: Protocol, *, name: str, options: Mapp
             entry["canonical"] = False
         if options:
             entry["options"] = dict(options)
-        if direction == "request" and _is_for_nobody_alone(message, plugin):
+        if direction == "request" and _has_no_address_of_its_own(message, plugin):
             entry["reply_expected"] = False
         if answers:
             entry |= {"answers_to": answers.hex(" ").upper(), "answers": True}
-        lines += ["", "[[vector]]", *_pairs(entry), "[vector.fields]", *_pairs(fields_of(message))]
+        lines += ["", "[[vector]]", *starmap(toml_line, entry.items()), "[vector.fields]"]
+        lines += starmap(toml_line, fields_of(message).items())
     return "\n".join(lines) + "\n"
 
 
-def _of_one_line(pieces: list[Piece], plugin: Protocol, codec: Codec) -> Iterator[Heard]:
+def _of_one_line(pieces: list[Piece], plugin: Protocol, codec: Codec) -> Iterator[CapturedTelegram]:
     asked: Framed | None = None
     for direction, find in _framed(pieces, codec, plugin.facts.gap_s):
         if direction == "request":
             asked = find
         is_answer = direction == "reply" and asked is not None and not _differs(plugin, asked, find)
         answers = asked.data if asked is not None and is_answer else b""
-        yield Heard(direction=direction, data=find.data, message=find.message, answers=answers)
+        yield CapturedTelegram(direction=direction, data=find.data, message=find.message, answers=answers)
 
 
 def _framed(pieces: list[Piece], codec: Codec, gap_s: float) -> Iterator[tuple[Direction, Framed]]:
-    """Yield the sound telegrams; one ends where somebody else speaks, or nobody for a while.
+    """Yield the sound telegrams; one ends where another sender begins, or after a pause.
 
     Telegrams beside bytes that are none are left out: in the telegrams of other protocols short ones are found by
     chance.
@@ -126,7 +128,7 @@ def _is_canonical(codec: Codec, message: Message, data: bytes) -> bool:
         return False
 
 
-def _is_for_nobody_alone(message: Message, plugin: Protocol) -> bool:
+def _has_no_address_of_its_own(message: Message, plugin: Protocol) -> bool:
     """Whether no drive answers this: it is for all of them, or for none."""
     return getattr(message, "address", None) in (None, plugin.broadcast_address)
 
@@ -139,20 +141,3 @@ def _source(provenance: Provenance, name: str) -> str:
     parts += [f"by {provenance.tool}"] if provenance.tool else []
     parts += [provenance.note] if provenance.note else []
     return ", ".join(parts)
-
-
-def _pairs(entry: Mapping[str, Any]) -> list[str]:
-    return [f"{key} = {_written(value)}" for key, value in entry.items()]
-
-
-def _written(value: Any) -> str:
-    """Return a value as TOML writes it: of JSON it has the strings, but for DEL, and the rest nearly."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_written(each)}" for key, each in value.items()) + " }"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_written, value)) + "]"
-    return str(value)

@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Self
 
 from drivecomm.capture import Capture, read_capture
 from drivecomm.protocol import installed
-from drivecomm.traffic.replay.conversation import exchanged
-from drivecomm.traffic.replay.requests import described
+from drivecomm.traffic.replay.exchanges import described, recorded_exchanges
+from drivecomm.virtual import VirtualPort
 
 if TYPE_CHECKING:
     from pathlib import Path
-    from types import TracebackType
 
     from drivecomm.protocol import LineSettings
 
@@ -42,16 +41,18 @@ class Replayed:
     """
 
     def __init__(self, capture: Capture) -> None:
-        self._left = deque(enumerate(exchanged(capture), start=1))
+        self._left = deque(enumerate(recorded_exchanges(capture), start=1))
         self._arriving: deque[tuple[float, bytes]] = deque()
         self._settings: LineSettings | None = None
         self._free_at = 0.0
         self.time = 0.0
         """The line's time, in seconds; it passes only while the master waits."""
+        # What comes may have come at once then, over a pseudo-terminal say, and is to be believed now.
+        self.paced = self.broken = False
 
-    def port(self) -> ReplayPort:
+    def port(self) -> VirtualPort:
         """Open the master's end of the line, for `drivecomm.open_bus` and `open_bus_async`."""
-        return ReplayPort(self)
+        return VirtualPort(self)
 
     def configure(self, settings: LineSettings) -> None:
         """Set the master's line settings; they say how long a request takes."""
@@ -60,7 +61,7 @@ class Replayed:
     def transmit(self, data: bytes) -> None:
         """Let the master send. Raises ReplayError when this is not what it sent then."""
         if not self._left:
-            raise ReplayError(f"the capture is over, and {described(data, installed.working())} is sent")
+            raise ReplayError(f"the capture has ended, but {described(data, installed.working())} is sent")
         number, wanted = self._left[0]
         if data != wanted.request:
             plugins = list(installed.working())
@@ -80,7 +81,7 @@ class Replayed:
             self.time = max(self.time, self._arriving[0][0])
             came += self.take()
         if len(came) < at_least:
-            self.time = max(self.time, until)
+            self.pass_time(until)
         return came
 
     def take(self) -> bytes:
@@ -89,6 +90,10 @@ class Replayed:
         while self._arriving and self._arriving[0][0] <= self.time:
             came += self._arriving.popleft()[1]
         return came
+
+    def pass_time(self, until: float) -> None:
+        """Let time pass up to then; a time in the past is ignored."""
+        self.time = max(self.time, until)
 
     def finish(self) -> None:
         """Raise ReplayError when something of the capture was not sent."""
@@ -102,55 +107,6 @@ class Replayed:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        if error is None:
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
             self.finish()
-
-
-class ReplayPort:
-    """The master's end of a line on which a capture happens again."""
-
-    # What comes may have come at once then, over a pseudo-terminal say, and is to be believed now.
-    paced = False
-    real_time = False
-    descriptor = None
-
-    def __init__(self, line: Replayed) -> None:
-        self._line = line
-
-    def now(self) -> float:
-        """Return the line's time."""
-        return self._line.time
-
-    def wall_time(self) -> float:
-        """Return the line's time."""
-        return self._line.time
-
-    def configure(self, settings: LineSettings) -> str:
-        """Set the line settings."""
-        self._line.configure(settings)
-        return ""
-
-    def write(self, data: bytes) -> None:
-        """Send."""
-        self._line.transmit(data)
-
-    def read(self, until: float, at_least: int) -> bytes:
-        """Let time pass until this many bytes have come, or until then."""
-        return self._line.receive(until, at_least)
-
-    def take(self) -> bytes:
-        """Return what has come by now."""
-        return self._line.take()
-
-    def hold_back(self, at_least: int) -> None:
-        """Nothing to hold back: there is no descriptor."""
-
-    def wait(self, until: float) -> None:
-        """Let time pass."""
-        self._line.time = max(self._line.time, until)
-
-    def close(self) -> None:
-        """Nothing to give back."""

@@ -1,6 +1,6 @@
-"""A capture as a master: asks what was asked then, in the timing of then or faster, and compares what comes.
+"""A capture as a master: sends the recorded requests at their pace or faster, and compares the replies.
 
-Nothing moves by accident: what could command or write is left out unless whoever calls wants the commands, too.
+Nothing moves by accident: what could command or write is left out unless the caller asks for it.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import TelegramError, UsageError
 from drivecomm.link import EchoFilter
 from drivecomm.protocol import fields_of
-from drivecomm.traffic.replay.requests import meanings, only_asks
+from drivecomm.traffic.replay.exchanges import meanings, only_asks
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from drivecomm.link import Echo, Port
     from drivecomm.protocol import LineSettings, Protocol
-    from drivecomm.traffic.replay.conversation import Exchanged
+    from drivecomm.traffic.replay.exchanges import RecordedExchange
 
 # However fast it goes: no protocol that ships with drivecomm wants a longer pause before a request (Fuji, 10 ms).
 _LEAST_PAUSE_S = 0.010
@@ -35,11 +35,11 @@ class Sending(Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class ReplayedRequest:
     """What came of a request this time. number: its place in the capture, from 1. sent: whether it was sent at all."""
 
     number: int
-    then: Exchanged
+    then: RecordedExchange
     came: bytes = b""
     sent: bool = True
 
@@ -49,7 +49,7 @@ class Outcome:
         return self.sent and self.came != self.then.reply
 
 
-class Asking:
+class ReplayMaster:
     """Sends the requests of a conversation on a port.
 
     faster: how many times as fast as then. sending: whether what could command or write is sent, too. overrides: line
@@ -59,7 +59,7 @@ class Asking:
 
     def __init__(
         self,
-        conversation: Sequence[Exchanged],
+        conversation: Sequence[RecordedExchange],
         protocols: Sequence[Protocol],
         *,
         faster: float = 1.0,
@@ -69,7 +69,7 @@ class Asking:
         patience_s: float = PATIENCE_S,
     ) -> None:
         if not 0 < faster < float("inf"):
-            raise UsageError(f"{faster:g} times as fast is no speed; give a number above 0")
+            raise UsageError(f"{faster:g} is not a valid speed factor; give a number above 0")
         self._conversation = conversation
         self._protocols = protocols
         self._faster = faster
@@ -78,7 +78,7 @@ class Asking:
         self._echo = EchoFilter(echo)
         self._patience_s = patience_s
 
-    def on(self, port: Port) -> Iterator[Outcome]:
+    def on(self, port: Port) -> Iterator[ReplayedRequest]:
         """Yield what comes of each request, in order. Raises LinkDownError when the port is lost."""
         configured: LineSettings | None = None
         began: float | None = None
@@ -86,7 +86,7 @@ class Asking:
         free_at = 0.0
         for number, then in enumerate(self._conversation, start=1):
             if self._sending is Sending.QUESTIONS and not only_asks(then.request, self._protocols):
-                yield Outcome(number=number, then=then, sent=False)
+                yield ReplayedRequest(number=number, then=then, sent=False)
                 continue
             settings = replace(then.settings or self._usual(then), **self._overrides)
             if settings != configured:
@@ -102,9 +102,9 @@ class Asking:
             over_at = port.now() + settings.wire_s(len(then.request))
             came = self._reply(port, then, over_at, number)
             free_at = max(over_at, port.now()) + self._pause_s(number)
-            yield Outcome(number=number, then=then, came=came)
+            yield ReplayedRequest(number=number, then=then, came=came)
 
-    def _reply(self, port: Port, then: Exchanged, over_at: float, number: int) -> bytes:
+    def _reply(self, port: Port, then: RecordedExchange, over_at: float, number: int) -> bytes:
         """Return what comes, waiting for as much as came then, and a little longer for what did not come then."""
         wanted = len(then.reply)
         until = over_at + then.reply_s + self._patience_s if wanted else over_at + self._silence_s(number)
@@ -135,15 +135,15 @@ class Asking:
         then = self._conversation[number - 1]
         return self._conversation[number].asked_s - then.asked_s - then.reply_s
 
-    def _usual(self, then: Exchanged) -> LineSettings:
+    def _usual(self, then: RecordedExchange) -> LineSettings:
         """Return the usual line settings of its protocol. Raises UsageError when it is in none."""
         for plugin, _ in meanings(then.request, self._protocols):
             return plugin.facts.settings
         raise UsageError("the capture does not say its line settings; give --baudrate, --parity and so on")
 
 
-def difference(outcome: Outcome, protocols: Sequence[Protocol]) -> str:
-    """Return for people in what this reply differs from that of then: by field where both are sound, else by bytes."""
+def difference(outcome: ReplayedRequest, protocols: Sequence[Protocol]) -> str:
+    """Return how this reply differs from the recorded one: by field where both are sound, else by bytes."""
     if not outcome.came:
         return "nothing came"
     if not outcome.then.parts:

@@ -47,10 +47,6 @@ _KEPT_ENDS = 4
 _KEPT_DELAYS = 9
 # A reply comes as usual between half and twice the usual time; many adapters delay it by some milliseconds.
 _AS_USUAL, _STEP_S = 2, 0.005
-_CLEARLY_BETTER = 2
-# An odd number: where requests and replies alternate, the next beginning is the other one.
-_LONGEST_DOUBT = 15
-_AGREED = 4
 
 
 def is_broadcast(protocol: Protocol, message: Message) -> bool:
@@ -62,7 +58,7 @@ def is_broadcast(protocol: Protocol, message: Message) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class Observation:
     """What was on the line: the ways to read it, one for each direction that it may have, and when.
 
     behind_others: whether the telegram before it was one of another protocol.
@@ -88,8 +84,8 @@ class _Asked:
 
 
 @dataclass(slots=True)
-class Conversation:
-    """What has been said in one protocol on one line."""
+class DirectionEstimator:
+    """Infers who sends the telegrams of one protocol on one line, from what has been said in it."""
 
     protocol: Protocol
     _asked: deque[_Asked] = field(default_factory=lambda: deque(maxlen=_KEPT_REQUESTS))
@@ -106,24 +102,18 @@ class Conversation:
     _doubts: dict[object, int] = field(default_factory=dict)
     _delays: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT_DELAYS))
 
-    def copy(self) -> Conversation:
+    def copy(self) -> DirectionEstimator:
         """Return one that goes its own way from here."""
-        examples = {key: deque(known, maxlen=_KEPT_EXAMPLES) for key, known in self._examples.items()}
-        return Conversation(
-            self.protocol,
-            deque(self._asked, maxlen=_KEPT_REQUESTS),
-            examples,
-            {kind: deque(known, maxlen=_KEPT_ENDS) for kind, known in self._ends.items()},
-            self.certain,
-            self.spoken,
-            self.parity,
-            self._just_answered,
-            self._misheard_s,
-            dict(self._doubts),
-            deque(self._delays, maxlen=_KEPT_DELAYS),
+        return replace(
+            self,
+            _asked=self._asked.copy(),
+            _examples={key: known.copy() for key, known in self._examples.items()},
+            _ends={kind: known.copy() for kind, known in self._ends.items()},
+            _doubts=self._doubts.copy(),
+            _delays=self._delays.copy(),
         )
 
-    def direction_of(self, heard: Heard) -> Direction | None:
+    def direction_of(self, heard: Observation) -> Direction | None:
         """Return the likelier direction of a telegram; None when both are equally likely."""
         request, reply = heard.reading("request"), heard.reading("reply")
         if request is None or reply is None:
@@ -138,7 +128,7 @@ class Conversation:
             return None
         return "reply" if balance > 0 else "request"
 
-    def doubt(self, heard: Heard) -> None:
+    def doubt(self, heard: Observation) -> None:
         """Note a telegram whose direction stays open."""
         address = getattr(heard.readings[0].message, "address", None)
         self._doubts[address] = self._doubts.get(address, 0) + 1
@@ -218,7 +208,7 @@ class Conversation:
         ends = self._ends.get(self._just_answered) or [end for known in self._ends.values() for end in known]
         return sum(ends) * 2 >= len(ends)
 
-    def plausibility(self, heard: Heard) -> int:
+    def plausibility(self, heard: Observation) -> int:
         """Return how well a telegram fits into the conversation: 2 it answers, 1 its drive is known, 0 neither."""
         reply = heard.reading("reply")
         if reply is not None and self.awaits(reply.message, heard.began_s):
@@ -235,7 +225,7 @@ class Conversation:
             self._ends.setdefault(self._just_answered, deque(maxlen=_KEPT_ENDS)).append(closed)
         self._just_answered = None
 
-    def _may_be_late(self, heard: Heard, reply: Reading) -> bool:
+    def _may_be_late(self, heard: Observation, reply: Reading) -> bool:
         """Whether this may be what the drive says to a request that is over; not of a drive that never answers."""
         if self._doubts.get(getattr(reply.message, "address", None), 0) >= _MOST_DOUBTS:
             return False
@@ -249,7 +239,7 @@ class Conversation:
             return passed_s > timeout_s or asked is not self._asked[-1]
         return False
 
-    def _by_its_time(self, heard: Heard, reply: Reading) -> Direction | None:
+    def _by_its_time(self, heard: Observation, reply: Reading) -> Direction | None:
         """Return the direction of a telegram whose bytes say nothing; None when they do, or no usual time is known."""
         last = self._asked[-1] if self._asked else None
         repeats = last is not None and not last.answered and last.data == reply.data
@@ -262,7 +252,7 @@ class Conversation:
             return "reply" if self.awaits(reply.message, heard.began_s) else "request"
         return None if self._may_be_late(heard, reply) else "request"
 
-    def _timeliness(self, heard: Heard, reply: Reading) -> int:
+    def _timeliness(self, heard: Observation, reply: Reading) -> int:
         """Return what the pauses say, above 0 for a reply and below 0 for a request."""
         timeout_s = self.protocol.facts.timing.reply_timeout_s
         due = self.awaits(reply.message, heard.began_s)
@@ -306,63 +296,7 @@ class Conversation:
             if set(asked).isdisjoint(answered):
                 like_requests += byte in asked
                 like_replies += byte in answered
-        return max(-_MOST_ALIKE, min(_MOST_ALIKE, _ALIKE * (like_requests - like_replies)))
-
-
-class Beginning:
-    """Telegrams from before it was known who speaks when.
-
-    Whoever begins to listen may do so at a reply. Both beginnings are played through until one explains clearly more.
-    Between the drives of several makers a reply comes behind its request, and a request behind what others said.
-    """
-
-    def __init__(self, conversation: Conversation) -> None:
-        self._conversation = conversation
-        self.heard: list[Heard] = []
-
-    def add(self, heard: Heard) -> None:
-        """Take the next telegram."""
-        self.heard.append(heard)
-
-    @property
-    def too_long(self) -> bool:
-        """Whether waiting for more would help nobody."""
-        return len(self.heard) >= _LONGEST_DOUBT
-
-    def settled(self, margin: int = _CLEARLY_BETTER) -> list[Direction | None] | None:
-        """Return the directions of all telegrams if one beginning explains so much more; None otherwise."""
-        if not self.heard:
-            return []
-        asking, as_asked = self._play("request")
-        answering, as_answered = self._play("reply")
-        if abs(asking - answering) >= margin:
-            return as_asked if asking > answering else as_answered
-        agreed = [one if one == other else None for one, other in zip(as_asked, as_answered, strict=True)]
-        # How it began may stay open for ever when both lead to the same.
-        lately = agreed[-_AGREED:]
-        return (
-            agreed
-            if len(agreed) > _AGREED and "request" in lately and "reply" in lately and None not in lately
-            else None
-        )
-
-    def _play(self, first: Direction) -> tuple[int, list[Direction | None]]:
-        """Return how much is explained when the first telegram has this direction: pairs, less what fits nowhere."""
-        state = self._conversation.copy()
-        score = 0
-        directions: list[Direction | None] = []
-        for number, heard in enumerate(self.heard):
-            direction = first if number == 0 and heard.reading(first) else state.direction_of(heard)
-            directions.append(direction)
-            reading = heard.reading(direction) if direction else None
-            if reading is None:
-                score -= 1
-                continue
-            if direction == "reply":
-                if number or heard.behind_others or heard.silence_s > state.protocol.facts.timing.reply_timeout_s:
-                    due = state.awaits(reading.message, heard.began_s) and not heard.behind_others
-                    score += 1 if due else -1
-            elif state.leaves_unanswered(reading):
-                score -= 1
-            state.take(reading, heard.began_s, heard.ended_s)
-        return score, directions
+        # In a few examples bytes differ by chance, which says little about a telegram that is none of them.
+        is_new = reading.data not in requests and reading.data not in replies
+        most = min(_MOST_ALIKE, len(requests), len(replies)) if is_new else _MOST_ALIKE
+        return max(-most, min(most, _ALIKE * (like_requests - like_replies)))

@@ -1,0 +1,138 @@
+"""What was heard, in the order of the line, held back until it is known who speaks when.
+
+Whoever begins to listen may do so at a reply. Both beginnings are played through until one explains clearly more.
+Between the drives of several makers a reply comes after its request, and a request after what others said.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from drivecomm.traffic.sniffer.traffic_items import ambiguous_of, telegram_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from drivecomm.protocol import Direction
+    from drivecomm.traffic.sniffer.directions import DirectionEstimator, Observation
+    from drivecomm.traffic.sniffer.traffic_items import TrafficItem
+
+_CLEARLY_BETTER = 2
+# An odd number: where requests and replies alternate, the next beginning is the other one.
+_LONGEST_DOUBT = 15
+_AGREED = 4
+
+
+@dataclass(slots=True)
+class _Slot:
+    """A item in its place, None while its direction is not known."""
+
+    heard: Observation
+    item: TrafficItem | None = None
+
+
+class PendingItems:
+    """Findings of one line. estimators: of the protocols that may be spoken, by name."""
+
+    def __init__(self, estimators: Mapping[str, DirectionEstimator]) -> None:
+        self._estimators = estimators
+        self._found: list[_Slot | TrafficItem] = []
+        self._open: dict[str, list[_Slot]] = {name: [] for name in estimators}
+
+    def add(self, item: TrafficItem) -> None:
+        """Take what has no direction, or whose direction is known."""
+        self._found.append(item)
+
+    def hear(self, heard: Observation) -> None:
+        """Take the next telegram of a protocol, one way or the other."""
+        name = heard.readings[0].protocol.name
+        estimator, slots = self._estimators[name], self._open[name]
+        if estimator.certain or (len(heard.readings) == 1 and not slots):
+            self._found.append(_directed(estimator, heard, estimator.direction_of(heard)))
+            return
+        slot = _Slot(heard)
+        self._found.append(slot)
+        slots.append(slot)
+        self._settle(name)
+        if len(slots) >= _LONGEST_DOUBT:
+            self._give_up(name)
+
+    def certain(self) -> list[TrafficItem]:
+        """Return the items before the first whose direction is still open, and keep the others."""
+        certain: list[TrafficItem] = []
+        for each in self._found:
+            item = each.item if isinstance(each, _Slot) else each
+            if item is None:
+                break
+            certain.append(item)
+        del self._found[: len(certain)]
+        return certain
+
+    def finish(self) -> None:
+        """Settle all that is open: nothing follows."""
+        for name in self._open:
+            self._settle(name, 1)
+            self._give_up(name)
+
+    def _settle(self, name: str, margin: int = _CLEARLY_BETTER) -> None:
+        estimator, slots = self._estimators[name], self._open[name]
+        directions = _infer_directions(estimator, [slot.heard for slot in slots], margin) if slots else None
+        if directions is not None:
+            estimator.certain = True
+            for slot, direction in zip(slots, directions, strict=True):
+                slot.item = _directed(estimator, slot.heard, direction)
+            slots.clear()
+
+    def _give_up(self, name: str) -> None:
+        for slot in self._open[name]:
+            slot.item = ambiguous_of(slot.heard)
+        self._open[name].clear()
+
+
+def _directed(estimator: DirectionEstimator, heard: Observation, direction: Direction | None) -> TrafficItem:
+    reading = heard.reading(direction) if direction else None
+    if reading is None:
+        estimator.doubt(heard)
+        return ambiguous_of(heard)
+    estimator.take(reading, heard.began_s, heard.ended_s)
+    return telegram_of(reading, heard)
+
+
+def _infer_directions(
+    estimator: DirectionEstimator, telegrams: Sequence[Observation], margin: int
+) -> list[Direction | None] | None:
+    """Return the directions of the first telegrams if one beginning explains so much more; None otherwise."""
+    asking, as_asked = _play(estimator, telegrams, "request")
+    answering, as_answered = _play(estimator, telegrams, "reply")
+    if abs(asking - answering) >= margin:
+        return as_asked if asking > answering else as_answered
+    agreed = [one if one == other else None for one, other in zip(as_asked, as_answered, strict=True)]
+    # How it began may stay open for ever when both lead to the same.
+    lately = agreed[-_AGREED:]
+    is_settled = len(agreed) > _AGREED and "request" in lately and "reply" in lately and None not in lately
+    return agreed if is_settled else None
+
+
+def _play(
+    estimator: DirectionEstimator, telegrams: Sequence[Observation], first: Direction
+) -> tuple[int, list[Direction | None]]:
+    """Return how much is explained when the first telegram has this direction: pairs, less what fits nowhere."""
+    state = estimator.copy()
+    score = 0
+    directions: list[Direction | None] = []
+    for number, heard in enumerate(telegrams):
+        direction = first if number == 0 and heard.reading(first) else state.direction_of(heard)
+        directions.append(direction)
+        reading = heard.reading(direction) if direction else None
+        if reading is None:
+            score -= 1
+            continue
+        if direction == "reply":
+            if number or heard.behind_others or heard.silence_s > state.protocol.facts.timing.reply_timeout_s:
+                due = state.awaits(reading.message, heard.began_s) and not heard.behind_others
+                score += 1 if due else -1
+        elif state.leaves_unanswered(reading):
+            score -= 1
+        state.take(reading, heard.began_s, heard.ended_s)
+    return score, directions

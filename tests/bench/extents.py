@@ -1,0 +1,30 @@
+"""How much a test plays: a sample at each change, everything before it counts; see the marker `soak`."""
+
+import pytest
+
+
+def extents(sample, everything):
+    """Give a test its `extent`: the sample, and marked `soak` all there is."""
+    return pytest.mark.parametrize(
+        "extent",
+        [pytest.param(sample, id="sample"), pytest.param(everything, id="all", marks=pytest.mark.soak)],
+    )
+
+
+def first_of_each(things, shape):
+    """Return the first thing of each shape."""
+    found = {}
+    for thing in things:
+        found.setdefault(shape(thing), thing)
+    return list(found.values())
+
+
+def shape_of_vector(vector):
+    """What a framer sees of a telegram: which one it is, its length and the options of the line, not its content."""
+    kind = vector.fields.get("kind")
+    return vector.direction, vector.valid, kind, vector.error, len(vector.data), repr(sorted(vector.options.items()))
+
+
+def shape_of_exchange(exchange):
+    """What a line sees of an exchange: what happens on it and which calls are made."""
+    return frozenset(step.action for step in exchange.steps), frozenset(call.call for call in exchange.calls)
