@@ -2,9 +2,9 @@ from .async_bus import (
     AsyncBroadcast as AsyncBroadcast,
     AsyncBus as AsyncBus,
     AsyncDrive as AsyncDrive,
+    AsyncPriorityLock as AsyncPriorityLock,
     open_bus_async as open_bus_async,
 )
-from .async_priority_lock import AsyncPriorityLock as AsyncPriorityLock
 from .bus import Broadcast as Broadcast, Bus as Bus, Drive as Drive, open_bus as open_bus
 from .exchanges import Exchanges as Exchanges
 from .faces import Job as Job
@@ -12,7 +12,9 @@ from .keeping import keep as keep, keep_async as keep_async
 from .likely_settings import LineChoices as LineChoices, likely_settings as likely_settings
 from .priority_lock import PriorityLock as PriorityLock, Rank as Rank, Turn as Turn
 from .procedures import (
+    Goal as Goal,
     Procedure as Procedure,
+    Waiting as Waiting,
     ask_identity as ask_identity,
     ask_status as ask_status,
     carry_out as carry_out,
@@ -32,7 +34,6 @@ from .scanning import (
     scan_plan as scan_plan,
 )
 from .stored_writes import ALLOWED as ALLOWED, StoredWrites as StoredWrites, is_stored as is_stored
-from .waiting import Goal as Goal, Waiting as Waiting
 from .watchdog import (
     Setting as Setting,
     policies as policies,

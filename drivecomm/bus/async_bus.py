@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from bisect import insort
+from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
 
-from drivecomm.bus.async_priority_lock import AsyncPriorityLock
 from drivecomm.bus.bus import port_opener, recorded
 from drivecomm.bus.faces import Awaited
 from drivecomm.bus.priority_lock import Rank
-from drivecomm.bus.procedures import carry_out_async
+from drivecomm.bus.procedures import carry_out_async, reaching
 from drivecomm.bus.roster import Roster
 from drivecomm.bus.scanning import Found, Search
 from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.bus.stored_writes import ALLOWED
 from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
-from drivecomm.bus.waiting import reaching
 from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError
 from drivecomm.polling import poll_async
 from drivecomm.transport import runner_for
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
     from drivecomm.bus.faces import Job
     from drivecomm.bus.likely_settings import LineChoices
-    from drivecomm.bus.waiting import Goal
+    from drivecomm.bus.procedures import Goal
     from drivecomm.capture import Record
     from drivecomm.link import Echo, Port, TraceEvent
     from drivecomm.polling import PollItem, PollResult
@@ -227,3 +226,56 @@ def open_bus_async(
     }
     roster = Roster({**given, **facts}, trace, echo, guard_s, stored_writes_per_hour)
     return AsyncBus(*recorded(port_opener(port, rs485=rs485, low_latency=low_latency), roster, record, port))
+
+
+_Place: TypeAlias = tuple[Rank, int, "asyncio.Future[None]"]
+"""A place in the queue: no two have the same number, so that they are in order by rank and then by coming."""
+
+
+class AsyncPriorityLock:
+    """A line among tasks. It is handed from one to the next, so that nobody slips in between."""
+
+    def __init__(self) -> None:
+        self._taken = False
+        self._waiting: list[_Place] = []
+        self._order = 0
+
+    def stop_waits(self) -> bool:
+        """Whether somebody waits who wants to stop something."""
+        return bool(self._waiting) and self._waiting[0][0] is Rank.STOP
+
+    async def take(self, rank: Rank, seconds: float) -> bool:
+        """Wait for one's turn; returns False when it has not come within this time."""
+        if not self._taken:
+            self._taken = True
+            return True
+        self._order += 1
+        called: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        place = (rank, self._order, called)
+        insort(self._waiting, place)
+        try:
+            async with asyncio.timeout(None if seconds == float("inf") else seconds):
+                await called
+        except TimeoutError:
+            return not self._left(place)
+        except BaseException:
+            if not self._left(place):
+                self.give_back()
+            raise
+        return True
+
+    def give_back(self) -> None:
+        """End one's turn."""
+        while self._waiting:
+            _, _, called = self._waiting.pop(0)
+            if not called.done():
+                called.set_result(None)
+                return
+        self._taken = False
+
+    def _left(self, place: _Place) -> bool:
+        """Wait no more; returns False when it was one's turn already."""
+        if place in self._waiting:
+            self._waiting.remove(place)
+            return True
+        return place[2].cancelled()

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from drivecomm.bus.faces import Blocking
 from drivecomm.bus.priority_lock import PriorityLock, Rank, Turn
-from drivecomm.bus.procedures import carry_out
+from drivecomm.bus.procedures import carry_out, reaching
 from drivecomm.bus.roster import Roster
 from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.bus.stored_writes import ALLOWED
 from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
-from drivecomm.bus.waiting import reaching
 from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError, shortened
 from drivecomm.transport import run
 
@@ -22,8 +21,8 @@ if TYPE_CHECKING:
 
     from drivecomm.bus.faces import Job
     from drivecomm.bus.likely_settings import LineChoices
+    from drivecomm.bus.procedures import Goal
     from drivecomm.bus.scanning import Found
-    from drivecomm.bus.waiting import Goal
     from drivecomm.capture import Record
     from drivecomm.link import Echo, Port, TraceEvent
     from drivecomm.polling import PollItem, PollResult

@@ -11,7 +11,7 @@ from drivecomm.bus.priority_lock import Rank
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
 
-    from drivecomm.link import CommandCall, Party
+    from drivecomm.link import CommandCall, Peer
     from drivecomm.protocol import Exchange
 
 P = ParamSpec("P")
@@ -24,7 +24,7 @@ class Job(NamedTuple, Generic[T]):
     command: what a later stop cancels. insists: ask also a drive that is known not to answer.
     """
 
-    peer: Party
+    peer: Peer
     exchange: Exchange[T]
     rank: Rank = Rank.READ
     command: CommandCall | None = None

@@ -64,6 +64,7 @@ class _Keeper(Generic[D]):
                 *some, last = get_args(LinkLoss)
                 raise UsageError(f"unknown policy {given!r}; use {', '.join(some)} or {last}")
         self._drive, self._policy = drive, policy
+        self._feeds = policy != "hold"
         self._watchdog_s = exact(watchdog_s, "watchdog time")
         self._every_s = float(self._watchdog_s) / REFRESHES_IN_TIME
         self._stop = _STOPS[on_leaving or policy]
@@ -86,11 +87,6 @@ class _Keeper(Generic[D]):
     def stop_by(self, how: Stop) -> None:
         """Stop so when the block is left, whatever its policy says."""
         self._stop = how
-
-    @property
-    def _feeds(self) -> bool:
-        """Whether there is a watchdog to be fed."""
-        return self._policy != "hold"
 
     def _taking(self) -> Procedure[None]:
         """Set the watchdog to the policy, remember how it was, and count its time from now."""

@@ -16,7 +16,7 @@ from drivecomm.protocol import LineSettings, Parity
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from drivecomm.protocol import Model, ParameterInfo, Protocol
+    from drivecomm.protocol import Model, Protocol
 
 T = TypeVar("T")
 
@@ -141,16 +141,10 @@ def _named_formats(models: Sequence[Model], default: LineSettings) -> list[tuple
         word = next((parity for start, parity in _PARITY_WORDS if text.lower().startswith(start)), None)
         if word is not None:
             found.append((default.bytesize, word, default.stopbits))
-    found += [
-        (int(text[0]), default.parity, default.stopbits)
-        for text in _options(models, "data_bits")
-        if text[:1] in ("7", "8")
-    ]
-    found += [
-        (default.bytesize, default.parity, int(text[0]))
-        for text in _options(models, "stop_bits")
-        if text[:1] in ("1", "2")
-    ]
+    sizes = (int(text[0]) for text in _options(models, "data_bits") if text[:1] in ("7", "8"))
+    found += [(size, default.parity, default.stopbits) for size in sizes]
+    stops = (int(text[0]) for text in _options(models, "stop_bits") if text[:1] in ("1", "2"))
+    found += [(default.bytesize, default.parity, stop) for stop in stops]
     return list(dict.fromkeys(found))
 
 
@@ -158,9 +152,5 @@ def _options(models: Iterable[Model], name: str) -> Iterator[str]:
     """Yield the option texts of the parameters that hold a communication setting, such as link_1_baud_rate."""
     for model in models:
         for info in model.parameters.values():
-            if _is_named(info, name):
+            if info.name == name or info.name.endswith(f"_{name}"):
                 yield from info.values.values()
-
-
-def _is_named(info: ParameterInfo, name: str) -> bool:
-    return info.name == name or info.name.endswith(f"_{name}")

@@ -8,59 +8,62 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
 from inspect import isawaitable
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
+
+from drivecomm.errors import NotSupported, StateError, UsageError, shortened
+from drivecomm.protocol import DriveState, is_duration
 
 if TYPE_CHECKING:
     from drivecomm.bus.faces import Awaited, Blocking
-    from drivecomm.protocol import Stop, Value
+    from drivecomm.protocol import DriveStatus, Stop, Value
 
 T = TypeVar("T")
 
-Step: TypeAlias = Callable[[Any], Any]
+Action: TypeAlias = Callable[[Any], Any]
 """Does something with a drive, and returns what came of it or what is to be awaited."""
 
-Procedure: TypeAlias = Generator[Step, Any, T]
+Procedure: TypeAlias = Generator[Action, Any, T]
 """An operation of several steps, for both kinds of bus: it yields steps and is sent what came of them."""
 
 _NO_OPTIONS: Mapping[str, Any] = {}
 
 
-def read_parameter(parameter: str, options: Mapping[str, Any] = _NO_OPTIONS) -> Step:
+def read_parameter(parameter: str, options: Mapping[str, Any] = _NO_OPTIONS) -> Action:
     """Read a parameter; a Reading is sent back."""
     return lambda drive: drive.read(parameter, **options)
 
 
-def write_parameter(parameter: str, value: Value, *, store: bool, options: Mapping[str, Any] = _NO_OPTIONS) -> Step:
+def write_parameter(parameter: str, value: Value, *, store: bool, options: Mapping[str, Any] = _NO_OPTIONS) -> Action:
     """Write a parameter."""
     return lambda drive: drive.write(parameter, value, store=store, **options)
 
 
-def check_write(parameter: str, value: Value, *, store: bool, options: Mapping[str, Any] = _NO_OPTIONS) -> Step:
+def check_write(parameter: str, value: Value, *, store: bool, options: Mapping[str, Any] = _NO_OPTIONS) -> Action:
     """See whether a write could be sent; sends nothing."""
     return lambda drive: drive.check_write(parameter, value, store=store, **options)
 
 
-def ask_status() -> Step:
+def ask_status() -> Action:
     """Read the status; a DriveStatus is sent back."""
     return lambda drive: drive.status()
 
 
-def ask_identity() -> Step:
+def ask_identity() -> Action:
     """Read what the drive tells of itself; names and texts are sent back."""
     return lambda drive: drive.identify()
 
 
-def note_watchdog(silence_s: float | None) -> Step:
+def note_watchdog(silence_s: float | None) -> Action:
     """Say how long the drive's watchdog waits, see `Drive.watched`."""
     return lambda drive: drive.watched(silence_s)
 
 
-def stop_motor(how: Stop) -> Step:
+def stop_motor(how: Stop) -> Action:
     """Stop the motor."""
     return lambda drive: drive.stop(how)
 
 
-def sleep_until(until: float) -> Step:
+def sleep_until(until: float) -> Action:
     """Let time pass on the clock of the drive's line."""
     return lambda drive: drive.bus.sleep_until(until)
 
@@ -101,3 +104,60 @@ async def carry_out_async(drive: Awaited, procedure: Procedure[T]) -> T:
         return result
     finally:
         procedure.close()
+
+
+Goal: TypeAlias = DriveState | Literal["at_reference"]
+"""A state, or a motor that runs at its reference."""
+
+POLL_S = 0.1
+"""How often a drive is asked meanwhile."""
+
+
+def reaching(name: str, goal: Goal, timeout_s: float, now: Callable[[], float]) -> Procedure[DriveStatus]:
+    """Ask the drive with this name for its status until it is where it shall be, and return that status."""
+    waiting = Waiting(name, goal, timeout_s, now())
+    status: DriveStatus = yield ask_status()
+    while not waiting.over(status, asked_at := now()):
+        yield sleep_until(asked_at + POLL_S)
+        status = yield ask_status()
+    return status
+
+
+class Waiting:
+    """Waits from a time on for a goal, for so many seconds. Raises UsageError for a goal or a time that cannot be."""
+
+    def __init__(self, name: str, goal: Goal, timeout_s: float, now: float) -> None:
+        if not isinstance(goal, DriveState) and goal != "at_reference":
+            known = ", ".join(state.name for state in DriveState)
+            raise UsageError(f"cannot wait for {shortened(goal)}; use a DriveState ({known}) or 'at_reference'")
+        if not is_duration(timeout_s):
+            raise UsageError(f"timeout_s cannot be {shortened(timeout_s)}; give seconds, 0 or more")
+        self._name = name
+        self._goal = goal
+        self._timeout_s = timeout_s
+        self._until = now + timeout_s
+
+    def over(self, status: DriveStatus, now: float) -> bool:
+        """Whether the drive is where it shall be; called with its status again and again.
+
+        Raises StateError when the time is over, and at once for a fault that nobody waits for; NotSupported where the
+        status word does not say whether the reference is reached.
+        """
+        if self._met(status):
+            return True
+        shown = self._goal if isinstance(self._goal, str) else self._goal.value
+        if status.fault and self._goal is not DriveState.FAULT:
+            code = "" if status.fault_code is None else f" {status.fault_code} {status.fault_text}".rstrip()
+            raise StateError(f"{self._name} has a fault{code} and will not reach {shown!r}; reset it first")
+        if now >= self._until:
+            raise StateError(
+                f"{self._name} did not reach {shown!r} within {self._timeout_s:g} s; it is {status.state.value}"
+            )
+        return False
+
+    def _met(self, status: DriveStatus) -> bool:
+        if isinstance(self._goal, DriveState):
+            return status.state is self._goal
+        if status.at_reference is None and status.running:
+            raise NotSupported(f"the status of {self._name} does not say whether the reference is reached")
+        return bool(status.running and status.at_reference)

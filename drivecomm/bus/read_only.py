@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from drivecomm.bus.exchanges import COMMON_VERBS
-from drivecomm.errors import ReadOnlyError, UsageError
+from drivecomm.errors import ReadOnlyError
 from drivecomm.protocol import Pause, Stop, with_each_command
 
 if TYPE_CHECKING:
@@ -18,15 +18,11 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import (
         Ask,
-        Capabilities,
-        DriveStatus,
         Exchange,
         Intent,
         Message,
         Operations,
-        Reading,
         Tell,
-        Value,
     )
 
 T = TypeVar("T")
@@ -35,74 +31,39 @@ T = TypeVar("T")
 class ReadOnly:
     """The operations of a drive without those that write or command; stopping it stays, always.
 
-    new: makes the drive's operations, with nothing remembered; each stop and each verb gets its own. why: the sentence
-    that a refusal gives. intent: the protocol's, None where it has none: then no verb of its own is let through.
+    new: makes the drive's operations, with nothing remembered; each stop and each verb gets its own. reason: the
+    sentence of a refusal. intent: the protocol's, None where it has none: then no verb of its own is let through.
     """
 
-    def __init__(self, new: Callable[[], Operations], why: str, intent: Callable[[Message], Intent] | None) -> None:
-        self._operations = new()
+    def __init__(self, new: Callable[[], Operations], reason: str, intent: Callable[[Message], Intent] | None) -> None:
+        operations = new()
+        self.reason = reason
         self._new = new
-        self._why = why
         self._intent = intent
-
-    @property
-    def capabilities(self) -> Capabilities:
-        """What this drive could be asked to do."""
-        return self._operations.capabilities
-
-    @property
-    def read(self) -> Callable[..., Exchange[Reading]]:
-        """Read one parameter."""
-        return self._operations.read
-
-    @property
-    def write(self) -> Callable[..., Exchange[Reading | None]]:
-        """Refuse to write."""
-        return self._refused
-
-    def address_of(self, parameter: str, **options: Any) -> str:
-        """Return the address of the value that a write would change."""
-        return self._operations.address_of(parameter, **options)
+        self._extra = operations.extra
+        self.capabilities = operations.capabilities
+        self.read = operations.read
+        self.address_of = operations.address_of
+        self.status = operations.status
+        self.probe = operations.probe
+        self.identify = operations.identify
+        self.write = self._refused
+        self.start = self._refused
+        self.reset = self._refused
+        self.set_reference_percent = self._refused
+        self.set_reference_hz = self._refused
 
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
         """The protocol's own verbs, as far as they only ask; those that every maker's drives have all command."""
-        return {name: self._refused if name in COMMON_VERBS else self._asking(name) for name in self._operations.extra}
-
-    def status(self) -> Exchange[DriveStatus]:
-        """Read the status word."""
-        return self._operations.status()
-
-    def start(self, *, reverse: bool = False) -> Exchange[None]:
-        """Refuse to start."""
-        self._refused(reverse)
+        return {name: self._refused if name in COMMON_VERBS else self._asking(name) for name in self._extra}
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop the motor."""
         return self._new().stop(how)
 
-    def reset(self) -> Exchange[None]:
-        """Refuse to acknowledge a fault."""
-        self._refused()
-
-    def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
-        """Refuse to set the reference."""
-        self._refused(percent)
-
-    def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
-        """Refuse to set the reference."""
-        self._refused(hz)
-
-    def probe(self) -> Exchange[None]:
-        """Ask whether a drive is there."""
-        return self._operations.probe()
-
-    def identify(self) -> Exchange[Mapping[str, str]]:
-        """Read what the drive tells of itself."""
-        return self._operations.identify()
-
     def _refused(self, *_: object, **__: object) -> NoReturn:
-        raise ReadOnlyError(self._why)
+        raise ReadOnlyError(self.reason)
 
     def _asking(self, verb: str) -> Callable[..., Exchange[Any]]:
         def asked(*values: Any, **options: Any) -> Exchange[Any]:
@@ -121,10 +82,10 @@ class ReadOnly:
             nonlocal asked
             asked = True
             if not isinstance(command, Pause) and not (self._intent and self._intent(command.message).only_asks):
-                raise UsageError(self._why)
+                self._refused()
             return command
 
         result = yield from with_each_command(exchange, checked)
         if not asked:
-            raise UsageError(self._why)
+            self._refused()
         return result

@@ -10,7 +10,7 @@ from drivecomm.bus.exchanges import setting_up
 from drivecomm.bus.read_only import ReadOnly
 from drivecomm.bus.stored_writes import ALLOWED, StoredWrites
 from drivecomm.errors import NotSupported, UsageError, shortened
-from drivecomm.link import Commands, Link, Party
+from drivecomm.link import Commands, Link, Peer
 from drivecomm.models import load_model
 from drivecomm.protocol import checked_address, installed, is_duration, line_overrides, resolve_options
 
@@ -27,7 +27,7 @@ T = TypeVar("T")
 class Member(NamedTuple):
     """What a drive object is made of."""
 
-    party: Party
+    peer: Peer
     operations: Operations
     model: Model | None
 
@@ -66,17 +66,14 @@ class Roster:
         set_up: Mapping[str, Any] | None,
         options: Mapping[str, Any],
         *,
-        read_only: str = "",
+        read_only: bool = False,
     ) -> Member:
-        """Return what the drive at an address is made of. Raises UsageError for anything that cannot be.
-
-        read_only: why it may not be written or commanded, empty where it may.
-        """
+        """Return what the drive at an address is made of. Raises UsageError for anything that cannot be."""
         plugin = installed[protocol]
         if set_up is not None and not isinstance(set_up, Mapping):
             raise UsageError(f"set_up cannot be {shortened(set_up)}; give parameters and their values")
-        if not isinstance(read_only, str):
-            raise UsageError(f"read_only cannot be {shortened(read_only)}; give a sentence that says why")
+        if not isinstance(read_only, bool):
+            raise UsageError(f"read_only cannot be {shortened(read_only)}; give True or False")
         checked_address(plugin, address)
         known = None if model is None else load_model(plugin.package, protocol, model)
         facts, chosen = resolve_options(plugin, known, options, for_all=self._overrides)
@@ -85,8 +82,9 @@ class Roster:
         operations: Operations = plugin.operations(address, chosen, known, *remembered)
         if read_only:
             if set_up:
-                raise UsageError(f"{name} cannot be set up: {read_only}")
-            operations = ReadOnly(partial(plugin.operations, address, chosen, known), read_only, plugin.intent)
+                raise UsageError(f"{name} cannot be set up, because it is read-only; leave read_only=True out")
+            reason = f"{name} is read-only; leave read_only=True out to write or command it"
+            operations = ReadOnly(partial(plugin.operations, address, chosen, known), reason, plugin.intent)
         if set_up:
             self._set_up[name] = (operations, dict(set_up))
 
@@ -94,7 +92,7 @@ class Roster:
             # As whoever said it meant it, whichever object for the drive is used first.
             return setting_up(*self._set_up.get(name, (operations, {})))
 
-        party = Party(
+        peer = Peer(
             name=name,
             codec=plugin.codec(chosen),
             facts=facts,
@@ -103,8 +101,8 @@ class Roster:
             set_up=again,
         )
         if set_up:
-            self.link.must_set_up(party)
-        return Member(party, operations, known)
+            self.link.must_set_up(peer)
+        return Member(peer, operations, known)
 
     def all_drives(self, protocol: str, model: str | Path | Model | None, options: Mapping[str, Any]) -> Member:
         """Return what stands for all drives of a protocol at once. Raises NotSupported where it has no broadcast."""
@@ -113,8 +111,8 @@ class Roster:
             raise NotSupported(f"{protocol} has no broadcast; command its drives one by one")
         known = None if model is None else load_model(plugin.package, protocol, model)
         facts, chosen = resolve_options(plugin, known, options, for_all=self._overrides)
-        party = Party(name=f"{plugin.name}:*", codec=plugin.codec(chosen), facts=facts, mismatch=plugin.mismatch)
-        return Member(party, plugin.operations(plugin.broadcast_address, chosen, known), known)
+        peer = Peer(name=f"{plugin.name}:*", codec=plugin.codec(chosen), facts=facts, mismatch=plugin.mismatch)
+        return Member(peer, plugin.operations(plugin.broadcast_address, chosen, known), known)
 
     def add(self, name: str) -> None:
         """Take note that there is an object for a drive."""
@@ -124,9 +122,9 @@ class Roster:
         """Return the drives that there were objects for, as PROTOCOL:ADDRESS."""
         return set(self._names)
 
-    def stopping(self, party: Party, exchange: Exchange[T]) -> Exchange[T]:
+    def stopping(self, peer: Peer, exchange: Exchange[T]) -> Exchange[T]:
         """Carry out an exchange that stops a drive, or all of a protocol, and forget what they were told before."""
-        self.commands.forget(party.name)
+        self.commands.forget(peer.name)
         return (yield from exchange)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -171,7 +171,9 @@ class Search:
 
     def _models_of(self, plugin: Protocol) -> Sequence[Model]:
         if plugin.name not in self._models:
-            self._models[plugin.name] = _readable_models(plugin.package, plugin.name, _files_of_the_user(plugin.name))
+            files = (path for folder in user_folders(plugin.name) for path in folder.glob("*.toml"))
+            known = tuple(sorted((str(path), path.stat().st_mtime_ns) for path in files))
+            self._models[plugin.name] = _readable_models(plugin.package, plugin.name, known)
         return self._models[plugin.name]
 
     def _widely(self, plain: Sequence[tuple[Protocol, int]], choices: LineChoices) -> list[Asking]:
@@ -194,12 +196,7 @@ class Search:
 
 def options_of(settings: LineSettings) -> dict[str, Any]:
     """Return line settings as `Bus.drive` and `open_bus` take them."""
-    return {
-        "baudrate": settings.baudrate,
-        "bytesize": settings.bytesize,
-        "parity": settings.parity,
-        "stopbits": settings.stopbits,
-    }
+    return asdict(settings)
 
 
 def scan_plan(only: Iterable[str] | None, addresses: Iterable[int] | None) -> list[tuple[Protocol, int]]:
@@ -227,12 +224,12 @@ def scanning(
     for asking in search:
         if progress is not None:
             progress(str(asking), search.done, search.total)
-        party, operations, _ = member_of(asking)
-        question = Question(Job(party, probe(asking, operations, party.facts.settings), insists=True))
+        peer, operations, _ = member_of(asking)
+        question = Question(Job(peer, probe(asking, operations, peer.facts.settings), insists=True))
         yield question
         found = search.heard(asking, question.found)
         if found is not None and found.sound:
-            question = Question(Job(party, identify(found, operations), insists=True))
+            question = Question(Job(peer, identify(found, operations), insists=True))
             yield question
             found = question.found
         if found is not None:
@@ -275,11 +272,6 @@ def _readable_models(package: str, protocol: str, _files: tuple[tuple[str, int],
             # A file of the user's that is no model must not keep drives from being found.
             continue
     return tuple(found)
-
-
-def _files_of_the_user(protocol: str) -> tuple[tuple[str, int], ...]:
-    files = (path for folder in user_folders(protocol) for path in folder.glob("*.toml"))
-    return tuple(sorted((str(path), path.stat().st_mtime_ns) for path in files))
 
 
 def _needs_eight_bits(plugin: Protocol, address: int) -> bool:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from drivecomm.bus.faces import Job
     from drivecomm.bus.roster import Member, Roster
     from drivecomm.bus.scanning import Asking, Found, Question, Search
-    from drivecomm.link import CommandCall, Health, Party, Port, Statistics, Steps
+    from drivecomm.link import CommandCall, Health, Peer, Port, Statistics, Steps
     from drivecomm.polling import PollItem
     from drivecomm.protocol import Model
 
@@ -56,39 +56,38 @@ class SharedBus(Generic[D, E]):
         *,
         model: str | Path | Model | None = None,
         set_up: Mapping[str, Any] | None = None,
-        read_only: str = "",
+        read_only: bool = False,
         **options: Any,
     ) -> D:
         """Return the drive at an address; nothing is sent.
 
         model: a model of the protocol's package by name, or a TOML file. set_up: parameters and the values that are
         written to it, without storing them, before anything else is sent, and again whenever it or the line was away;
-        such as its control watchdog. read_only: why this drive may not be written or commanded, as the sentence of the
-        UsageError that is raised then; it can be asked, and stopped. options: line facts of this drive (baudrate,
-        parity, reply_timeout_s, attempts, ...) and the protocol's own drive options. Raises UsageError for anything
-        that cannot be.
+        such as its control watchdog. read_only: this drive can be asked and stopped; what writes or commands raises
+        ReadOnlyError. options: line facts of this drive (baudrate, parity, reply_timeout_s, attempts, ...) and the
+        protocol's own drive options. Raises UsageError for anything that cannot be.
         """
         member = self._roster.member(protocol, address, model, set_up, options, read_only=read_only)
-        self._roster.add(member.party.name)
+        self._roster.add(member.peer.name)
         return self._drive(self, *member)
 
     def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> E:
         """Return all drives of a protocol at once; what is sent to them is never answered."""
         member = self._roster.all_drives(protocol, model, options)
-        return self._broadcast(self, member.party, member.operations)
+        return self._broadcast(self, member.peer, member.operations)
 
-    def command(self, party: Party) -> CommandCall:
+    def command(self, peer: Peer) -> CommandCall:
         """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that."""
-        return self._roster.commands.called(party.name)
+        return self._roster.commands.called(peer.name)
 
-    def watched(self, party: Party, silence_s: float | None) -> None:
+    def watched(self, peer: Peer, silence_s: float | None) -> None:
         """Take note how long a drive's watchdog waits; None when it is off, or not known."""
-        self._roster.commands.watch(party.name, silence_s)
-        self._roster.link.repeat_within(party, float("inf") if silence_s is None else silence_s)
+        self._roster.commands.watch(peer.name, silence_s)
+        self._roster.link.repeat_within(peer, float("inf") if silence_s is None else silence_s)
 
-    def storing(self, party: Party, parameter: str) -> None:
+    def storing(self, peer: Peer, parameter: str) -> None:
         """Count a write that may end in EEPROM. Raises UsageError for one too many within an hour."""
-        self._roster.stored_writes.count(party.name, parameter, self.now())
+        self._roster.stored_writes.count(peer.name, parameter, self.now())
 
     def now(self) -> float:
         """Return the time on the line's clock, in seconds; its beginning means nothing."""

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from drivecomm.bus.exchanges import Exchanges
 from drivecomm.bus.faces import Job, Verb
 from drivecomm.bus.priority_lock import Rank
+from drivecomm.bus.read_only import ReadOnly
+from drivecomm.errors import UsageError
 from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drivecomm.bus.shared_bus import SharedBus
-    from drivecomm.link import Party
+    from drivecomm.link import Peer
     from drivecomm.protocol import Capabilities, DriveStatus, Exchange, LineFacts, Model, Operations, Reading, Value
 
 T = TypeVar("T")
@@ -23,10 +25,10 @@ B = TypeVar("B", bound="SharedBus[Any, Any]")
 class _Verbs(Generic[B]):
     """What the verbs of one drive and those of all drives of a protocol need."""
 
-    def __init__(self, bus: B, party: Party, operations: Operations, model: Model | None = None) -> None:
+    def __init__(self, bus: B, peer: Peer, operations: Operations, model: Model | None = None) -> None:
         self._bus = bus
-        self._party = party
-        self._exchanges = Exchanges(party.name, operations, model)
+        self._peer = peer
+        self._exchanges = Exchanges(peer.name, operations, model)
 
     @property
     def bus(self) -> B:
@@ -34,9 +36,9 @@ class _Verbs(Generic[B]):
         return self._bus
 
     @property
-    def party(self) -> Party:
+    def peer(self) -> Peer:
         """What the link sees of it."""
-        return self._party
+        return self._peer
 
     @property
     def capabilities(self) -> Capabilities:
@@ -44,30 +46,46 @@ class _Verbs(Generic[B]):
         return self._exchanges.capabilities
 
     def _command(self, exchange: Exchange[T]) -> Job[T]:
-        return Job(self._party, exchange, Rank.COMMAND, self._bus.command(self._party))
+        return Job(self._peer, exchange, Rank.COMMAND, self._bus.command(self._peer))
 
     def _write(self, parameter: str, options: Mapping[str, Any], exchange: Exchange[T]) -> Job[T]:
         if stored := self._exchanges.stored_parameter(parameter, options):
-            self._bus.storing(self._party, stored)
+            self._bus.storing(self._peer, stored)
         return self._command(exchange)
 
 
 class DriveVerbs(_Verbs[B]):
     """The verbs of one addressed drive."""
 
-    def __init__(self, bus: B, party: Party, operations: Operations, model: Model | None) -> None:
-        super().__init__(bus, party, operations, model)
+    def __init__(self, bus: B, peer: Peer, operations: Operations, model: Model | None) -> None:
+        super().__init__(bus, peer, operations, model)
         self.model = model
 
     @property
     def name(self) -> str:
         """The drive as the command line names it, such as "vabus:1"."""
-        return self._party.name
+        return self._peer.name
 
     @property
     def facts(self) -> LineFacts:
         """Line settings and timing of this drive."""
-        return self._party.facts
+        return self._peer.facts
+
+    @property
+    def read_only_reason(self) -> str:
+        """The sentence with which what writes or commands is refused; empty for a drive that is not read-only.
+
+        It can be set, for those who know who made the drive read-only, such as a plant file.
+        """
+        operations = self._exchanges.operations
+        return operations.reason if isinstance(operations, ReadOnly) else ""
+
+    @read_only_reason.setter
+    def read_only_reason(self, reason: str) -> None:
+        operations = self._exchanges.operations
+        if not isinstance(operations, ReadOnly):
+            raise UsageError(f"{self.name} is not read-only; make it with read_only=True")
+        operations.reason = reason
 
     def watched(self, silence_s: float | None) -> None:
         """Say how long this drive's watchdog waits for its master, None when it is off; sends nothing.
@@ -76,7 +94,7 @@ class DriveVerbs(_Verbs[B]):
         long as that is not older than this: the drive has acted by itself then. `set_watchdog`, `read_watchdog` and
         `keep` call this.
         """
-        self._bus.watched(self._party, silence_s)
+        self._bus.watched(self._peer, silence_s)
 
     @Verb
     def read(self, /, parameter: str, **options: Any) -> Job[Reading]:
@@ -84,12 +102,12 @@ class DriveVerbs(_Verbs[B]):
 
         options: the protocol's own, such as type= (vabus, danfoss-fc) or dataset= (vabus).
         """
-        return Job(self._party, self._exchanges.to_read(parameter, options))
+        return Job(self._peer, self._exchanges.to_read(parameter, options))
 
     @Verb
     def polled(self, /, parameter: str, **options: Any) -> Job[Reading]:
         """Read a parameter when nobody else wants the line: everything else overtakes it."""
-        return Job(self._party, self._exchanges.to_read(parameter, options), Rank.POLL)
+        return Job(self._peer, self._exchanges.to_read(parameter, options), Rank.POLL)
 
     def check_read(self, parameter: str, **options: Any) -> None:
         """Raise UsageError for what `read` could never read on this drive; sends nothing."""
@@ -128,7 +146,7 @@ class DriveVerbs(_Verbs[B]):
         Where a drive's watchdog counts from its last command (Danfoss FC) and is known to be on (`watched`), the
         command that this bus has given is then repeated, if the status just read says that the drive obeys it still.
         """
-        return Job(self._party, self._exchanges.operations.status())
+        return Job(self._peer, self._exchanges.operations.status())
 
     @Verb
     def start(self, *, reverse: bool = False) -> Job[None]:
@@ -141,7 +159,7 @@ class DriveVerbs(_Verbs[B]):
     @Verb
     def stop(self, how: Stop = Stop.RAMP) -> Job[None]:
         """Stop the motor; overtakes all else on the line, and asks also a drive that has not answered."""
-        return Job(self._party, self._exchanges.to_stop(how), Rank.STOP)
+        return Job(self._peer, self._exchanges.to_stop(how), Rank.STOP)
 
     @Verb
     def reset(self) -> Job[None]:
@@ -196,12 +214,12 @@ class DriveVerbs(_Verbs[B]):
     @Verb
     def probe(self) -> Job[None]:
         """Ask once whether a drive is there, with something that cannot move a motor. Raises ReplyError if not."""
-        return Job(self._party, self._exchanges.operations.probe(), insists=True)
+        return Job(self._peer, self._exchanges.operations.probe(), insists=True)
 
     @Verb
     def identify(self) -> Job[Mapping[str, str]]:
         """Read what the drive tells of itself: name plate, software, address; empty when it tells nothing."""
-        return Job(self._party, self._exchanges.operations.identify())
+        return Job(self._peer, self._exchanges.operations.identify())
 
     @Verb
     def call(self, /, verb: str, **arguments: Any) -> Job[Any]:
@@ -226,7 +244,7 @@ class BroadcastVerbs(_Verbs[B]):
     @Verb
     def stop(self, how: Stop = Stop.RAMP) -> Job[None]:
         """Stop all motors; overtakes all else on the line, and returns when the telegram is sent."""
-        return Job(self._party, self._exchanges.to_stop(how), Rank.STOP)
+        return Job(self._peer, self._exchanges.to_stop(how), Rank.STOP)
 
 
 def _without_reply(exchange: Exchange[Reading | None]) -> Exchange[None]:

@@ -129,11 +129,10 @@ def _reading(parameters: _Parameters) -> Procedure[Setting]:
 def _setting(parameters: _Parameters, action: Value | None, time: Value | None) -> Procedure[Setting]:
     """Write what differs. A parameter whose value is None keeps what it holds."""
     now = yield from _reading(parameters)
-    held = {parameters.time.address: now.time_value}
-    wanted = {parameters.time.address: now.time_value if time is None else time}
-    if parameters.action is not None and now.action_value is not None:
-        held[parameters.action.address] = now.action_value
-        wanted[parameters.action.address] = now.action_value if action is None else action
+    held = parameters.by_address(now.action_value, now.time_value)
+    wanted = parameters.by_address(
+        now.action_value if action is None else action, now.time_value if time is None else time
+    )
     goes_off = parameters.is_off(wanted)
     # What switches the watchdog on comes last, and what switches it off first: a half-made setting never acts.
     order = sorted(wanted, key=lambda address: (address == parameters.switch) != goes_off)
@@ -147,9 +146,7 @@ def _setting(parameters: _Parameters, action: Value | None, time: Value | None) 
     if not written:
         return now
     after = yield from _reading(parameters)
-    found = {parameters.time.address: after.time_value}
-    if parameters.action is not None and after.action_value is not None:
-        found[parameters.action.address] = after.action_value
+    found = parameters.by_address(after.action_value, after.time_value)
     for address in written:
         if found[address] != wanted[address]:
             raise StateError(
@@ -205,20 +202,18 @@ class _Parameters:
 
     def setting(self, action: Value | None, time: Value, words: str) -> Setting:
         """Return what the values mean."""
+        policy = next((each for each in self._watchdog.actions if self._action_value(each) in (None, action)), None)
+        if self.is_off(self.by_address(action, time)):
+            policy = "hold"
+        seconds = None if policy == "hold" else converted(Decimal(time), self.time.unit or "s", "s")
+        return Setting(policy=policy, time_s=seconds, action=words, action_value=action, time_value=time)
+
+    def by_address(self, action: Value | None, time: Value) -> dict[str, Value]:
+        """Return these values by the addresses of their parameters."""
         values = {self.time.address: time}
         if self.action is not None and action is not None:
             values[self.action.address] = action
-        policy = next((each for each in self._watchdog.actions if self._action_value(each) in (None, action)), None)
-        if self.is_off(values):
-            return Setting(policy="hold", time_s=None, action=words, action_value=action, time_value=time)
-        seconds = converted(Decimal(time), self.time.unit or "s", "s")
-        return Setting(
-            policy=policy,
-            time_s=None if policy == "hold" else seconds,
-            action=words,
-            action_value=action,
-            time_value=time,
-        )
+        return values
 
     def _action_value(self, policy: LinkLoss) -> Value | None:
         if self.action is None or policy not in self._watchdog.actions:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,7 +71,7 @@ def placed(text: str, asked: LineOptions) -> tuple[Plant, DriveConfig, dict[str,
     if asked.arm and not reason:
         raise UsageError(f"{drive.name} is armed in {known.file}, so --arm has no effect; leave it out")
     if reason and not asked.arm:
-        drive = drive.with_options(read_only=f"{reason}, or give --arm for this once")
+        drive = replace(drive, read_only_reason=f"{reason}, or give --arm for this once")
     return known, drive, parse_options(settings)
 
 

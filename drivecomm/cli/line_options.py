@@ -153,7 +153,7 @@ class LineOptions:
     def drive_at(self, name: DriveConfig, model: str | None = None) -> Iterator[Drive]:
         """Yield a drive of this line, as `drive` does."""
         with self.bus() as bus, naming(name):
-            yield bus.drive(name.protocol, name.address, **{**name.options, **({"model": model} if model else {})})
+            yield name.with_options(**({"model": model} if model else {})).build(bus.drive)
 
     @contextmanager
     def opened(self) -> Iterator[Port]:

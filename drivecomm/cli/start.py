@@ -52,9 +52,9 @@ def start(
     """
     said = line.link_loss_of(drive)
     with line.drive(drive, model) as (one, name):
-        if reason := name.options.get("read_only"):
+        if name.read_only_reason:
             # Said before its watchdog is looked at.
-            raise UsageError(reason)
+            raise UsageError(name.read_only_reason)
         policy = _chosen_policy(one, link_loss or (said.policy if said else None))
         # What the plant says of a watchdog belongs to the policy that it says.
         usual_s = f"{said.watchdog_s:g}" if said and policy == said.policy else "5"

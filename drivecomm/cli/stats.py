@@ -90,16 +90,16 @@ def _scanned(line: LineOptions) -> list[DriveConfig]:
 def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
     from drivecomm.bus import Job  # noqa: PLC0415 - only who asks needs it
 
-    asking = [(drive.party, drive.party.probe) for drive in drives if drive.party.probe is not None]
+    asking = [(drive.peer, drive.peer.probe) for drive in drives if drive.peer.probe is not None]
     while bus.now() < until:
         idle = True
-        for party, probe in asking:
+        for peer, probe in asking:
             began = bus.now()
             if began >= until:
                 return
             try:
                 # Not Drive.probe, which insists: a drive that does not answer is given up, as in any program.
-                bus.run(Job(party, probe()))
+                bus.run(Job(peer, probe()))
             except (NotAnsweringError, ReplyError, DriveError):
                 idle = idle and bus.now() - began < _IDLE_S
             else:

@@ -54,7 +54,7 @@ def forecast_scan(
         key = (asking.protocol, asking.settings)
         if key not in known:
             member = roster.member(asking.protocol, asking.address, None, None, {**asking.options, **given})
-            known[key] = (member.party.facts.settings, _silence_s(member, asking, guard_s))
+            known[key] = (member.peer.facts.settings, _silence_s(member, asking, guard_s))
         settings, silence_s = known[key]
         seconds += silence_s + (guard_s if before not in (None, settings) else 0.0)
         questions += 1
@@ -69,8 +69,8 @@ def _silence_s(member: Member, asking: Asking, guard_s: float) -> float:
     ends = []
     now = 0.0
     for _ in range(2):
-        exchange = probe(asking, member.operations, member.party.facts.settings)
-        now = _unanswered(link.insist(member.party, exchange, now), now)
+        exchange = probe(asking, member.operations, member.peer.facts.settings)
+        now = _unanswered(link.insist(member.peer, exchange, now), now)
         ends.append(now)
     return ends[1] - ends[0]
 

@@ -1,30 +1,29 @@
-from .backoff import (
-    REOPEN_FIRST_S as REOPEN_FIRST_S,
-    REOPEN_LONGEST_S as REOPEN_LONGEST_S,
-    Backoff as Backoff,
-)
 from .command_order import CommandCall as CommandCall, Commands as Commands
 from .echo import Echo as Echo, EchoFilter as EchoFilter
-from .effects import (
-    Arrival as Arrival,
-    Configure as Configure,
-    Effect as Effect,
-    Receive as Receive,
-    Send as Send,
-    Steps as Steps,
-    Wait as Wait,
-)
 from .health import (
     FIRST_PAUSE_S as FIRST_PAUSE_S,
     LONGEST_PAUSE_S as LONGEST_PAUSE_S,
     PROBING_SHARE as PROBING_SHARE,
+    REOPEN_FIRST_S as REOPEN_FIRST_S,
+    REOPEN_LONGEST_S as REOPEN_LONGEST_S,
+    Backoff as Backoff,
     Health as Health,
     ProbingTime as ProbingTime,
     UsualDelays as UsualDelays,
 )
 from .link import Link as Link
-from .party import Party as Party, TraceEvent as TraceEvent
-from .port import Port as Port, PortProxy as PortProxy
+from .peer import Peer as Peer, TraceEvent as TraceEvent
+from .port import (
+    Arrival as Arrival,
+    Configure as Configure,
+    Effect as Effect,
+    Port as Port,
+    PortProxy as PortProxy,
+    Receive as Receive,
+    Send as Send,
+    Steps as Steps,
+    Wait as Wait,
+)
 from .statistics import (
     COUNTERS as COUNTERS,
     REPLY_TIME_BOUNDS_MS as REPLY_TIME_BOUNDS_MS,

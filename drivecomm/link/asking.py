@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
-from drivecomm.errors import CommandCancelledError, DamagedReplyError, OvertakenError, ReplyError
+from drivecomm.errors import (
+    CommandCancelledError,
+    CommandTooOldError,
+    DamagedReplyError,
+    DeadlineError,
+    OvertakenError,
+    ReplyError,
+)
+from drivecomm.link.port import Steps, Wait
 from drivecomm.link.reception import await_reply
 from drivecomm.protocol import Ask, Pause
 
 if TYPE_CHECKING:
-    from drivecomm.link.call import Call
-    from drivecomm.link.effects import Steps
+    from collections.abc import Callable
+
+    from drivecomm.link.command_order import CommandCall
+    from drivecomm.link.line_state import LineState
+    from drivecomm.link.peer import Peer, PeerState
+    from drivecomm.link.port import Steps
     from drivecomm.protocol import Exchange, Message, Tell
 
 T = TypeVar("T")
@@ -24,11 +37,11 @@ def carry_out(call: Call, exchange: Exchange[T]) -> Steps[T]:
     One that is cut off leaves the line unclean, and whoever is next begins with draining it.
     """
     line = call.line
-    if line.settings != call.party.facts.settings:
-        yield from line.settle(call.party)
+    if line.settings != call.peer.facts.settings:
+        yield from line.settle(call.peer)
     if line.unclean:
         line.heard_at = line.now
-        yield from line.drain(call.party, call.partner)
+        yield from line.drain(call.peer, call.partner)
     line.unclean = True
     reply: Message | None = None
     error: ReplyError | None = None
@@ -62,16 +75,16 @@ def carry_out(call: Call, exchange: Exchange[T]) -> Steps[T]:
 
 def _tell(call: Call, tell: Tell) -> Steps[None]:
     call.check_cancelled()
-    line, party = call.line, call.party
-    yield from line.send(party, call.partner, party.codec.encode(tell.message), tell.message)
-    pause = party.facts.broadcast_pause_s if tell.pause_s is None else tell.pause_s
+    line, peer = call.line, call.peer
+    yield from line.send(peer, call.partner, peer.codec.encode(tell.message), tell.message)
+    pause = peer.facts.broadcast_pause_s if tell.pause_s is None else tell.pause_s
     line.free_at = line.sent_at + pause
 
 
 def _ask(call: Call, ask: Ask) -> Steps[Message]:
-    line, party, partner = call.line, call.party, call.partner
-    timing = party.facts.timing
-    data = party.codec.encode(ask.message)
+    line, peer, partner = call.line, call.peer, call.partner
+    timing = peer.facts.timing
+    data = peer.codec.encode(ask.message)
     attempts = ask.attempts or timing.attempts
     if partner.unanswered and (partner.unanswered != data or partner.surplus):
         yield from _outwait_late_reply(call, ask, data)
@@ -89,7 +102,7 @@ def _ask(call: Call, ask: Ask) -> Steps[Message]:
         partner.asked_at = line.now
         partner.count["requests" if attempt == 1 else "retries"] += 1
         try:
-            yield from line.send(party, partner, data, ask.message)
+            yield from line.send(peer, partner, data, ask.message)
             message = yield from await_reply(call, ask, data)
         except ReplyError as error:
             partner.count["damaged" if isinstance(error, DamagedReplyError) else "timeouts"] += 1
@@ -97,7 +110,7 @@ def _ask(call: Call, ask: Ask) -> Steps[Message]:
                 # Where nothing came at all there is nothing to let finish.
                 if call.listen_until is not None:
                     line.probed = partner
-                yield from line.drain(party, partner)
+                yield from line.drain(peer, partner)
             _expect_late_reply(call, ask, data)
             if attempt == attempts or line.now >= call.deadline or isinstance(error, OvertakenError):
                 raise type(error)(f"{error}{_times(attempt)}{_OPEN if ask.acts else ''}") from None
@@ -121,7 +134,7 @@ def _expect_late_reply(call: Call, ask: Ask, data: bytes) -> None:
     """Keep in mind that a reply which does not name its request may still come."""
     if ask.nameless:
         partner = call.partner
-        partner.late_until, partner.unanswered = call.line.now + call.party.facts.timing.late_s, data
+        partner.late_until, partner.unanswered = call.line.now + call.peer.facts.timing.late_s, data
         partner.surplus = False
 
 
@@ -129,11 +142,68 @@ def _outwait_late_reply(call: Call, ask: Ask, data: bytes) -> Steps[None]:
     """Do not ask for something else while a reply that does not name its request may still come."""
     line, partner = call.line, call.partner
     if ask.urgent and line.now < partner.late_until:
-        yield from line.send(call.party, partner, data, ask.message)
+        yield from line.send(call.peer, partner, data, ask.message)
     yield from call.stay(partner.late_until)
-    yield from line.drain(call.party, partner)
+    yield from line.drain(call.peer, partner)
     partner.unanswered, partner.surplus = b"", False
 
 
 def _times(attempts: int) -> str:
     return "" if attempts == 1 else f" (asked {attempts} times)"
+
+
+@dataclass(slots=True)
+class Call:
+    """One call. peer: the drive; partner: what is remembered of it.
+
+    paced: whether characters take their time on this port. stop_waits: tells whether a stop waits for the line.
+    deadline: when the call's time is over. gives_way: whether this call is overtaken by a stop. command: whose command
+    it is, None where it is none that a stop cancels. listen_until: when a probe listens no longer, None for the whole
+    reply time.
+    """
+
+    line: LineState
+    peer: Peer
+    partner: PeerState
+    paced: bool
+    stop_waits: Callable[[], bool]
+    deadline: float
+    gives_way: bool
+    command: CommandCall | None
+    listen_until: float | None = None
+
+    def stay(self, until: float) -> Steps[None]:
+        """Let time pass, unless a stop waits for the line, at most until the call's time is over."""
+        line, until = self.line, min(until, self.deadline)
+        while line.now < until:
+            self.check_overtaken()
+            line.now = (yield Wait(until, self.gives_way)).time
+        self.check_deadline()
+
+    def check_deadline(self) -> None:
+        """Raise DeadlineError when the call's time is over."""
+        if self.line.now >= self.deadline:
+            raise DeadlineError(f"{self.peer.name}: the call's time ({self.peer.facts.timing.deadline_s:g} s) is over")
+
+    def check_overtaken(self) -> None:
+        """Raise OvertakenError when a stop waits for the line."""
+        if self.gives_way and self.stop_waits():
+            raise OvertakenError(f"{self.peer.name} was not asked, because a stop went first")
+
+    def check_cancelled(self) -> None:
+        """Raise CommandCancelledError for a command that a stop was called after."""
+        if self.command is not None and self.command.cancelled:
+            raise CommandCancelledError(
+                f"{self.peer.name} was not sent the command, because a stop was called after it; start it again if it "
+                "shall run"
+            )
+
+    def check_age(self, ask: Ask) -> None:
+        """Make sure that what is repeated still holds: the drive's own watchdog may have acted meanwhile."""
+        silent_s = self.line.now - self.partner.commanded_at
+        if ask.command == "repeated" and silent_s > self.partner.watchdog_s:
+            self.line.away(self.peer.name)
+            raise CommandTooOldError(
+                f"{self.peer.name} was last commanded {silent_s:.1f} s ago, longer than its watchdog waits; what it "
+                "was commanded is not repeated, so start it again if it shall run"
+            )

@@ -8,9 +8,8 @@ small for all of them, the pause grows beyond its usual limit.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
-
-from drivecomm.link.backoff import Backoff
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -123,3 +122,29 @@ class UsualDelays:
         if usual is None:
             return DEFAULT_EAR_S
         return min(1.05 * usual + 0.0003, LONGEST_EAR_S)
+
+
+REOPEN_FIRST_S = 0.5
+REOPEN_LONGEST_S = 2.0
+"""The pauses between attempts to open a port that was lost: the first, and the longest."""
+
+
+@dataclass(slots=True)
+class Backoff:
+    """Doubles with each failure, from the first up to the longest; a success sets it back."""
+
+    first_s: float
+    longest_s: float
+    over_at: float = float("-inf")
+    """When the next attempt may be made."""
+    _pause_s: float = 0.0
+
+    def failed(self, now: float, least_s: float = 0.0) -> None:
+        """Begin the next pause; it lasts at least so long, also where that is longer than the longest."""
+        self._pause_s = min(2 * self._pause_s or self.first_s, self.longest_s)
+        self.over_at = now + max(self._pause_s, least_s)
+
+    def succeeded(self) -> None:
+        """Have no pause any more."""
+        self._pause_s = 0.0
+        self.over_at = float("-inf")

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.link.echo import Echo, EchoFilter
-from drivecomm.link.effects import Configure, Receive, Send, Steps, Wait
 from drivecomm.link.health import LONGEST_PAUSE_S, UsualDelays
-from drivecomm.link.party import TraceEvent
+from drivecomm.link.peer import TraceEvent
+from drivecomm.link.port import Configure, Receive, Send, Steps, Wait
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.link.party import Party, PartyState, What
+    from drivecomm.link.peer import Peer, PeerState, What
     from drivecomm.protocol import LineSettings, Message
 
 
@@ -42,7 +42,7 @@ class LineState:
         self.heard_at = float("-inf")
         self.unclean = False
         self.delays = UsualDelays()
-        self.probed: PartyState | None = None
+        self.probed: PeerState | None = None
         self._guard_s = guard_s
         self._patient_at = float("-inf")
 
@@ -51,86 +51,82 @@ class LineState:
         self.settings = None
         self.unclean = False
 
-    def note(
-        self, party: Party, what: What, data: bytes = b"", message: Message | None = None, detail: str = ""
-    ) -> None:
+    def note(self, peer: Peer, what: What, data: bytes = b"", message: Message | None = None, detail: str = "") -> None:
         """Tell the trace function, if there is one."""
         if self.trace is not None:
-            self.trace(
-                TraceEvent(time=self.now, what=what, drive=party.name, data=data, message=message, detail=detail)
-            )
+            self.trace(TraceEvent(time=self.now, what=what, drive=peer.name, data=data, message=message, detail=detail))
 
-    def send(self, party: Party, partner: PartyState, data: bytes, message: Message) -> Steps[None]:
+    def send(self, peer: Peer, partner: PeerState, data: bytes, message: Message) -> Steps[None]:
         """Send a telegram as soon as the line is free and quiet."""
-        facts = party.facts
+        facts = peer.facts
         if self.settings != facts.settings:
-            yield from self.settle(party)
+            yield from self.settle(peer)
         if self.now < self.free_at:
             self.now = (yield Wait(self.free_at)).time
         self.now, came, _ = yield Receive(self.now)
         if came and self.echo.looking:
             # Of what was told, and not answered.
-            came = self.without_echo(party, partner, came)
+            came = self.without_echo(peer, partner, came)
         if came:
             # Something speaks out of turn (a repeated or late reply): let it finish before we add to it.
             self.heard_at = self.now
-            self._unasked(party, partner, came, "unasked")
-            yield from self.drain(party, partner)
+            self._unasked(peer, partner, came, "unasked")
+            yield from self.drain(peer, partner)
         # Whatever comes of it, nobody may speak, or change the line settings, before it is on the wire.
         self.free_at = self.sent_at = self.now + facts.settings.wire_s(len(data))
         self.now = (yield Send(data)).time
         if self.echo.looking:
             self.echo.sent(data)
         if self.trace is not None:
-            self.note(party, "sent", data, message)
+            self.note(peer, "sent", data, message)
 
-    def settle(self, party: Party) -> Steps[None]:
+    def settle(self, peer: Peer) -> Steps[None]:
         """Bring the port to the drive's line settings."""
         if self.now < self.free_at:
             self.now = (yield Wait(self.free_at)).time
         # Whoever is interrupted in the middle of this no longer knows how the port stands.
         before, self.settings = self.settings, None
-        arrival = yield Configure(party.facts.settings)
+        arrival = yield Configure(peer.facts.settings)
         self.now = arrival.time
         if arrival.note:
-            self.note(party, "note", detail=arrival.note)
+            self.note(peer, "note", detail=arrival.note)
         if before is not None:
             self.free_at = max(self.free_at, self.now + self._guard_s)
-        self.settings = party.facts.settings
+        self.settings = peer.facts.settings
 
-    def drain(self, party: Party, partner: PartyState) -> Steps[None]:
+    def drain(self, peer: Peer, partner: PeerState) -> Steps[None]:
         """Read until the line has been quiet for the drive's gap, at most for one reply time."""
-        gap = party.gap_s
-        limit = self.now + max(party.facts.timing.reply_timeout_s, gap)
+        gap = peer.gap_s
+        limit = self.now + max(peer.facts.timing.reply_timeout_s, gap)
         while (quiet_at := min(limit, self.heard_at + gap)) > self.now:
             self.now, came, _ = yield Receive(quiet_at)
             if came:
                 self.heard_at = self.now
                 partner.count["drained bytes"] += len(came)
-                self.note(party, "noise", came, detail="drained")
+                self.note(peer, "noise", came, detail="drained")
                 self.heard_out_of_turn()
 
-    def early(self, party: Party, partner: PartyState, came: bytes, *, is_echo: bool) -> bool:
+    def early(self, peer: Peer, partner: PeerState, came: bytes, *, is_echo: bool) -> bool:
         """Drop what came while the request was on its way; return whether that is the request itself, unexpected."""
         if self.echo.looking:
-            rest = self.without_echo(party, partner, came)
+            rest = self.without_echo(peer, partner, came)
             self.echo.excused = max(0, self.echo.excused - len(came))
             if not rest:
                 return False
             came = rest
         if is_echo:
             partner.count["echo bytes"] += len(came)
-            self.note(party, "echo", came)
+            self.note(peer, "echo", came)
             return True
-        self._unasked(party, partner, came, "came before the request was out")
+        self._unasked(peer, partner, came, "came before the request was out")
         return False
 
-    def without_echo(self, party: Party, partner: PartyState, came: bytes) -> bytes:
+    def without_echo(self, peer: Peer, partner: PeerState, came: bytes) -> bytes:
         """Return what came beside the echo. Nothing came: what was held back was the beginning of one."""
         echo, rest = self.echo.take(came) if came else (self.echo.give_up(), b"")
         if echo:
             partner.count["echo bytes"] += len(echo)
-            self.note(party, "echo", echo)
+            self.note(peer, "echo", echo)
         return rest
 
     def heard_out_of_turn(self) -> None:
@@ -141,9 +137,9 @@ class LineState:
             self._patient_at = self.now + LONGEST_PAUSE_S
         self.probed = None
 
-    def _unasked(self, party: Party, partner: PartyState, came: bytes, detail: str) -> None:
+    def _unasked(self, peer: Peer, partner: PeerState, came: bytes, detail: str) -> None:
         partner.count["unasked bytes"] += len(came)
-        self.note(party, "noise", came, detail=detail)
+        self.note(peer, "noise", came, detail=detail)
         self.heard_out_of_turn()
 
 

@@ -9,11 +9,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeVar
 
 from drivecomm.errors import NoReplyError, NotAnsweringError, ReplyError
-from drivecomm.link.asking import carry_out
-from drivecomm.link.call import Call
+from drivecomm.link.asking import Call, carry_out
 from drivecomm.link.health import PROBE_S, Health, ProbingTime
 from drivecomm.link.line_state import LineState
-from drivecomm.link.party import Party, PartyState, TraceEvent
+from drivecomm.link.peer import Peer, PeerState, TraceEvent
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 
     from drivecomm.link.command_order import CommandCall
     from drivecomm.link.echo import Echo
-    from drivecomm.link.effects import Steps
+    from drivecomm.link.port import Steps
     from drivecomm.link.statistics import Statistics
     from drivecomm.protocol import Exchange
 
@@ -50,7 +49,7 @@ class Link:
         self._line = LineState(trace, away, echo, guard_s)
         self._probe_took_s = PROBE_S
         # Threads that make drives add to it at any time: whoever goes through it takes a copy, which is one step.
-        self._partners: dict[str, PartyState] = {}
+        self._partners: dict[str, PeerState] = {}
 
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
@@ -74,17 +73,17 @@ class Link:
             partner.health.away = True
             self._line.away(name)
 
-    def must_set_up(self, party: Party) -> None:
+    def must_set_up(self, peer: Peer) -> None:
         """Let this drive be set up before its next exchange."""
-        self._partner(party).health.away = True
+        self._partner(peer).health.away = True
 
-    def repeat_within(self, party: Party, watchdog_s: float) -> None:
+    def repeat_within(self, peer: Peer, watchdog_s: float) -> None:
         """Repeat no command to this drive that it was last sent, or last sent again, longer ago than this."""
-        self._partner(party).watchdog_s = watchdog_s
+        self._partner(peer).watchdog_s = watchdog_s
 
     def run(
         self,
-        party: Party,
+        peer: Peer,
         exchange: Exchange[T],
         now: float,
         *,
@@ -100,13 +99,13 @@ class Link:
         An exchange that is cut off in the middle (by closing this generator) leaves the line unclean: the next one
         begins with draining it.
         """
-        call = self._call(party, now, deadline, True, command)
+        call = self._call(peer, now, deadline, True, command)
         health = call.partner.health
-        if party.probe is not None and health.given_up:
-            yield from self._probe(call, party.probe)
+        if peer.probe is not None and health.given_up:
+            yield from self._probe(call, peer.probe)
         try:
-            if health.away and party.set_up is not None:
-                yield from carry_out(call, party.set_up())
+            if health.away and peer.set_up is not None:
+                yield from carry_out(call, peer.set_up())
                 health.away = False
             return (yield from carry_out(call, exchange))
         except NoReplyError:
@@ -114,40 +113,40 @@ class Link:
             raise
 
     def insist(
-        self, party: Party, exchange: Exchange[T], now: float, *, deadline: float = float("inf"), gives_way: bool = True
+        self, peer: Peer, exchange: Exchange[T], now: float, *, deadline: float = float("inf"), gives_way: bool = True
     ) -> Steps[T]:
         """Carry out an exchange whatever is known of the drive: for asking whether it is there."""
-        call = self._call(party, now, deadline, gives_way)
+        call = self._call(peer, now, deadline, gives_way)
         try:
             return (yield from carry_out(call, exchange))
         except NoReplyError:
             self._fell_silent(call, now)
             raise
 
-    def stop(self, party: Party, exchange: Exchange[T], now: float, *, deadline: float = float("inf")) -> Steps[T]:
+    def stop(self, peer: Peer, exchange: Exchange[T], now: float, *, deadline: float = float("inf")) -> Steps[T]:
         """Carry out an exchange that stops a motor, whatever is known of the drive; it gives way to nothing."""
-        return self.insist(party, exchange, now, deadline=deadline, gives_way=False)
+        return self.insist(peer, exchange, now, deadline=deadline, gives_way=False)
 
     def _call(
-        self, party: Party, now: float, deadline: float, gives_way: bool, command: CommandCall | None = None
+        self, peer: Peer, now: float, deadline: float, gives_way: bool, command: CommandCall | None = None
     ) -> Call:
         self._line.now = now
-        return Call(self._line, party, self._partner(party), self.paced, self.stop_waits, deadline, gives_way, command)
+        return Call(self._line, peer, self._partner(peer), self.paced, self.stop_waits, deadline, gives_way, command)
 
     def _fell_silent(self, call: Call, began: float) -> None:
-        line, party = self._line, call.party
+        line, peer = self._line, call.peer
         if call.partner.health.fell_silent(began, line.now, self._probing_time().least_pause_s(self._probe_took_s)):
-            line.note(party, "note", detail="does not answer; it is asked again now and then")
-            line.away(party.name)
+            line.note(peer, "note", detail="does not answer; it is asked again now and then")
+            line.away(peer.name)
 
     def _probing_time(self) -> ProbingTime:
         return ProbingTime(each.health for each in self._partners.copy().values())
 
     def _probe(self, call: Call, probe: Callable[[], Exchange[None]]) -> Steps[None]:
         """Ask a drive that has been given up, or refuse until it is time for that."""
-        line, party, partner = self._line, call.party, call.partner
+        line, peer, partner = self._line, call.peer, call.partner
         health, began = partner.health, line.now
-        silent = f"{party.name} has not answered for {began - health.silent_since:.1f} s"
+        silent = f"{peer.name} has not answered for {began - health.silent_since:.1f} s"
         if began < health.probe_at:
             raise NotAnsweringError(f"{silent}; it is asked again in {health.probe_at - began:.1f} s")
         time = self._probing_time()
@@ -171,13 +170,13 @@ class Link:
         finally:
             call.listen_until = None
 
-    def _partner(self, party: Party) -> PartyState:
-        partner = self._partners.get(party.name)
+    def _partner(self, peer: Peer) -> PeerState:
+        partner = self._partners.get(peer.name)
         if partner is None:
-            partner = self._partners.setdefault(party.name, PartyState(party.facts.settings))
-        elif partner.settings is not party.facts.settings and partner.settings != party.facts.settings:
+            partner = self._partners.setdefault(peer.name, PeerState(peer.facts.settings))
+        elif partner.settings is not peer.facts.settings and partner.settings != peer.facts.settings:
             # Silence at other line settings says nothing about these.
-            away, partner.settings, partner.health = partner.health.away, party.facts.settings, Health()
+            away, partner.settings, partner.health = partner.health.away, peer.facts.settings, Health()
             partner.health.away = away
         return partner
 

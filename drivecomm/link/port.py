@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Generator
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias, TypeVar
 
 if TYPE_CHECKING:
     from drivecomm.protocol import LineSettings
+
+T = TypeVar("T")
 
 
 class Port(Protocol):
@@ -14,53 +17,41 @@ class Port(Protocol):
     @property
     def paced(self) -> bool:
         """Whether characters take their time on it, as on a real line; False for a network or a pseudo-terminal."""
-        ...
 
     @property
     def real_time(self) -> bool:
         """Whether its clock is that of the world; on a virtual line waiting takes no time at all."""
-        ...
 
     @property
     def descriptor(self) -> int | None:
         """What becomes readable when bytes have come, for an event loop; None where there is no such thing."""
-        ...
 
     def now(self) -> float:
         """Return the time on the clock that `until` arguments refer to, in seconds."""
-        ...
 
     def wall_time(self) -> float:
         """Return the time for people: seconds since 1970, on a virtual line since its start."""
-        ...
 
     def configure(self, settings: LineSettings) -> str:
         """Set the line settings; return a note when this port cannot carry all of them, otherwise nothing."""
-        ...
 
     def write(self, data: bytes) -> None:
         """Hand over bytes for sending; returns before they are on the line."""
-        ...
 
     def read(self, until: float, at_least: int) -> bytes:
         """Return all bytes that are there as soon as there are this many, at `until` with what there is."""
-        ...
 
     def take(self) -> bytes:
         """Return what is there now."""
-        ...
 
     def hold_back(self, at_least: int) -> None:
         """Let `descriptor` become readable for no fewer bytes than this, where the system can."""
-        ...
 
     def wait(self, until: float) -> None:
         """Let time pass."""
-        ...
 
     def close(self) -> None:
         """Give the port back."""
-        ...
 
 
 class PortProxy:
@@ -107,3 +98,47 @@ class PortProxy:
     def close(self) -> None:
         """Give the port back."""
         self._port.close()
+
+
+class Configure(NamedTuple):
+    """Set the port to these line settings."""
+
+    settings: LineSettings
+
+
+class Send(NamedTuple):
+    """Write these bytes."""
+
+    data: bytes
+
+
+class Receive(NamedTuple):
+    """Wait for bytes until this time; return early only with at least this many.
+
+    gives_way: return early, too, when a stop waits for the line.
+    """
+
+    until: float
+    at_least: int = 1
+    gives_way: bool = False
+
+
+class Wait(NamedTuple):
+    """Let time pass until then. gives_way: return early when a stop waits for the line."""
+
+    until: float
+    gives_way: bool = False
+
+
+Effect: TypeAlias = Configure | Send | Receive | Wait
+
+
+class Arrival(NamedTuple):
+    """The time, the bytes that came (for Receive), and what the port says of its settings (for Configure)."""
+
+    time: float
+    data: bytes = b""
+    note: str = ""
+
+
+Steps: TypeAlias = Generator[Effect, Arrival, T]

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import DamagedReplyError, DeadlineError, NoReplyError, OvertakenError
 from drivecomm.link.echo import in_place_of_echo
-from drivecomm.link.effects import Receive, Steps
+from drivecomm.link.port import Receive, Steps
 from drivecomm.protocol import Damaged, Framed, Framer, Noise
 
 if TYPE_CHECKING:
-    from drivecomm.link.call import Call
+    from drivecomm.link.asking import Call
     from drivecomm.protocol import Ask, Message
 
 # The longest one that exists has 257 bytes (Danfoss FC with LGE 255); a line that never falls silent is not waited for.
@@ -21,12 +21,12 @@ _IN_PLACE_OF_ECHO = "what came may be a disturbed echo; if this adapter has none
 
 def await_reply(call: Call, ask: Ask, data: bytes) -> Steps[Message]:
     """Return the reply to a request that was just sent as these bytes. Raises ReplyError."""
-    line, party, partner = call.line, call.party, call.partner
-    settings, timing, gap_s, echo = party.facts.settings, party.facts.timing, party.gap_s, line.echo
+    line, peer, partner = call.line, call.peer, call.partner
+    settings, timing, gap_s, echo = peer.facts.settings, peer.facts.timing, peer.gap_s, line.echo
     timeout = timing.reply_timeout_s if ask.reply_timeout_s is None else ask.reply_timeout_s
     sent_at = line.sent_at
     if call.listen_until is not None:
-        timeout = min(timeout, max(line.delays.least_ear_s(party.protocol), call.listen_until - sent_at))
+        timeout = min(timeout, max(line.delays.least_ear_s(peer.protocol), call.listen_until - sent_at))
     limit = deadline = sent_at + settings.character_s + timeout
     if limit > call.deadline:
         limit = deadline = max(call.deadline, sent_at)
@@ -34,7 +34,7 @@ def await_reply(call: Call, ask: Ask, data: bytes) -> Steps[Message]:
     latest = limit + settings.wire_s(_LONGEST_TELEGRAM) + gap_s
     # A reply's first character cannot be over before this.
     earliest = sent_at + settings.character_s / 2 if call.paced else 0.0
-    framer = Framer(party.codec, "reply")
+    framer = Framer(peer.codec, "reply")
     damage, stray, early, first = "", "", b"", b""
     taken = 0
     in_haste, gives_way = False, call.gives_way
@@ -43,7 +43,7 @@ def await_reply(call: Call, ask: Ask, data: bytes) -> Steps[Message]:
         if gives_way and call.stop_waits():
             # Whoever has begun to answer is heard to the end; others have no longer than their like need to begin.
             in_haste, gives_way = True, False
-            limit = min(limit, max(line.now, sent_at + line.delays.least_ear_s(party.protocol)))
+            limit = min(limit, max(line.now, sent_at + line.delays.least_ear_s(peer.protocol)))
             if not framer.begun:
                 deadline = min(deadline, limit)
         if not came and line.now < deadline:
@@ -53,11 +53,11 @@ def await_reply(call: Call, ask: Ask, data: bytes) -> Steps[Message]:
             if line.now < earliest:
                 # While the request is still on its way nothing can answer it: an echo, or a late reply.
                 early += came
-                stray = _ECHO if line.early(party, partner, came, is_echo=data.startswith(early)) else ""
+                stray = _ECHO if line.early(peer, partner, came, is_echo=data.startswith(early)) else ""
                 continue
         quiet = not came
         if echo.looking:
-            came = line.without_echo(party, partner, came)
+            came = line.without_echo(peer, partner, came)
             quiet = quiet and not came
         elif len(first) < len(data):
             first += came
@@ -67,7 +67,7 @@ def await_reply(call: Call, ask: Ask, data: bytes) -> Steps[Message]:
             if isinstance(find, Framed):
                 in_place = in_place_of_echo(find.data, place, echo.excused)
                 is_echo = in_place or find.data == data
-                reason = "echo" if is_echo else party.mismatch(ask.message, find.message)
+                reason = "echo" if is_echo else peer.mismatch(ask.message, find.message)
                 if not reason:
                     _answered(call, find, alone=not place)
                     return find.message
@@ -90,32 +90,32 @@ def await_reply(call: Call, ask: Ask, data: bytes) -> Steps[Message]:
     if first.startswith(data):
         damage, stray = "", _ECHO
     if damage and not in_haste:
-        raise DamagedReplyError(f"{party.name} answered with a damaged telegram ({damage})")
+        raise DamagedReplyError(f"{peer.name} answered with a damaged telegram ({damage})")
     why = f": {stray}" if stray else ""
     if in_haste:
-        raise OvertakenError(f"{party.name} was not waited for any longer, because a stop went first{why}")
+        raise OvertakenError(f"{peer.name} was not waited for any longer, because a stop went first{why}")
     if not timeout:
         raise DeadlineError(
-            f"{party.name} did not answer before the call's time ({timing.deadline_s:g} s) was over{why}"
+            f"{peer.name} did not answer before the call's time ({timing.deadline_s:g} s) was over{why}"
         )
-    raise NoReplyError(f"{party.name} did not answer within {timeout * 1000:.0f} ms{why}")
+    raise NoReplyError(f"{peer.name} did not answer within {timeout * 1000:.0f} ms{why}")
 
 
 def _answered(call: Call, find: Framed, *, alone: bool) -> None:
-    line, party = call.line, call.party
-    line.free_at = line.now + party.turnaround_s
+    line, peer = call.line, call.peer
+    line.free_at = line.now + peer.turnaround_s
     took_s = line.now - line.sent_at
     call.partner.statistics.reply_times.add(took_s)
-    line.delays.answered(party.protocol, took_s - party.facts.settings.wire_s(len(find.data)))
+    line.delays.answered(peer.protocol, took_s - peer.facts.settings.wire_s(len(find.data)))
     if line.echo.looking and line.echo.answered(alone=alone):
         call.partner.count["echoes missing"] += 1
     if line.trace is not None:
-        line.note(party, "received", find.data, find.message)
+        line.note(peer, "received", find.data, find.message)
 
 
 def _count_stray(call: Call, find: Framed, reason: str) -> None:
     call.partner.count["echoes" if reason == "echo" else "strays"] += 1
-    call.line.note(call.party, "echo" if reason == "echo" else "stray", find.data, find.message, detail=reason)
+    call.line.note(call.peer, "echo" if reason == "echo" else "stray", find.data, find.message, detail=reason)
     call.line.heard_out_of_turn()
 
 
@@ -123,8 +123,8 @@ def _count_garbage(call: Call, find: Damaged | Noise) -> str:
     """Return what is wrong with a damaged telegram, nothing for noise that was never one."""
     if isinstance(find, Noise):
         call.partner.count["noise bytes"] += len(find.data)
-        call.line.note(call.party, "noise", find.data)
+        call.line.note(call.peer, "noise", find.data)
         return ""
     call.partner.count[f"{find.error.category} errors"] += 1
-    call.line.note(call.party, "damaged", find.data, detail=str(find.error))
+    call.line.note(call.peer, "damaged", find.data, detail=str(find.error))
     return str(find.error)

@@ -22,7 +22,7 @@ from drivecomm.protocol import fields_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from drivecomm.link.party import TraceEvent, What
+    from drivecomm.link.peer import TraceEvent, What
     from drivecomm.protocol import Message
 
 LOGGER_NAME = "drivecomm.line"

@@ -115,9 +115,9 @@ class OpenPlant(Mapping[str, "Drive"]):
     def _made(self, found: DriveConfig) -> Drive:
         bus = self.bus(found.line)
         facts = {key: value for key, value in self._opening.items() if key in LINE_FACT_NAMES and value is not None}
-        options = {**found.options, **facts, "read_only": found.why_read_only(self.file)}
+        known = replace(found.with_options(**facts), read_only_reason=found.why_read_only(self.file))
         try:
-            return bus.drive(found.protocol, found.address, **options)
+            return known.build(bus.drive)
         except UsageError as error:
             raise UsageError(f"{self.file}: drive {found.name}: {error}") from error
 

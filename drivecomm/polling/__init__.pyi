@@ -5,6 +5,6 @@ from .schedule import (
     PRIORITY_STEP_S as PRIORITY_STEP_S,
     PollItem as PollItem,
     PollResult as PollResult,
-    Quality as Quality,
+    ResultQuality as ResultQuality,
     Schedule as Schedule,
 )

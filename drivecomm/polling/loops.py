@@ -33,15 +33,12 @@ class PolledBus(Protocol):
 
     def now(self) -> float:
         """Return the time of the bus's clock, in seconds; also while its line is down. UsageError when closed."""
-        ...
 
     def wall_time(self) -> float:
         """Return the time in seconds since 1970; on a virtual line since its start."""
-        ...
 
     def sleep_until(self, until: float) -> Any:
         """Wait outside the line's turn, also while it is down."""
-        ...
 
 
 class PolledDrive(Protocol):
@@ -50,20 +47,16 @@ class PolledDrive(Protocol):
     @property
     def name(self) -> str:
         """The drive as the command line names it."""
-        ...
 
     @property
     def bus(self) -> PolledBus:
         """The bus that it is on."""
-        ...
 
     def check_read(self, parameter: str, **options: Any) -> None:
         """Raise UsageError for a parameter that can never be read."""
-        ...
 
     def polled(self, parameter: str, **options: Any) -> Any:
         """Read a parameter, letting everything else on the bus go first."""
-        ...
 
 
 D = TypeVar("D", bound=PolledDrive)
@@ -79,22 +72,16 @@ def poll(
     again every half second. Each bus has a thread of its own when there are several. Raises UsageError for a plan that
     cannot be carried out or that has what can never be read, and when a bus has been closed.
     """
-    lines = _by_bus(readable(checked(items, cycles=cycles)))
-    end_s = _seconds(duration_s)
-    if len(lines) == 1:
-        return poll_bus(lines[0], end_s, cycles)
-    return _poll_buses(lines, end_s, cycles)
+    lines, end_s = _by_bus(readable(checked(items, cycles=cycles))), _seconds(duration_s)
+    return poll_bus(lines[0], end_s, cycles) if len(lines) == 1 else _poll_buses(lines, end_s, cycles)
 
 
 def poll_async(
     items: Iterable[PollItem[D]], *, duration_s: float | None = None, cycles: int | None = None
 ) -> AsyncGenerator[PollResult, None]:
     """Do the same as `poll` with asynchronous drives, on one event loop."""
-    lines = _by_bus(readable(checked(items, cycles=cycles)))
-    end_s = _seconds(duration_s)
-    if len(lines) == 1:
-        return _poll_bus_async(lines[0], end_s, cycles)
-    return _poll_buses_async(lines, end_s, cycles)
+    lines, end_s = _by_bus(readable(checked(items, cycles=cycles))), _seconds(duration_s)
+    return _poll_bus_async(lines[0], end_s, cycles) if len(lines) == 1 else _poll_buses_async(lines, end_s, cycles)
 
 
 def readable(items: Sequence[PollItem[D]]) -> Sequence[PollItem[D]]:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Reading
 
-Quality: TypeAlias = Literal["good", "uncertain", "stale", "bad"]
+ResultQuality: TypeAlias = Literal["good", "uncertain", "stale", "bad"]
 """good, uncertain: as of a `Reading`. stale: the drive gave none now, and this is its last one. bad: there is none."""
 
 
@@ -33,7 +33,6 @@ class Named(Protocol):
     @property
     def name(self) -> str:
         """The drive as the command line names it."""
-        ...
 
 
 D = TypeVar("D", bound=Named)
@@ -121,7 +120,7 @@ class PollResult:
     missed: int
 
     @property
-    def quality(self) -> Quality:
+    def quality(self) -> ResultQuality:
         """What the value is worth; decided here alone, for what is shown and for what is kept."""
         if self.reading is None:
             return "bad"

@@ -8,7 +8,6 @@ from .contract import (
     VirtualDrive as VirtualDrive,
     VirtualReply as VirtualReply,
 )
-from .decoding import decode as decode, encode as encode
 from .drive_config import (
     LONGEST_DELAY_S as LONGEST_DELAY_S,
     DriveConfig as DriveConfig,
@@ -51,7 +50,6 @@ from .model import (
     Watchdog as Watchdog,
 )
 from .motor import MOTOR_DATA as MOTOR_DATA, Command as Command, Motor as Motor
-from .numbers import exact as exact, scaled as scaled, unscaled as unscaled
 from .options import (
     checked_address as checked_address,
     line_overrides as line_overrides,
@@ -59,9 +57,11 @@ from .options import (
     protocol_options as protocol_options,
     resolve_options as resolve_options,
 )
-from .reading import Reading as Reading, Value as Value
+from .reading import Reading as Reading, Value as Value, exact as exact, scaled as scaled, unscaled as unscaled
 from .registry import (
     Protocols as Protocols,
+    decode as decode,
+    encode as encode,
     installed as installed,
     protocols as protocols,
     unknown_protocol as unknown_protocol,

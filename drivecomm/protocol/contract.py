@@ -73,14 +73,12 @@ class Memory(Interface):
 
     def forget(self) -> None:
         """Forget what was commanded: a stop was called, or the drive was away. It must not be sent again."""
-        ...
 
     def watch(self, silence_s: float | None) -> None:
         """Take note that the drive's watchdog waits so long for the master; None when it is off, or not known.
 
         Only where it is on `status` has to repeat what was commanded.
         """
-        ...
 
 
 class Operations(Interface):
@@ -94,12 +92,10 @@ class Operations(Interface):
     @property
     def capabilities(self) -> Capabilities:
         """What this drive can be asked to do."""
-        ...
 
     @property
     def read(self) -> Callable[..., Exchange[Reading]]:
         """`read(parameter, **own options)`: read one parameter, by its address or by its name in the model."""
-        ...
 
     @property
     def write(self) -> Callable[..., Exchange[Reading | None]]:
@@ -107,14 +103,12 @@ class Operations(Interface):
 
         The result is what the drive then reports, None where it only confirms.
         """
-        ...
 
     def address_of(self, parameter: str, **options: Any) -> str:
         """Return the address of the value that `write` would change, one text for every way to name it.
 
         options: those of `write`; they may name an index or a data set. Raises ParameterAddressError as `write` does.
         """
-        ...
 
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
@@ -123,39 +117,30 @@ class Operations(Interface):
         Some have names and arguments that are the same everywhere, and are methods of `Drive`: jog(number),
         hold(), select_setup(number), select_preset(number), set_relay(number, on).
         """
-        ...
 
     def status(self) -> Exchange[DriveStatus]:
         """Read the status word. It may repeat what was commanded, for the drive's watchdog, if the status allows it."""
-        ...
 
     def start(self, *, reverse: bool = False) -> Exchange[None]:
         """Start the motor."""
-        ...
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop the motor."""
-        ...
 
     def reset(self) -> Exchange[None]:
         """Acknowledge a fault; the motor stays stopped."""
-        ...
 
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
         """Set the reference as a share of the reference range; it is never stored."""
-        ...
 
     def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
         """Set the reference as an output frequency; it is never stored."""
-        ...
 
     def probe(self) -> Exchange[None]:
         """Ask once, with something that cannot move a motor; returns when a drive of this protocol is there."""
-        ...
 
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read what the drive tells of itself: name plate, software, address. Moves nothing; may be empty."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,23 +162,18 @@ class VirtualDrive(Interface):
     @property
     def codec(self) -> Codec:
         """The telegrams that this drive understands."""
-        ...
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a request of this protocol heard on the line at this time; None is silence."""
-        ...
 
     def peek(self, parameter: str, now: float) -> int | str:
         """Return what the drive holds, as `Reading.raw` would show it. Raises ParameterAddressError."""
-        ...
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what the drive holds, as if at its keypad: no access check. Raises ParameterAddressError."""
-        ...
 
     def trip(self, code: int, now: float) -> None:
         """Make the drive trip with this fault code."""
-        ...
 
 
 def _one_value(info: ParameterInfo, _options: Any) -> tuple[str, ...]:

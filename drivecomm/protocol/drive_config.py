@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from math import inf
-from typing import TYPE_CHECKING, Any, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, TypeVar, cast, get_args
 
 from drivecomm.errors import AddressError, UsageError, meant
 from drivecomm.protocol.argument_types import is_duration
@@ -71,7 +71,8 @@ class DriveConfig:
     as nobody has said. title: what it is, for people.
 
     For masters: armed: it may be written and commanded; otherwise it is read-only for all that takes it from a plant,
-    except for stopping it. poll: what is polled of it. link_loss: what its motor does when its master falls silent.
+    except for stopping it. read_only_reason: why this master may not command it, empty where it may. poll: what is
+    polled of it. link_loss: what its motor does when its master falls silent.
 
     For virtual drives: reply_delay_s: from the end of a request to the begin of the reply; None for the usual delay.
     values: what its parameters hold at the start, raw, by parameter address or name. motor: what differs from the
@@ -85,6 +86,7 @@ class DriveConfig:
     title: str = ""
     options: Mapping[str, Any] = field(default_factory=dict, hash=False)
     armed: bool = False
+    read_only_reason: str = ""
     poll: tuple[PollGroup, ...] = ()
     link_loss: LinkLossPolicy | None = None
     reply_delay_s: float | None = None
@@ -117,7 +119,11 @@ class DriveConfig:
 
     def build(self, factory: Callable[..., T]) -> T:
         """Return what a factory, such as `bus.drive` or `virtual_drive`, makes of protocol, address and options."""
-        return factory(self.protocol, self.address, **self.options)
+        if not self.read_only_reason:
+            return factory(self.protocol, self.address, **self.options)
+        made: Any = factory(self.protocol, self.address, read_only=True, **self.options)
+        made.read_only_reason = self.read_only_reason
+        return cast("T", made)
 
     def with_options(self, **options: Any) -> DriveConfig:
         """Return the same with further options, which go before those that it has."""

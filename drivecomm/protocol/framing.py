@@ -20,15 +20,12 @@ class Codec(Protocol):
         0: no telegram begins like this. More than len(head): that many bytes are needed, or needed to know more. For no
         bytes at all: the length of the shortest telegram of this direction, so that a reader can wait for it.
         """
-        ...
 
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of exactly one telegram. Raises TelegramError."""
-        ...
 
     def encode(self, message: Message) -> bytes:
         """Return the telegram's bytes. Raises TelegramError for a field that does not fit."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

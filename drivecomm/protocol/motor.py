@@ -6,24 +6,10 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
-MOTOR_DATA = frozenset(
-    [
-        "rated_hz",
-        "rated_v",
-        "rated_a",
-        "rated_kw",
-        "rated_rpm",
-        "maximum_hz",
-        "ramp_up_s",
-        "ramp_down_s",
-        "quick_ramp_s",
-        "coast_s",
-        "dc_brake_s",
-        "load",
-        "mains_v",
-        "ambient_c",
-    ]
-)
+MOTOR_DATA = frozenset({
+    "rated_hz", "rated_v", "rated_a", "rated_kw", "rated_rpm", "maximum_hz", "ramp_up_s", "ramp_down_s",
+    "quick_ramp_s", "coast_s", "dc_brake_s", "load", "mains_v", "ambient_c",
+})  # fmt: skip
 """What can be said of a motor beforehand: its name plate and what it drives, as fields of `Motor`."""
 
 

@@ -21,7 +21,6 @@ class Message(Protocol):
     @property
     def kind(self) -> str:
         """Which of the protocol's telegrams this is, in the manual's word."""
-        ...
 
 
 def fields_of(message: Message) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import LinkDownError
-from drivecomm.link import Arrival, Configure, PortProxy, Receive, Send, Wait
+from drivecomm.link import Arrival, PortProxy, Receive, Wait
 from drivecomm.transport.alarm import open_alarm
 from drivecomm.transport.blocking_runner import carry_out, run as run_blocking
 
@@ -45,15 +45,12 @@ class Runner(Protocol):
         begin: returns the steps, given the time. stop_waits: tells whether a stop waits for the line; waiting that
         gives way then ends early.
         """
-        ...
 
     def look(self) -> None:
         """Look whether a stop waits for the line."""
-        ...
 
     def close(self) -> None:
         """Let go of the port, without closing it."""
-        ...
 
 
 def runner_for(port: Port) -> Runner:
@@ -179,10 +176,10 @@ class ReadinessRunner:
         self._lost: LinkDownError | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._alarm = open_alarm()
-        self._watched = False
         if self._alarm is not None:
             self._loop.add_reader(self._alarm.descriptor, self._alarmed)
-        self._watch()
+        self._loop.add_reader(descriptor, self._readable)
+        self._watched = True
 
     async def run(self, begin: Callable[[float], Steps[T]], stop_waits: Callable[[], bool] = _never) -> T:
         """Run the steps of a link to their end."""
@@ -205,12 +202,8 @@ class ReadinessRunner:
 
     def _give_way(self) -> None:
         waiting = self._waiting
-        if waiting is None or not waiting.gives_way or not self._stop_waits():
-            return
-        if isinstance(waiting, Receive):
-            self._go_on(self._arrival())
-        else:
-            self._go_on(Arrival(self._port.now()))
+        if waiting is not None and waiting.gives_way and self._stop_waits():
+            self._go_on(self._arrival() if isinstance(waiting, Receive) else Arrival(self._port.now()))
 
     def close(self) -> None:
         """Watch the port no more."""
@@ -223,10 +216,6 @@ class ReadinessRunner:
             self._loop.remove_reader(self._alarm.descriptor)
             self._alarm.close()
             self._alarm = None
-
-    def _watch(self) -> None:
-        self._loop.add_reader(self._descriptor, self._readable)
-        self._watched = True
 
     def _go_on(self, arrival: Arrival | None) -> None:
         """Carry out effects until one must wait."""
@@ -248,12 +237,8 @@ class ReadinessRunner:
                         self._wake_at(until)
                         return
                     arrival = self._arrival()
-                elif isinstance(effect, Send):
-                    port.write(effect.data)
-                    arrival = Arrival(port.now())
-                elif isinstance(effect, Configure):
-                    note = port.configure(effect.settings)
-                    arrival = Arrival(port.now(), b"", note)
+                elif not isinstance(effect, Wait):
+                    arrival = carry_out(effect, port)
                 else:
                     until = effect.until
                     left = until - port.now()

@@ -25,33 +25,25 @@ class Channel(Protocol):
     @property
     def paced(self) -> bool:
         """Whether the characters are sent at the line's speed, and `send` returns before they are out."""
-        ...
 
     @property
     def descriptor(self) -> int | None:
         """What becomes readable when bytes are there, or when the other end has gone; None: there is no such thing."""
-        ...
 
     def apply(self, settings: LineSettings) -> str:
         """Set the line settings without closing; return a note on what is not carried. Raises SettingsRefusedError."""
-        ...
 
     def send(self, data: bytes, limit_s: float) -> None:
         """Hand over all bytes within this time."""
-        ...
 
     def receive(self, until: float, wanted: int) -> bytes:
         """Return what is there as soon as it is so much; at `until` (monotonic seconds) what there is."""
-        ...
 
     def take(self) -> bytes:
         """Return what is there; never wait."""
-        ...
 
     def hold_back(self, at_least: int) -> None:
         """Make the descriptor readable only for so many bytes, where the system can; fewer can still be taken."""
-        ...
 
     def close(self) -> None:
         """Give the port back; never raises."""
-        ...

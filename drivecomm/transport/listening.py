@@ -22,18 +22,16 @@ from drivecomm.transport.holders import holder_of_port
 from drivecomm.transport.opening import cannot_open, error_number
 from drivecomm.transport.port_names import is_pseudo
 from drivecomm.transport.readiness import Readable
-from drivecomm.transport.server_connection import connected
+from drivecomm.transport.socket_channel import connected
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from drivecomm.protocol import LineSettings
 
 if sys.platform != "win32":
     import fcntl
     import termios
 
-    from drivecomm.transport.exclusive import keep_others_out, let_others_in, lock
+    from drivecomm.transport.tty_channel import keep_others_out, let_others_in, lock
 
 _CHUNK = 4096
 # Linux, asm-generic/termbits.h; termios has no name for it.
@@ -48,19 +46,15 @@ class ListeningPort(Protocol):
 
     def configure(self, settings: LineSettings) -> str:
         """Set the line settings; returns what the port cannot carry, empty if nothing. Raises PortError."""
-        ...
 
     def read(self, until: float) -> bytes:
         """Return what has come as soon as there is anything; nothing at `until`. Raises LinkDownError."""
-        ...
 
     def now(self) -> float:
         """Return the time of the port's clock, in seconds."""
-        ...
 
     def close(self) -> None:
         """Give the port back."""
-        ...
 
 
 def listening_port(name: str, settings: LineSettings) -> ListeningPort:
@@ -278,14 +272,7 @@ class MarkedCharacters:
         return bytes(plain), spoilt
 
 
-_PARITY_FLAGS: dict[str, Callable[[], int]] = {
-    "N": lambda: 0,
-    "E": lambda: termios.PARENB,
-    "O": lambda: termios.PARENB | termios.PARODD,
-    "M": lambda: termios.PARENB | termios.PARODD | _STICK_PARITY,
-    "S": lambda: termios.PARENB | _STICK_PARITY,
-}
-
-
 def _parity_flags(settings: LineSettings) -> int:
-    return _PARITY_FLAGS[settings.parity]()
+    flags = 0 if settings.parity == "N" else termios.PARENB
+    flags |= termios.PARODD if settings.parity in "OM" else 0
+    return flags | (_STICK_PARITY if settings.parity in "MS" else 0)

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from drivecomm.transport.direction import Direction
     from drivecomm.transport.latency import Latency
 
-Kind: TypeAlias = Literal["serial port", "pseudo-terminal", "raw TCP", "RFC 2217", "other"]
+PortKind: TypeAlias = Literal["serial port", "pseudo-terminal", "raw TCP", "RFC 2217", "other"]
 
 _SYSFS = Path("/sys/class/tty")
-_KINDS: dict[str, Kind] = {"socket": "raw TCP", "rfc2217": "RFC 2217"}
+_KINDS: dict[str, PortKind] = {"socket": "raw TCP", "rfc2217": "RFC 2217"}
 _USB_SLOW_MS = 1
 
 
@@ -49,7 +49,7 @@ class PortReport:
     """
 
     url: str
-    kind: Kind
+    kind: PortKind
     driver: str = ""
     usb: UsbIdentity | None = None
     stable_name: str

@@ -17,7 +17,6 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
-from drivecomm.transport.exclusive import keep_others_out, let_others_in
 from drivecomm.transport.opening import error_number
 from drivecomm.transport.port_names import is_pseudo
 from drivecomm.transport.pyserial_channel import release, set_at_once
@@ -190,3 +189,21 @@ def _gone(error: OSError) -> ChannelGoneError:
     if error.errno in _GONE:
         return ChannelGoneError(_GONE_TEXT)
     return ChannelGoneError(error.strerror or str(error))
+
+
+def lock(descriptor: int) -> None:
+    """Lock an open terminal until it is closed. Raises OSError when another program has."""
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def keep_others_out(descriptor: int) -> None:
+    """Let no other program open the terminal, where the kernel can."""
+    if not is_pseudo(descriptor):
+        with contextlib.suppress(OSError):
+            fcntl.ioctl(descriptor, termios.TIOCEXCL)
+
+
+def let_others_in(descriptor: int) -> None:
+    """Take that back; somebody else may have had the terminal open before, and would keep it marked."""
+    with contextlib.suppress(OSError):
+        fcntl.ioctl(descriptor, termios.TIOCNXCL)

@@ -21,6 +21,7 @@ TASKS = 200
 
 TWINS = [(Bus, AsyncBus), (Drive, AsyncDrive), (Broadcast, AsyncBroadcast)]
 AT_ONCE = {
+    "read_only_reason",
     "storing",
     "drive",
     "poll",
@@ -34,7 +35,7 @@ AT_ONCE = {
     "health",
     "name",
     "facts",
-    "party",
+    "peer",
     "bus",
     "capabilities",
     "check_read",
@@ -560,7 +561,7 @@ def test_a_thread_that_lets_time_pass_is_stopped_when_its_task_is_cancelled():
         async with open_bus_async(lambda: Blocking(line)) as bus:
             drive, there = bus.drive("vabus", ADDRESS), asyncio.Event()
             line.call_at(0.01, partial(asyncio.get_running_loop().call_soon_threadsafe, there.set))
-            waiting = asyncio.create_task(bus.run(Job(drive.party, pausing())))
+            waiting = asyncio.create_task(bus.run(Job(drive.peer, pausing())))
             await asyncio.wait_for(there.wait(), 10)
             waiting.cancel()
             with pytest.raises(asyncio.CancelledError):

@@ -337,7 +337,7 @@ def test_an_exchange_that_is_interrupted_is_closed_at_once(line):
     with drivecomm.open_bus(lambda: Port(line.port(), wait=interrupt)) as bus:
         # Whoever catches it holds the traceback, and with it all that was under way.
         with pytest.raises(KeyboardInterrupt) as caught:
-            bus.run(Job(bus.drive("vabus", 1).party, exchange()))
+            bus.run(Job(bus.drive("vabus", 1).peer, exchange()))
         assert closed == [True]
         assert caught.value.__traceback__ is not None
 
@@ -506,7 +506,7 @@ def test_verbs_of_one_protocol_only(line):
         with pytest.raises(NotSupported, match="vabus:1 has no verb 'dance'; it has "):
             drive.call("dance")
         operations = type("Operations", (), {"extra": {"jog": jog}})()
-        jogging = drivecomm.Drive(bus, drive._party, operations, None)
+        jogging = drivecomm.Drive(bus, drive._peer, operations, None)
         assert jogging.call("jog", number=2) == "jogging"
         with pytest.raises(NotSupported, match="it has jog"):
             jogging.call("dance")

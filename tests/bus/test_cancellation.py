@@ -7,7 +7,7 @@ from benches import ADDRESS, PROTOCOLS, READABLE, WRITABLE, Mortal, Port, model_
 
 import drivecomm
 from drivecomm.errors import NoReplyError
-from drivecomm.link import Arrival, Configure, Link, Party, Receive, Send
+from drivecomm.link import Arrival, Configure, Link, Peer, Receive, Send
 from drivecomm.protocol import LineFacts, LineSettings, Timing
 from drivecomm.virtual import VirtualLine
 from drivecomm_vabus.telegrams import Ack, Select, VabusCodec, mismatch
@@ -262,7 +262,7 @@ def test_ctrl_c_while_a_drive_is_silent_counts_for_nothing():
 
 
 CODEC = VabusCodec()
-PARTY = Party(
+PEER = Peer(
     name="vabus:1",
     codec=CODEC,
     facts=LineFacts(
@@ -283,7 +283,7 @@ class Clock:
 
     def walk(self, exchange, stop=lambda _: False):
         """Carry out the steps; returns the result, or closes them at the first effect to stop at and returns None."""
-        steps = self.link.run(PARTY, exchange, self.time)
+        steps = self.link.run(PEER, exchange, self.time)
         effect = next(steps)
         try:
             while not stop(effect):

@@ -189,7 +189,7 @@ def test_a_drive_that_holds_something_else_is_told_from_one_that_obeys():
     virtual, bus = one("vabus", model="agile")
     with bus:
         drive = bus.drive("vabus", 1, model=model)
-        deaf = Drive(bus, drive.party, Deaf(installed["vabus"].operations(1, VabusOptions(), model)), model)
+        deaf = Drive(bus, drive.peer, Deaf(installed["vabus"].operations(1, VabusOptions(), model)), model)
         with pytest.raises(StateError, match=r"481 was written as 17\.5 and holds .* Hz; see the limits"):
             deaf.write_and_read("481", 17.5)
         assert virtual.peek("481", 0)

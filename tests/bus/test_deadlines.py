@@ -96,7 +96,7 @@ def test_in_a_pause_of_an_exchange(line, bus):
             raise
 
     with pytest.raises(DeadlineError, match="the call's time"):
-        bus.run(Job(drive.party, exchange()))
+        bus.run(Job(drive.peer, exchange()))
     ((when, error),) = reached
     assert when == line.time == pytest.approx(2.0, abs=0.001)
     assert isinstance(error, TimeoutError)
@@ -114,7 +114,7 @@ def test_an_exchange_that_goes_on_after_its_deadline_sends_nothing(line, bus, re
         return (yield Ask(message=ENQUIRY))
 
     with pytest.raises(DeadlineError):
-        bus.run(Job(drive.party, stubborn()))
+        bus.run(Job(drive.peer, stubborn()))
     assert line.time == pytest.approx(2.0, abs=0.001)
     assert sent_at(recorder) == []
 
@@ -127,7 +127,7 @@ def test_an_exchange_of_many_telegrams_has_one_deadline(line, bus, recorder):
             yield Ask(message=ENQUIRY)
 
     with pytest.raises((DeadlineError, NoReplyError)):
-        bus.run(Job(drive.party, many()))
+        bus.run(Job(drive.peer, many()))
     # The reply that was cut off is let to its end: the drive's gap.
     assert line.time <= 0.1 + drive.facts.gap_s + 0.003
     assert 3 <= len(sent_at(recorder)) <= 5

@@ -120,9 +120,10 @@ def test_an_error_in_the_block_stops_the_motor_too():
     bench = Bench()
 
     def program():
-        with keep(bench.drive, "ramp"):
+        with keep(bench.drive, "ramp") as kept:
             bench.drive.start()
-            bench.line.advance(10)
+            kept.sleep(10)
+            assert bench.after(0)[:2] == (True, 25), "its watchdog has not stopped it already"
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
@@ -577,7 +578,10 @@ def test_awaited_on_a_virtual_line():
 
     async def wrong(drive):
         async with keep_async(drive, "hold", on_leaving="ramp") as kept:
-            await kept.sleep(1)
+            await drive.set_reference(percent=50)
+            await drive.start()
+            await kept.sleep(10)
+            assert bench.after(0)[:2] == (True, 25)
             raise ZeroDivisionError
 
     async def program():

@@ -146,8 +146,8 @@ class TestCancelling:
         line = VirtualLine([Mortal("danfoss-fc", 1), Mortal("danfoss-fc", 2)])
         with drivecomm.open_bus(line.port) as bus:
             first, second = bus.drive("danfoss-fc", 1), bus.drive("danfoss-fc", 2)
-            waiting = bus.command(second.party)
-            everybody = bus.command(bus.broadcast("danfoss-fc").party)
+            waiting = bus.command(second.peer)
+            everybody = bus.command(bus.broadcast("danfoss-fc").peer)
             first.stop()
             assert not waiting.cancelled
             assert everybody.cancelled, "it would reach the drive that was stopped"
@@ -221,7 +221,7 @@ class TestNothingIsBroughtBack:
         assert bench.hz() == 0
 
     def test_a_read_only_drive_is_sent_no_word_of_a_refused_verb(self):
-        bench = Bench(read_only="only looked at")
+        bench = Bench(read_only=True)
         for verb, arguments in (
             ("control_word", {"word": 0x0474}),
             ("set_relay", {"number": 1, "on": True}),

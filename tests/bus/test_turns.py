@@ -470,7 +470,7 @@ class TestBus:
                         kept.append(bus.drive("danfoss-fc", 1 + (7 * name + number) % 126))
                         assert bus.health is not None
                     else:
-                        assert bus.command(kept[0].party).cancelled is False
+                        assert bus.command(kept[0].peer).cancelled is False
                         assert bus.counters is not None
 
             assert self.crowd(work, 8) == []

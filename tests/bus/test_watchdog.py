@@ -46,7 +46,7 @@ class Bench:
 
     @property
     def writes(self):
-        intent = installed[self.drive.party.protocol].intent
+        intent = installed[self.drive.peer.protocol].intent
         return [message for message in self.sent if intent(message).access == "write"]
 
 

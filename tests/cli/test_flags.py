@@ -92,7 +92,7 @@ def heard(shell, tmp_path, monkeypatch):
 
     def made(bus, *place, **options):
         found = drive(bus, *place, **options)
-        seen.append((found.facts, options.get("read_only", ""), place))
+        seen.append((found, place))
         return found
 
     scan, opener = drivecomm.bus.bus.Bus.scan, drivecomm.bus.bus.port_opener
@@ -125,7 +125,11 @@ def heard(shell, tmp_path, monkeypatch):
             shell("backup", "fan", "kept.toml", port=None)
         seen.clear()
         code = shell(*call, port=None)
-        return code, [*seen, shell.out, shell.err] if call[0] in TELL_IT else list(seen)
+        told = [
+            (each[0].facts, each[0].read_only_reason, each[1]) if isinstance(each[0], drivecomm.bus.bus.Drive) else each
+            for each in (each if isinstance(each, tuple) else (each,) for each in seen)
+        ]
+        return code, [*told, shell.out, shell.err] if call[0] in TELL_IT else told
 
     return run
 

@@ -415,7 +415,8 @@ def test_communication_that_was_not_asked_for_is_left_alone_as_it_should_be():
 def test_a_drive_that_is_read_only_is_refused_as_a_whole():
     with drivecomm.open_bus(VirtualLine([virtual_drive("vabus", 1)]).port) as bus:
         saved = back_up(bus.drive("vabus", 1, model="agile"))
-        shut = bus.drive("vabus", 1, model="agile", read_only="it is not armed")
+        shut = bus.drive("vabus", 1, model="agile", read_only=True)
+        shut.read_only_reason = "it is not armed"
         with pytest.raises(ReadOnlyError, match="it is not armed; nothing was written"):
             plan_restore(shut, saved)
 

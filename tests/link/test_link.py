@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 
 from drivecomm.errors import DamagedReplyError, NoReplyError, RefusedError, ReplyError, TelegramError
-from drivecomm.link import Arrival, Configure, Link, Party, Receive, Send, Wait
+from drivecomm.link import Arrival, Configure, Link, Peer, Receive, Send, Wait
 from drivecomm.protocol import Ask, LineFacts, LineSettings, Pause, Tell, Timing
 from drivecomm_vabus.telegrams import Ack, Enquiry, Eot, Select, VabusCodec, Value, mismatch
 
@@ -23,8 +23,8 @@ SELECTED = CODEC.encode(SELECT)
 ACK = b"\x41\x06"
 
 
-def party(name="vabus:1", settings=SETTINGS, timing=TIMING):
-    return Party(name=name, codec=CODEC, facts=LineFacts(settings=settings, timing=timing), mismatch=mismatch)
+def peer(name="vabus:1", settings=SETTINGS, timing=TIMING):
+    return Peer(name=name, codec=CODEC, facts=LineFacts(settings=settings, timing=timing), mismatch=mismatch)
 
 
 def ask(message=ENQUIRY, **options):
@@ -83,7 +83,7 @@ class Walk:
 
 def walk(exchange, arrivals=(), *, link=None, who=None, **options):
     link = link or Link()
-    return Walk(link.run(who or party(), exchange, options.get("start", 0.0)), arrivals, **options)
+    return Walk(link.run(who or peer(), exchange, options.get("start", 0.0)), arrivals, **options)
 
 
 def cut_off(steps, kind, time=0.0):
@@ -278,7 +278,7 @@ def test_an_exact_copy_is_an_echo_and_no_answer(link):
         def decode(self, data, direction):
             return super().decode(data, "request" if data[:1] == b"\x04" else direction)
 
-    who = Party(name="m:1", codec=Mirror(), facts=LineFacts(settings=SETTINGS, timing=TIMING), mismatch=lambda *_: "")
+    who = Peer(name="m:1", codec=Mirror(), facts=LineFacts(settings=SETTINGS, timing=TIMING), mismatch=lambda *_: "")
     walked = walk(ask(attempts=1), [(0.020, ASKED)], link=link, who=who)
     with pytest.raises(NoReplyError, match="open the port with echo on"):
         walked.run()
@@ -318,7 +318,7 @@ def test_what_speaks_unasked_is_let_finish(link):
 
 
 def test_an_exchange_cut_off_leaves_the_line_to_be_drained(link, events):
-    steps = link.run(party(), ask(), 0.0)
+    steps = link.run(peer(), ask(), 0.0)
     effect = next(steps)
     while not isinstance(effect, Send):
         effect = steps.send(Arrival(0.0))
@@ -340,7 +340,7 @@ def test_an_exchange_that_is_closed_can_clean_up():
         finally:
             cleaned.append(True)
 
-    steps = Link().run(party(), careful(), 0.0)
+    steps = Link().run(peer(), careful(), 0.0)
     effect = next(steps)
     while not isinstance(effect, Send):
         effect = steps.send(Arrival(0.0))
@@ -371,7 +371,7 @@ def test_a_message_that_cannot_be_encoded_ends_the_exchange():
 
 def test_reopened_forgets_the_settings_and_the_unfinished():
     link = Link()
-    steps = link.run(party(), ask(), 0.0)
+    steps = link.run(peer(), ask(), 0.0)
     next(steps)
     steps.send(Arrival(0.0))
     steps.close()
@@ -384,7 +384,7 @@ def test_reopened_forgets_the_settings_and_the_unfinished():
 
 def test_a_port_that_was_opened_anew_has_nothing_to_drain():
     link = Link()
-    cut_off(link.run(party(), ask(), 0.0), Send)
+    cut_off(link.run(peer(), ask(), 0.0), Send)
     link.reopened()
     walked = walk(ask(), [(0.130, ANSWERED)], link=link, start=0.1)
     assert walked.run() == ANSWER
@@ -393,7 +393,7 @@ def test_a_port_that_was_opened_anew_has_nothing_to_drain():
 
 def test_the_late_reply_to_a_question_that_was_cut_off_confirms_nothing_else():
     link = Link()
-    cut_off(link.run(party(), ask(SELECT, attempts=1, nameless=True), 0.0), Send)
+    cut_off(link.run(peer(), ask(SELECT, attempts=1, nameless=True), 0.0), Send)
     other = Select(address=1, dataset=5, parameter=481, data="00000001")
     walked = walk(ask(other, attempts=1, nameless=True), [(0.3, ACK), (1.1, ACK)], link=link, start=0.1)
     assert walked.run() == Ack(address=1)
@@ -404,8 +404,8 @@ def test_the_late_reply_to_a_question_that_was_cut_off_confirms_nothing_else():
 def test_line_settings_do_not_change_while_a_request_is_on_the_wire():
     link = Link()
     slow = LineSettings(baudrate=9600, parity="E")
-    cut_off(link.run(party(), ask(SELECT), 0.0), Send)
-    walked = walk(ask(), [(0.2, ANSWERED)], link=link, who=party("vabus:2", settings=slow), start=0.001)
+    cut_off(link.run(peer(), ask(SELECT), 0.0), Send)
+    walked = walk(ask(), [(0.2, ANSWERED)], link=link, who=peer("vabus:2", settings=slow), start=0.001)
     walked.run()
     assert walked.configured_at[0] >= len(SELECTED) * CHARACTER_S
 
@@ -419,7 +419,7 @@ def test_line_settings_do_not_change_before_a_broadcast_is_over():
 
     walk(tell(), link=link).run()
     slow = LineSettings(baudrate=9600, parity="E")
-    walked = walk(ask(), [(0.2, ANSWERED)], link=link, who=party("vabus:2", settings=slow), start=0.001)
+    walked = walk(ask(), [(0.2, ANSWERED)], link=link, who=peer("vabus:2", settings=slow), start=0.001)
     walked.run()
     assert walked.configured_at[0] >= len(CODEC.encode(everybody)) * CHARACTER_S + TIMING.broadcast_pause_s
 
@@ -428,7 +428,7 @@ def test_who_was_interrupted_while_setting_the_port_does_not_rely_on_how_it_stoo
     link = Link()
     walk(ask(), [(0.030, ANSWERED)], link=link).run()
     slow = LineSettings(baudrate=9600, parity="E")
-    cut_off(link.run(party("vabus:2", settings=slow), ask(), 0.0), Configure, time=0.1)
+    cut_off(link.run(peer("vabus:2", settings=slow), ask(), 0.0), Configure, time=0.1)
     walked = walk(ask(), [(0.3, ANSWERED)], link=link, start=0.2)
     assert walked.run() == ANSWER
     assert walked.configured == [SETTINGS]
@@ -489,7 +489,7 @@ def test_line_settings_follow_the_drive_with_a_guard_time():
     link = Link(guard_s=0.005)
     slow = LineSettings(baudrate=9600, bytesize=8, parity="E")
     walk(ask(), [(0.030, ANSWERED)], link=link).run()
-    walked = walk(ask(), [(0.2, ANSWERED)], link=link, who=party("vabus:2", settings=slow), start=0.1)
+    walked = walk(ask(), [(0.2, ANSWERED)], link=link, who=peer("vabus:2", settings=slow), start=0.1)
     walked.run()
     assert walked.configured == [slow]
     assert walked.sent == [(0.105, ASKED)]
@@ -553,7 +553,7 @@ def test_another_drive_need_not_wait():
     with pytest.raises(NoReplyError):
         walk(ask(SELECT, attempts=1, nameless=True), link=link).run()
     elsewhere = Select(address=2, dataset=5, parameter=480, data="00000001")
-    walked = walk(ask(elsewhere, attempts=1), [(0.3, b"\x42\x06")], link=link, who=party("vabus:2"), start=0.2)
+    walked = walk(ask(elsewhere, attempts=1), [(0.3, b"\x42\x06")], link=link, who=peer("vabus:2"), start=0.2)
     assert walked.run() == Ack(address=2)
     assert walked.sent[0][0] == pytest.approx(0.2)
 

@@ -4,14 +4,14 @@ import asyncio
 from dataclasses import replace
 from pathlib import Path
 from threading import Barrier
-from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import drivecomm
 from drivecomm.bus import Found, ReadOnly
-from drivecomm.errors import FileFormatError, NoReplyError, UsageError
+from drivecomm.errors import FileFormatError, NoReplyError, ReadOnlyError, UsageError
 from drivecomm.plant import (
     OpenPlant,
     Plant,
@@ -156,8 +156,8 @@ def test_reading_and_stopping_are_always_allowed(served):
 
 def test_a_read_only_drive_cannot_be_set_up():
     served = Served()
-    with served.plant as plant, pytest.raises(UsageError, match="cannot be set up: no"):
-        plant.bus("hall").drive("vabus", 1, set_up={"480": 1}, read_only="no")
+    with served.plant as plant, pytest.raises(UsageError, match="cannot be set up, because it is read-only"):
+        plant.bus("hall").drive("vabus", 1, set_up={"480": 1}, read_only=True)
 
 
 def test_a_verb_that_tells_without_being_answered_is_not_let_through():
@@ -185,8 +185,8 @@ def test_a_verb_that_tells_without_being_answered_is_not_let_through():
         with drivecomm.open_bus(VirtualLine([]).port, trace=sent.append) as bus:
             bus.drive("shouting", 1).call("shout")
             assert len(sent) == 1
-            with pytest.raises(UsageError, match="not today"):
-                bus.drive("shouting", 1, read_only="not today").call("shout")
+            with pytest.raises(ReadOnlyError, match=r"^shouting:1 is read-only; leave read_only=True out"):
+                bus.drive("shouting", 1, read_only=True).call("shout")
             assert len(sent) == 1
     finally:
         take_away()
@@ -197,9 +197,12 @@ def test_awaited_it_is_refused_alike():
 
     async def start():
         async with drivecomm.open_bus_async(virtual.line("hall").port) as bus:
-            await bus.drive("vabus", 1, read_only="not today").start()
+            drive = bus.drive("vabus", 1, read_only=True)
+            drive.read_only_reason = "not today"
+            assert drive.read_only_reason == "not today"
+            await drive.start()
 
-    with pytest.raises(UsageError, match="not today"):
+    with pytest.raises(ReadOnlyError, match=r"^not today$"):
         asyncio.run(start())
 
 
@@ -218,7 +221,7 @@ def test_a_verb_that_asks_is_carried_out_and_hears_what_goes_wrong():
     def choosing():
         yield from ()
 
-    operations = SimpleNamespace(extra={"look": asking, "move": commanding, "choose": choosing})
+    operations = Mock(extra={"look": asking, "move": commanding, "choose": choosing})
     ask_only = ReadOnly(lambda: operations, "no", lambda message: Intent(commands=message != "ask"))
     assert play(ask_only.extra["look"](), [("ask", NoReplyError("silence")), ("ask", "here")]) == "here"
     with pytest.raises(UsageError, match="no"):

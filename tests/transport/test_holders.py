@@ -19,11 +19,11 @@ from drivecomm.protocol import LineSettings
 from drivecomm.transport import (
     Holder,
     SerialPort,
-    exclusive,
     holder_of_port,
     listening_port,
     server_of_terminal,
     shared_listening_port,
+    tty_channel,
 )
 from drivecomm.virtual import virtual_drive
 
@@ -115,7 +115,7 @@ def test_only_a_port_of_this_machine_can_be_shared():
 
 def test_a_real_port_is_marked_for_the_kernel_as_long_as_it_is_open(terminal, monkeypatch):
     """The kernel then refuses plain programs that look at no lock, unless they administrate the machine."""
-    monkeypatch.setattr("drivecomm.transport.exclusive.is_pseudo", lambda _: False)
+    monkeypatch.setattr("drivecomm.transport.tty_channel.is_pseudo", lambda _: False)
     looker = os.open(terminal, os.O_RDWR | os.O_NOCTTY)
 
     def marked():
@@ -132,9 +132,9 @@ def test_a_real_port_is_marked_for_the_kernel_as_long_as_it_is_open(terminal, mo
 
 def test_a_pseudo_terminal_is_not_marked_because_nobody_could_take_the_mark_off_again(terminal, monkeypatch):
     asked = []
-    monkeypatch.setattr(exclusive.fcntl, "ioctl", lambda _, request: asked.append(request))
+    monkeypatch.setattr(tty_channel.fcntl, "ioctl", lambda _, request: asked.append(request))
     descriptor = os.open(terminal, os.O_RDWR | os.O_NOCTTY)
-    exclusive.keep_others_out(descriptor)
+    tty_channel.keep_others_out(descriptor)
     os.close(descriptor)
     assert asked == []
 
@@ -143,7 +143,7 @@ def test_a_pseudo_terminal_is_not_marked_because_nobody_could_take_the_mark_off_
 def test_a_program_without_rights_is_kept_out_by_the_mark(terminal, monkeypatch):
     if os.getuid() != 0 or shutil.which("setpriv") is None:
         pytest.skip("needs somebody who may become somebody else")
-    monkeypatch.setattr("drivecomm.transport.exclusive.is_pseudo", lambda _: False)
+    monkeypatch.setattr("drivecomm.transport.tty_channel.is_pseudo", lambda _: False)
     Path(terminal).chmod(0o666)
     plain = ["setpriv", "--reuid=65534", "--clear-groups", "sh", "-c", f": <{terminal}"]
     assert subprocess.run(plain, check=False).returncode == 0

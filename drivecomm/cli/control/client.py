@@ -144,7 +144,7 @@ def broadcasts(drives: Iterable[tuple[str, str, int, Mapping[str, Any]]]) -> tup
     """Return the broadcasts that reach these drives: one for each protocol and each of the options that they have."""
     found: list[tuple[str, Mapping[str, Any]]] = []
     for _, protocol, _, options in drives:
-        one = (protocol, {key: value for key, value in options.items() if key not in ("model", "read_only")})
+        one = (protocol, {key: value for key, value in options.items() if key != "model"})
         if one not in found:
             found.append(one)
     return tuple(found)

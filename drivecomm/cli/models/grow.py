@@ -49,8 +49,7 @@ def grow(
         raise UsageError(f"there is no folder {write.parent} for the model; create it first")
     reached, name = line.reaching(drive)
     with reached.bus() as bus:
-        chosen = {**name.options, **({"model": model} if model else {})}
-        one = bus.drive(name.protocol, name.address, **chosen)
+        one = name.with_options(**({"model": model} if model else {})).build(bus.drive)
         if not parameters:
             plugin = installed[name.protocol]
             parameters = list((one.model or load_model(plugin.package, plugin.name, plugin.default_model)).parameters)

@@ -214,7 +214,7 @@ def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
         own = {key: value for key, value in drive.options.items() if key not in {*LINE_FACT_NAMES, "model"}}
         try:
             everybody, _ = as_far_as_possible(partial(bus.broadcast, drive.protocol), drive.options)
-            key = (drive.protocol, everybody.party.facts.settings, own)
+            key = (drive.protocol, everybody.peer.facts.settings, own)
             if key in sent:
                 continue
             sent.append(key)

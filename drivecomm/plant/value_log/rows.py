@@ -7,14 +7,14 @@ from datetime import UTC, datetime, timedelta
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, get_args
 
-from drivecomm.polling import Quality
+from drivecomm.polling import ResultQuality
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drivecomm.polling import PollResult
 
-QUALITIES: tuple[Quality, ...] = get_args(Quality)
+QUALITIES: tuple[ResultQuality, ...] = get_args(ResultQuality)
 
 COLUMNS = ("time", "drive", "name", "address", "value", "unit", "text", "raw", "quality", "note")
 """time: when the value was taken, or when it was found out that there is none now, UTC. drive: as the plant calls it.
@@ -37,7 +37,7 @@ class LogRow:
     unit: str = ""
     text: str = ""
     raw: str = ""
-    quality: Quality = "good"
+    quality: ResultQuality = "good"
     note: str = ""
 
     @property

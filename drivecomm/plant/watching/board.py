@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from drivecomm.polling import Quality
+    from drivecomm.polling import ResultQuality
     from drivecomm.protocol import DriveConfig, DriveStatus, Reading
 
 Reachability: TypeAlias = Literal["asking", "answers", "silent"]
@@ -23,7 +23,7 @@ class WatchedValue:
 
     name: str
     reading: Reading | None
-    quality: Quality
+    quality: ResultQuality
     cause: str = ""
 
 

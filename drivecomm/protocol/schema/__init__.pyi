@@ -1,6 +1,5 @@
-from .by_name import message_of as message_of
 from .emission import Emission as Emission
-from .form import Form as Form
+from .form import Form as Form, Written as Written, message_of as message_of
 from .leaves import (
     Check as Check,
     Fault as Fault,
@@ -19,4 +18,3 @@ from .leaves import (
     unsigned as unsigned,
     xor_byte as xor_byte,
 )
-from .written import Written as Written

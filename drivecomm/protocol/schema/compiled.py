@@ -88,8 +88,7 @@ def writer(
 class _Place:
     """Where the next leaf begins: so many bytes behind a variable, or behind the start."""
 
-    def __init__(self) -> None:
-        self.base, self.offset = "", 0
+    base, offset = "", 0
 
     def move_to(self, base: str) -> None:
         self.base, self.offset = base, 0
@@ -166,35 +165,36 @@ def _fields(
     """Take the values of all leaves from the message; return their names in the code."""
     given: dict[str, str] = {}
     for names, function in writes.items():
-        computed = code.let(f"{code.refer(function)}(message)")
-        if len(names) == 1:
-            given[names[0]] = computed
-        else:
-            given.update({name: f"{computed}_{name}" for name in names})
-            code.line(f"{', '.join(given[name] for name in names)} = {computed}")
+        given.update(_computed(code, names, f"{code.refer(function)}(message)"))
     for name, _ in _named(leaves):
         if name and name not in given:
             given[name] = code.let(f"message.{name}")
     return given
 
 
+def _computed(code: Code, names: tuple[str, ...], expression: str) -> dict[str, str]:
+    """Compute one value, or one for each of several names; return their names in the code."""
+    computed = code.let(expression)
+    if len(names) == 1:
+        return {names[0]: computed}
+    parts = {name: f"{computed}_{name}" for name in names}
+    code.line(f"{', '.join(parts.values())} = {computed}")
+    return parts
+
+
 def _message(code: Code, message: type[Any], reads: Reads, found: dict[str, str]) -> None:
     """Make the message of what was found."""
     made: dict[str, str] = {}
     for names, (function, wanted) in reads.items():
-        computed = code.let(f"{code.refer(function)}({', '.join(found[name] for name in wanted)})")
-        if len(names) == 1:
-            made[names[0]] = computed
-        else:
-            made.update({name: f"{computed}_{name}" for name in names})
-            code.line(f"{', '.join(made[name] for name in names)} = {computed}")
+        made.update(_computed(code, names, f"{code.refer(function)}({', '.join(found[name] for name in wanted)})"))
     names_of_fields = {field.name for field in fields(message)}
     made = {name: value for name, value in {**found, **made}.items() if name in names_of_fields}
     if not _plain_slots(message):
         code.line(f"return {code.refer(message)}({', '.join(f'{name}={value}' for name, value in made.items())})")
         return
     # What the generated __init__ of a frozen dataclass does, without a look-up of object.__setattr__ for each field.
-    made = {**_defaults(code, message), **made}
+    defaults = {each.name: code.refer(each.default) for each in fields(message) if each.default is not MISSING}
+    made = {**defaults, **made}
     code.line(f"message = {code.refer(object.__new__)}({code.refer(message)})")
     for field in fields(message):
         setter = code.refer(getattr(message, field.name).__set__)
@@ -211,7 +211,3 @@ def _plain_slots(message: type[Any]) -> bool:
         and "__new__" not in vars(message)
         and all(field.init and field.default_factory is MISSING for field in fields(message))
     )
-
-
-def _defaults(code: Code, message: type[Any]) -> dict[str, str]:
-    return {field.name: code.refer(field.default) for field in fields(message) if field.default is not MISSING}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from functools import cached_property
 from inspect import signature
 from io import BytesIO
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.protocol import Message
+
 
 M = TypeVar("M", bound="Message")
 
@@ -137,3 +138,48 @@ class Form(Generic[M]):
 
 def _spread(names: tuple[str, ...], value: Any) -> dict[str, Any]:
     return {names[0]: value} if len(names) == 1 else dict(zip(names, value, strict=True))
+
+
+_LIMIT = 512
+"""More than a poll plan asks of one drive; who goes through more messages than that gains nothing by keeping them."""
+
+
+class Written:
+    """Writes messages and keeps what it wrote, by the message object: a frozen message is always the same telegram.
+
+    Equal messages are not looked for. That would take about as long as writing, and True is equal to 1.
+    """
+
+    def __init__(self, write: Callable[[Message], bytes]) -> None:
+        self._write = write
+        self._kept: dict[int, tuple[Message, bytes]] = {}
+
+    def telegram(self, message: Message) -> bytes:
+        """Return the bytes of a message. Raises what writing it raises."""
+        kept = self._kept.get(id(message))
+        if kept is not None:
+            return kept[1]
+        data = self._write(message)
+        if len(self._kept) >= _LIMIT:
+            self._kept.clear()
+        # The message is kept too, so that no other object can come to have its identity.
+        self._kept[id(message)] = (message, data)
+        return data
+
+
+def message_of(kind: type[Any], given: Mapping[str, Any], what: str) -> Any:
+    """Return a message made from fields by name.
+
+    kind: the message's dataclass. given: with or without the kind of telegram. what: how a sentence begins that says
+    what is wrong with them, such as "a parameter block". Raises TelegramError for a field that is missing, or is none.
+    """
+    own = {field.name: field for field in fields(kind)}
+    content = {name: value for name, value in given.items() if name != "kind" or name in own}
+    if unknown := [name for name in content if name not in own]:
+        raise TelegramError("field", f"{what} has no field {unknown[0]!r}; it has {', '.join(own)}", field=unknown[0])
+    needed = [name for name, field in own.items() if field.default is MISSING and field.default_factory is MISSING]
+    if missing := [name for name in needed if name not in content]:
+        others = ", ".join(name for name in own if name not in needed)
+        may = f"; it may also have {others}" if others else ""
+        raise TelegramError("field", f"{what} also needs {', '.join(missing)}{may}", field=missing[0])
+    return kind(**content)

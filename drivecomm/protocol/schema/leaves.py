@@ -206,17 +206,14 @@ def hex_number(digits: int, meaning: str = "") -> Leaf:
     """An unsigned number in this many upper-case hexadecimal ASCII digits, most significant first."""
     permitted = range(16**digits)
 
-    def parse(found: bytes) -> int:
-        return hex_value(found)
-
     def write(value: Any) -> bytes:
         return b"%0*X" % (digits, _within(value, permitted))
 
     if digits <= _LOOKED_UP:
-        return Leaf(digits, parse, write, meaning=meaning, values=permitted)
+        return Leaf(digits, hex_value, write, meaning=meaning, values=permitted)
     wrong, layout = f"{{0}}.translate(None, {_HEX!r})", b"%%0%dX" % digits
     said = emission.digits(digits, wrong, "int({0}, 16)", layout, permitted)
-    return Leaf(digits, parse, write, meaning=meaning, emission=said)
+    return Leaf(digits, hex_value, write, meaning=meaning, emission=said)
 
 
 def hex_value(digits: bytes) -> int:
@@ -260,25 +257,22 @@ _BINARY = {1: "B", 2: "H", 4: "I", 8: "Q"}
 
 def unsigned(size: int, meaning: str = "") -> Leaf:
     """An unsigned binary number, high byte first."""
-    permitted = range(256**size)
-    return Leaf(
-        size,
-        lambda found: int.from_bytes(found, "big"),
-        lambda value: _within(value, permitted).to_bytes(size, "big"),
-        meaning=meaning,
-        emission=emission.number(_BINARY[size]) if size in _BINARY else None,
-    )
+    return _binary(size, range(256**size), meaning, signed=False)
 
 
 def signed(size: int, meaning: str = "") -> Leaf:
     """A two's complement binary number, high byte first."""
-    permitted = range(-(256**size) // 2, 256**size // 2)
+    return _binary(size, range(-(256**size) // 2, 256**size // 2), meaning, signed=True)
+
+
+def _binary(size: int, permitted: range, meaning: str, *, signed: bool) -> Leaf:
+    letter = _BINARY.get(size, "")
     return Leaf(
         size,
-        lambda found: int.from_bytes(found, "big", signed=True),
-        lambda value: _within(value, permitted).to_bytes(size, "big", signed=True),
+        lambda found: int.from_bytes(found, "big", signed=signed),
+        lambda value: _within(value, permitted).to_bytes(size, "big", signed=signed),
         meaning=meaning,
-        emission=emission.number(_BINARY[size].lower()) if size in _BINARY else None,
+        emission=emission.number(letter.lower() if signed else letter) if letter else None,
     )
 
 

@@ -183,7 +183,7 @@ def _asked(on: Bench, parameter: str, call: Callable[[], object]) -> _Asked | No
     if len(pairs) != 1:
         return None
     find, said = pairs[0]
-    return _Asked(parameter, find.message, said.data, on.drive.party.codec.decode(said.data, "reply"))
+    return _Asked(parameter, find.message, said.data, on.drive.peer.codec.decode(said.data, "reply"))
 
 
 def _write(on: Bench, parameter: str, value: Any) -> Reading | None:

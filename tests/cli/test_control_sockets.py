@@ -290,7 +290,7 @@ def test_where_there_are_no_unix_sockets_it_is_a_port_with_two_secrets(line, fol
 def test_drives_with_the_same_settings_are_called_once():
     drives = [
         PUMP,
-        ("lift", "vabus", 2, {"read_only": "it is not armed"}),
+        ("lift", "vabus", 2, {"model": "act"}),
         ("far", "vabus", 3, {"baudrate": 4800}),
         FAN,
     ]

@@ -34,7 +34,7 @@ class TraceEvent:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Party:
+class Peer:
     """A drive as the link sees it: who it is, how its telegrams look, what holds on the line for it.
 
     mismatch: names the first field in which a sound reply does not belong to the request. probe: asks whether it is
@@ -59,7 +59,7 @@ class Party:
         object.__setattr__(self, "turnaround_s", self.facts.turnaround_s)
 
 
-class PartyState:
+class PeerState:
     """What the link remembers of one drive.
 
     asked_at, commanded_at: when it was last asked, and sent a command from which its watchdog counts. late_until: how
