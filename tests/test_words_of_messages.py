@@ -12,7 +12,7 @@ from drivecomm.errors import DeadlineError, UsageError
 from drivecomm.protocol import installed
 
 _KEYWORD = re.compile(r"\b(?P<name>[a-z][a-z0-9_]*)=[A-Za-z0-9]")
-_WITH_WORDS_OF_THEIR_OWN = {"conformance", "cli"}
+_WITH_WORDS_OF_THEIR_OWN = {"testing", "cli"}
 
 
 def raised():

@@ -82,7 +82,9 @@ class Roster:
         operations: Operations = plugin.operations(address, chosen, known, *remembered)
         if read_only:
             if set_up:
-                raise UsageError(f"{name} cannot be set up, because it is read-only; leave read_only=True out")
+                raise UsageError(
+                    f"{name} cannot be set up, because it is read-only; leave read_only=True out", says="read_only=True"
+                )
             reason = f"{name} is read-only; leave read_only=True out to write or command it"
             operations = ReadOnly(partial(plugin.operations, address, chosen, known), reason, plugin.intent)
         if set_up:

@@ -84,7 +84,7 @@ class DriveVerbs(_Verbs[B]):
     def read_only_reason(self, reason: str) -> None:
         operations = self._exchanges.operations
         if not isinstance(operations, ReadOnly):
-            raise UsageError(f"{self.name} is not read-only; make it with read_only=True")
+            raise UsageError(f"{self.name} is not read-only; make it with read_only=True", says="read_only=True")
         operations.reason = reason
 
     def watched(self, silence_s: float | None) -> None:
