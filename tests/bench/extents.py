@@ -11,6 +11,14 @@ def extents(sample, everything):
     )
 
 
+def every(number, things):
+    """Return all of these, marked `soak` but for one in so many."""
+    return [
+        thing if place % number == 0 else pytest.param(thing, marks=pytest.mark.soak)
+        for place, thing in enumerate(things)
+    ]
+
+
 def first_of_each(things, shape):
     """Return the first thing of each shape."""
     found = {}

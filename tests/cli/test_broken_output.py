@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from extents import every
 from forked_commands import Commands
 
 from drivecomm.cli.app import READING, app
@@ -170,7 +171,7 @@ def test_broken_output(run, command):
         assert run(command, stdout="gone", stderr="gone").code == gone.code
 
 
-@pytest.mark.parametrize("command", CALLS)
+@pytest.mark.parametrize("command", every(5, CALLS))
 def test_early_ctrl_c(run, command):
     usual = run(command).code
     # A stop is carried through, and what has come to its end before is not interrupted.

@@ -7,6 +7,7 @@ import tomllib
 
 import pytest
 from console import Console, in_process, must_match
+from extents import every
 from pages import PAGES, blocks_of, name_of, pages_with
 
 
@@ -41,7 +42,7 @@ def test_python(page):
             printed = output.getvalue()
 
 
-@pytest.mark.parametrize("page", pages_with("console"), ids=name_of)
+@pytest.mark.parametrize("page", every(4, pages_with("console")), ids=name_of)
 @pytest.mark.usefixtures("elsewhere")
 def test_console(page):
     with Console(in_process) as console:

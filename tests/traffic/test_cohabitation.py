@@ -30,6 +30,8 @@ from drivecomm.traffic.cohabitation import (
 )
 from drivecomm.virtual import VirtualLine, heard, virtual_drive
 
+pytestmark = pytest.mark.soak
+
 ROOT = Path(__file__).parents[2]
 EIGHT = {"baudrate": 9600, "bytesize": 8, "parity": "N", "stopbits": 1}
 SEVEN = {"baudrate": 9600, "bytesize": 7, "parity": "E", "stopbits": 1}

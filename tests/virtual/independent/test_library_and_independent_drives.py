@@ -13,6 +13,8 @@ from drives import DanfossDrive, DriveLine, FujiDrive, Mischief, VabusDrive, Vlt
 
 import drivecomm
 
+pytestmark = pytest.mark.soak
+
 # What one is in the units of the library, from the manuals: 480 in 0.01 Hz, 3-41 in 0.01 s, and so on.
 _SCALES = {"480": 2, "481": 2, "520": 2, "3-41": 2, "3-42": 2, "3-10[0]": 2, "3-10[2]": 2}
 _KINDS = {

@@ -9,7 +9,7 @@ from campaign import Campaign, seconds
 from masters import DanfossMaster, FujiMaster, Line, Talk, VabusMaster, Vlt3500Master
 
 # pyserial's own client of RFC 2217.
-pytestmark = pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning")
+pytestmark = [pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning"), pytest.mark.soak]
 
 # One or two wrong bits in a character change no check of these protocols into another that is right: an exclusive-or
 # and a sum modulo 256 see any single character, and no two bits make a difference of 100 to the sum of VLT 3500.
