@@ -4,8 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-# Half as many processes again as there are cores: many tests wait for a port or a process.
-WORKERS ?= $(shell $(PYTHON) -c "import os; print(os.cpu_count() * 3 // 2)")
+# Twice as many processes as there are cores: many tests wait for a port or a process.
+WORKERS ?= $(shell $(PYTHON) -c "import os; print(os.cpu_count() * 2)")
 PYTEST := $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal
 
 # Tests start many processes, which would compile every module again where the environment forbids to keep it.
