@@ -7,7 +7,8 @@ from typing import Annotated, Any
 import typer
 from typer.main import get_command
 
-from drivecomm.cli.lazy_commands import Group, lazy
+from drivecomm.cli.argument_values import Group
+from drivecomm.cli.lazy_commands import lazy
 from drivecomm.version import __version__
 
 COMMANDS = {

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 
-from drivecomm.cli.lazy_commands import Command
+from drivecomm.cli.argument_values import Command
 from drivecomm.cli.line_options import WITHOUT_EFFECT, LineOptions
 from drivecomm.link import Echo
 

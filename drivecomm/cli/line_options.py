@@ -10,17 +10,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import bus as buses
-from drivecomm.cli.drive_names import known_plant, placed
+from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.output import sentence, show_trace
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
 from drivecomm.link import Echo, tell_all
-from drivecomm.protocol import parse_drive
+from drivecomm.protocol import parse_drive, parse_options
 from drivecomm.transport import same_port
 
 if TYPE_CHECKING:
     from drivecomm.bus import Bus, Drive
     from drivecomm.link import Port, TraceEvent
-    from drivecomm.plant import PlantLine
+    from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig, LinkLossPolicy
 
 _COMMANDS_NOTHING = {"arm": "commands nothing"}
@@ -74,7 +74,7 @@ class LineOptions:
         flag or behind the drive's name, before everything: whoever is at the keyboard knows better than a file. Drives
         of a plant are read-only unless it arms them, or --arm is given. Raises UsageError.
         """
-        place = placed(text, self)
+        place = _placed(text, self)
         if place is None:
             if self.arm:
                 raise UsageError(f"{text} is in no plant that keeps it read-only, so --arm has no effect; leave it out")
@@ -118,7 +118,7 @@ class LineOptions:
 
     def link_loss_of(self, text: str) -> LinkLossPolicy | None:
         """Return what the plant says that a drive's motor shall do when its master falls silent, None for nothing."""
-        place = placed(text, self)
+        place = _placed(text, self)
         return place[1].link_loss if place else None
 
     def port_of(self, line: PlantLine, file: str) -> str:
@@ -244,3 +244,48 @@ def naming(name: DriveConfig) -> Iterator[None]:
         if name.name not in str(error):
             error.args = (f"{name.name}: {error}", *error.args[1:])
         raise
+
+
+def _placed(text: str, asked: LineOptions) -> tuple[Plant, DriveConfig, dict[str, Any]] | None:
+    """Return the plant, its drive, and the options behind its name; None for PROTOCOL:ADDRESS that no plant has.
+
+    With a port, PROTOCOL:ADDRESS is the plant's drive if that is where the plant has it: what the plant says of a drive
+    holds however it is named. Raises UsageError for a name that no plant has, and for one that is on another port.
+    """
+    word, *settings = text.split(",")
+    known = known_plant(asked.plant, port_given=False)
+    if known is None:
+        if ":" in word:
+            return None
+        raise UsageError(
+            f"{word!r} is not a drive; write PROTOCOL:ADDRESS, such as vabus:1, or a name in a plant file "
+            "(--plant plant.toml)"
+        )
+    drive = _addressed(word, known, asked) if ":" in word else known.drive(word)
+    if drive is None:
+        return None
+    line = known.line(drive.line)
+    if "port" in asked.given and asked.port and line.reached_at and not same_port(line.reached_at, asked.port):
+        raise UsageError(
+            f"{known.file}: {drive.name} is on line {line.name}, at {line.reached_at}; leave --port {asked.port} out, "
+            f"or name a drive as PROTOCOL:ADDRESS there"
+        )
+    reason = drive.why_read_only(known.file)
+    if asked.arm and not reason:
+        raise UsageError(f"{drive.name} is armed in {known.file}, so --arm has no effect; leave it out")
+    if reason and not asked.arm:
+        drive = replace(drive, read_only_reason=f"{reason}, or give --arm for this once")
+    return known, drive, parse_options(settings)
+
+
+def _addressed(word: str, known: Plant, asked: LineOptions) -> DriveConfig | None:
+    same = [drive for drive in known.drives if str(drive) == word]
+    if asked.port is not None and ("port" in asked.given or asked.plant is None):
+        port = asked.port
+        lines = {line.name for line in known.lines if not line.reached_at or same_port(line.reached_at, port)}
+        here = [drive for drive in same if drive.line in lines]
+        if asked.plant is None or here:
+            return min(here, key=lambda drive: drive.armed, default=None)
+    if not same and asked.plant is None:
+        return None
+    return known.drive(word)

@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeVar
 
 from drivecomm.errors import NoReplyError, NotAnsweringError, ReplyError
-from drivecomm.link.asking import Call, carry_out
+from drivecomm.link.asking import carry_out
+from drivecomm.link.call import Call
 from drivecomm.link.health import PROBE_S, Health, ProbingTime
 from drivecomm.link.line_state import LineState
 from drivecomm.link.peer import Peer, PeerState, TraceEvent

@@ -10,7 +10,7 @@ from drivecomm.link.port import Receive, Steps
 from drivecomm.protocol import Damaged, Framed, Framer, Noise
 
 if TYPE_CHECKING:
-    from drivecomm.link.asking import Call
+    from drivecomm.link.call import Call
     from drivecomm.protocol import Ask, Message
 
 # The longest one that exists has 257 bytes (Danfoss FC with LGE 255); a line that never falls silent is not waited for.

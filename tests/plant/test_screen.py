@@ -12,7 +12,7 @@ from textual.widgets import DataTable, RichLog, Static
 
 import drivecomm
 from drivecomm.bus import set_watchdog
-from drivecomm.cli.watch.command import LogSwitch
+from drivecomm.cli.watch.log_switch import LogSwitch
 from drivecomm.cli.watch.screen import WatchScreen
 from drivecomm.cli.watch.screens import Question
 from drivecomm.cli.watch.words import event_line

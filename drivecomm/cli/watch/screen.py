@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from textual.timer import Timer
 
     from drivecomm.bus import AsyncDrive
-    from drivecomm.cli.watch.command import LogSwitch
+    from drivecomm.cli.watch.log_switch import LogSwitch
     from drivecomm.plant.watching import Board, DriveView, Watcher
 
 REFRESH_S = 0.5

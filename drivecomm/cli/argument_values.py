@@ -1,0 +1,81 @@
+"""How commands make the values of their arguments and options.
+
+typer has pydantic make them, which takes longer to load than all else that a command needs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_NUMBERS: dict[Any, tuple[Callable[[Any], Any], str]] = {int: (int, "a whole number"), float: (float, "a number")}
+
+
+class InvalidValue(typer.BadParameter):
+    """A value that an argument cannot have, in one sentence."""
+
+    def format_message(self) -> str:
+        """Return the sentence."""
+        return self.message
+
+
+@dataclass(frozen=True, slots=True)
+class _PlainValue:
+    """Makes the value of one parameter from what was written. kind: its type, or that of each of several."""
+
+    kind: Any
+
+    def coerce(self, value: Any, *, param: Any, ctx: Any) -> Any:
+        """Return the value. Raises InvalidValue."""
+        several = param.multiple or param.nargs == -1
+        if value is None:
+            return () if several else None
+        return [self._made(each, param, ctx) for each in value] if several else self._made(value, param, ctx)
+
+    def _made(self, value: Any, param: Any, ctx: Any) -> Any:
+        if self.kind in (Path, bool):
+            return self.kind(value)
+        choices = get_args(self.kind)
+        make, expected = _NUMBERS.get(self.kind, (str, ""))
+        if choices:
+            expected = f"{', '.join(choices[:-1])} or {choices[-1]}"
+        try:
+            made = make(value)
+        except ValueError:
+            made = None
+        if made is not None and (not choices or made in choices):
+            return made
+        name = param.get_error_hint().strip("'")
+        raise InvalidValue(f"{name} cannot be {value!r}; write {expected}", ctx=ctx, param=param)
+
+
+class Command(TyperCommand):
+    """A command whose values are made without pydantic, in versions of typer that use it."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return its parameters."""
+        return _with_plain_values(super().get_params(ctx))
+
+
+class Group(TyperGroup):
+    """A group of commands, likewise."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return its parameters."""
+        return _with_plain_values(super().get_params(ctx))
+
+
+def _with_plain_values(parameters: list[Any]) -> list[Any]:
+    for parameter in parameters:
+        about = getattr(parameter, "type_descriptor", None)
+        if about is not None and not about.is_ranged:
+            kind = get_args(about.annotation)[0] if about.is_list else about.annotation
+            vars(parameter)["_runtime_param"] = _PlainValue(kind)
+    return parameters

@@ -1,0 +1,77 @@
+"""One call of a caller as the link carries it out: until when, and what may end it before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import CommandCancelledError, CommandTooOldError, DeadlineError, OvertakenError
+from drivecomm.link.port import Steps, Wait
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.link.command_order import CommandCall
+    from drivecomm.link.line_state import LineState
+    from drivecomm.link.peer import Peer, PeerState
+    from drivecomm.protocol import Ask
+
+
+_OPEN = "; whether the drive acted on it is not known"
+
+
+@dataclass(slots=True)
+class Call:
+    """One call. peer: the drive; partner: what is remembered of it.
+
+    paced: whether characters take their time on this port. stop_waits: tells whether a stop waits for the line.
+    deadline: when the call's time is over. gives_way: whether this call is overtaken by a stop. command: whose command
+    it is, None where it is none that a stop cancels. listen_until: when a probe listens no longer, None for the whole
+    reply time.
+    """
+
+    line: LineState
+    peer: Peer
+    partner: PeerState
+    paced: bool
+    stop_waits: Callable[[], bool]
+    deadline: float
+    gives_way: bool
+    command: CommandCall | None
+    listen_until: float | None = None
+
+    def stay(self, until: float) -> Steps[None]:
+        """Let time pass, unless a stop waits for the line, at most until the call's time is over."""
+        line, until = self.line, min(until, self.deadline)
+        while line.now < until:
+            self.check_overtaken()
+            line.now = (yield Wait(until, self.gives_way)).time
+        self.check_deadline()
+
+    def check_deadline(self) -> None:
+        """Raise DeadlineError when the call's time is over."""
+        if self.line.now >= self.deadline:
+            raise DeadlineError(f"{self.peer.name}: the call's time ({self.peer.facts.timing.deadline_s:g} s) is over")
+
+    def check_overtaken(self) -> None:
+        """Raise OvertakenError when a stop waits for the line."""
+        if self.gives_way and self.stop_waits():
+            raise OvertakenError(f"{self.peer.name} was not asked, because a stop went first")
+
+    def check_cancelled(self) -> None:
+        """Raise CommandCancelledError for a command that a stop was called after."""
+        if self.command is not None and self.command.cancelled:
+            raise CommandCancelledError(
+                f"{self.peer.name} was not sent the command, because a stop was called after it; start it again if it "
+                "shall run"
+            )
+
+    def check_age(self, ask: Ask) -> None:
+        """Make sure that what is repeated still holds: the drive's own watchdog may have acted meanwhile."""
+        silent_s = self.line.now - self.partner.commanded_at
+        if ask.command == "repeated" and silent_s > self.partner.watchdog_s:
+            self.line.away(self.peer.name)
+            raise CommandTooOldError(
+                f"{self.peer.name} was last commanded {silent_s:.1f} s ago, longer than its watchdog waits; what it "
+                "was commanded is not repeated, so start it again if it shall run"
+            )
