@@ -12,6 +12,7 @@ import drivecomm
 from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
 
 _DESCRIPTORS = Path("/proc/self/fd")
+PATIENCE_S = 2.0
 
 
 @pytest.fixture(autouse=True)
@@ -21,6 +22,9 @@ def _nothing_left_behind():
 
     before, threads = left(), threading.active_count()
     yield
+    # A thread that has been told to end does so when it gets the processor.
+    for thread in threading.enumerate()[threads:]:
+        thread.join(PATIENCE_S)
     assert threading.active_count() == threads, threading.enumerate()
     assert left() == before
 
