@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import os
 import re
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -35,6 +36,7 @@ class Kind(NamedTuple):
 
 
 TEXT = Kind((str,), "a text in quotes")
+RAW = Kind((int, str), "a whole number, or a text in quotes")
 WHOLE = Kind((int,), "a whole number")
 NUMBER = Kind((int, float), "a number")
 SECONDS = Kind((int, float), "seconds")
@@ -48,16 +50,22 @@ class Places:
     """In which line of a file a table or a key stands; what is inline or over several lines has the line of its key."""
 
     def __init__(self, text: str) -> None:
-        self._lines: dict[tuple[str, int, str], int] = {}
+        self._text = text
+
+    @cached_property
+    def _lines(self) -> dict[tuple[str, int, str], int]:
+        # Looked for with the first error: a file that is right needs none of it.
+        lines: dict[tuple[str, int, str], int] = {}
         counted: dict[str, int] = {}
         table, number = "", 0
-        for line, content in enumerate(text.splitlines(), start=1):
+        for line, content in enumerate(self._text.splitlines(), start=1):
             if header := _HEADER.match(content):
                 table = header[2]
                 number = counted[table] = counted.get(table, -1) + 1
-                self._lines.setdefault((table, number, ""), line)
+                lines.setdefault((table, number, ""), line)
             elif key := _KEY.match(content):
-                self._lines.setdefault((table, number, key[1] or key[2] or key[3]), line)
+                lines.setdefault((table, number, key[1] or key[2] or key[3]), line)
+        return lines
 
     def of(self, table: str, number: int = 0, key: str = "") -> int:
         """Return the line, from 1, of a key in the table with this name and number, of the table itself without a key.
@@ -71,25 +79,23 @@ class Places:
 class Table:
     """One table of a file, whose errors name the file, the line, which table it is, and the key.
 
-    content: what it holds. name: how errors call it, such as "drive 2 (pump)"; empty for the file as a whole.
+    content: what it holds. line_of: in which line a key stands, None for a text without lines. name: how errors call
+    it, such as "drive 2 (pump)"; empty for the file as a whole. places: of the tables below the top one of a file.
     """
 
     def __init__(
-        self, content: Mapping[str, Any], shown: str, line_of: Callable[[str], int] | None = None, name: str = ""
+        self,
+        content: Mapping[str, Any],
+        shown: str,
+        line_of: Callable[[str], int] | None = None,
+        name: str = "",
+        places: Places | None = None,
     ) -> None:
         self.content = content
         self.name = name
         self._shown = shown
         self._line_of = line_of
-        self._places: Places | None = None
-
-    @classmethod
-    def of_file(cls, content: Mapping[str, Any], text: str, shown: str) -> Table:
-        """Return the top table of a file with this text."""
-        top = cls(content, shown)
-        top._places = Places(text)
-        top._line_of = lambda key: top._places.of("", 0, key) if top._places else 1
-        return top
+        self._places = places
 
     def error(self, what: str, key: str = "") -> FileFormatError:
         """Return the error that says what is wrong with this table, or one key of it."""
@@ -163,7 +169,8 @@ def read_toml(
     """Return the top table of a TOML file. Raises FileFormatError as `read_text_file` does."""
     text = read_text_file(path, what, shown=shown)
     content = parse_toml(text, f"{shown or path}: cannot be read as {what}", parse_float=parse_float)
-    return Table.of_file(content, text, shown or str(path))
+    places = Places(text)
+    return Table(content, shown or str(path), lambda key: places.of("", 0, key), places=places)
 
 
 def parse_toml(text: str, refusal: str, *, parse_float: Callable[[str], Any] = float) -> dict[str, Any]:
