@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from contextlib import suppress
 from dataclasses import replace
 from importlib import resources
@@ -16,7 +17,7 @@ from target import Target, expect
 from drivecomm.capture import MAGIC, Capture, JsonLines, Pcapng, Piece, Provenance, read_json_lines, read_pcapng
 from drivecomm.errors import DriveCommError, FileFormatError
 from drivecomm.models import model_names, read_model
-from drivecomm.plant import files as plant_files
+from drivecomm.plant import read_plant
 from drivecomm.protocol import LineSettings, installed
 from drivecomm.testing import load_vectors, packaged_vectors
 
@@ -35,7 +36,7 @@ def file_targets() -> Iterator[Target]:
     plugins = list(installed.working())
     yield _toml("vector-files", load_vectors, tuple(_vector_files(plugins)))
     yield _toml("model-files", _read_model, tuple(_model_files(plugins)))
-    yield _toml("plant-files", plant_files.read_plant, (_documented(plant_files.__doc__),))
+    yield _toml("plant-files", read_plant, (_documented(sys.modules[read_plant.__module__].__doc__),))
     captures = list(_captures(plugins))
     yield Target(
         name="capture-json-lines",

@@ -5,7 +5,7 @@ from .async_bus import (
     AsyncPriorityLock as AsyncPriorityLock,
     open_bus_async as open_bus_async,
 )
-from .bus import Broadcast as Broadcast, Bus as Bus, Drive as Drive, open_bus as open_bus
+from .bus import Broadcast as Broadcast, Bus as Bus, Drive as Drive, open_bus as open_bus, port_opener as port_opener
 from .exchanges import Exchanges as Exchanges
 from .faces import Job as Job
 from .keeping import keep as keep, keep_async as keep_async

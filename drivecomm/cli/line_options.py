@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import bus as buses
+from drivecomm import bus as buses
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.output import sentence, show_trace
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError

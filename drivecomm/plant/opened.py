@@ -17,7 +17,7 @@ from pathlib import Path
 from threading import RLock
 from typing import TYPE_CHECKING, Any, Self
 
-from drivecomm.bus import bus as buses
+from drivecomm import bus as buses
 from drivecomm.errors import UsageError
 from drivecomm.plant.files import read_plant
 from drivecomm.protocol import LINE_FACT_NAMES

@@ -7,7 +7,7 @@ from contextlib import suppress
 import pytest
 
 import drivecomm
-from drivecomm.bus import bus as buses
+from drivecomm import bus as buses
 from drivecomm.capture import Provenance, RecordedPort, Recording, read_capture
 from drivecomm.errors import LinkDownError, NoReplyError, PortError, UsageError
 from drivecomm.plant import FaultPlan

@@ -112,8 +112,9 @@ def heard(shell, tmp_path, monkeypatch):
 
     monkeypatch.setattr(drivecomm.cli.replay, "ReplayMaster", asking)
     monkeypatch.setattr(drivecomm.bus.bus.Bus, "scan", scanned)
-    monkeypatch.setattr(drivecomm.bus.bus, "port_opener", port_opener)
-    monkeypatch.setattr(drivecomm.bus.bus, "open_bus", open_bus)
+    for place in (drivecomm.bus, drivecomm.bus.bus):
+        monkeypatch.setattr(place, "port_opener", port_opener)
+        monkeypatch.setattr(place, "open_bus", open_bus)
     monkeypatch.setattr(drivecomm.bus.bus.Bus, "drive", made)
 
     def run(*call):

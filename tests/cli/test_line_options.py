@@ -64,6 +64,7 @@ def test_what_the_port_is_opened_with(shell, monkeypatch, command, arguments, op
         seen.append((port, options))
         return line.port
 
-    monkeypatch.setattr(drivecomm.bus.bus, "port_opener", opener)
+    for place in (drivecomm.bus, drivecomm.bus.bus):
+        monkeypatch.setattr(place, "port_opener", opener)
     assert shell(*command, *arguments, port="/dev/ttyUSB0") == 0
     assert seen == [("/dev/ttyUSB0", opened)]

@@ -14,7 +14,7 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from drivecomm.bus import bus as buses
+from drivecomm import bus as buses
 from drivecomm.cli.control.client import StopRequest, StopResult, broadcasts, stop_by_holder
 from drivecomm.cli.output import complain, emit, say, sentence
 from drivecomm.cli.signals import until_stopped
