@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 from itertools import product
 from typing import TYPE_CHECKING, TypeVar
 
-from drivecomm.protocol import LineSettings, Parity
+from drivecomm.protocol import USUAL_BAUD_RATES, LineSettings, Parity
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-USUAL_RATES = (9600, 19200, 38400, 4800, 57600, 115200, 2400, 1200)
-"""Speeds of serial equipment, the usual first."""
 
 USUAL_FORMATS: tuple[tuple[int, Parity, float], ...] = (
     (8, "N", 1),
@@ -93,7 +91,7 @@ def likely_settings(
     default = plugin.facts.settings
     known = list(models)
     named_rates, named_formats = _named_rates(known), _named_formats(known, default)
-    rates = _ranked([default.baudrate], named_rates, choices.baudrates or USUAL_RATES)
+    rates = _ranked([default.baudrate], named_rates, choices.baudrates or USUAL_BAUD_RATES)
     given = choices.bytesizes or choices.parities or choices.stopbits
     chosen = product(
         choices.bytesizes or (default.bytesize,), choices.parities or (default.parity,), choices.stopbits or (1,)
@@ -130,7 +128,7 @@ def _ranked(default: Sequence[T], named: Sequence[T], usual: Sequence[T]) -> lis
 def _named_rates(models: Iterable[Model]) -> list[int]:
     rates = {int(each) for text in _options(models, "baud_rate") for each in _RATE.findall(text)}
     allowed = [rate for rate in rates if 300 <= rate <= 1_000_000]
-    order = {rate: place for place, rate in enumerate(USUAL_RATES)}
+    order = {rate: place for place, rate in enumerate(USUAL_BAUD_RATES)}
     return sorted(allowed, key=lambda rate: (order.get(rate, len(order)), rate))
 
 

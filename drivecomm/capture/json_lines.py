@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from drivecomm.capture.pieces import LONGEST_S, Capture, Piece, Provenance, Source
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.protocol import LineSettings
+from drivecomm.protocol import SETTING_NAMES, LineSettings
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -124,7 +124,6 @@ FORMAT = "drivecomm-capture"
 VERSION = 1
 
 _TEXTS = ("tool", "port", "note")
-_SETTINGS = ("baudrate", "bytesize", "parity", "stopbits")
 
 
 def header_of(provenance: Provenance) -> dict[str, Any]:
@@ -166,7 +165,7 @@ def provenance_of(header: Mapping[str, Any]) -> Provenance:
 
 def settings_object(settings: LineSettings) -> dict[str, Any]:
     """Return line settings as an object."""
-    return {name: getattr(settings, name) for name in _SETTINGS}
+    return {name: getattr(settings, name) for name in SETTING_NAMES}
 
 
 def settings_in(content: Mapping[str, Any]) -> LineSettings | None:
@@ -176,7 +175,7 @@ def settings_in(content: Mapping[str, Any]) -> LineSettings | None:
         return None
     if not isinstance(given, dict):
         raise FileFormatError("settings is not an object")
-    only(given, _SETTINGS)
+    only(given, SETTING_NAMES)
     try:
         return LineSettings(**given)
     except UsageError as error:

@@ -15,6 +15,7 @@ from drivecomm.cli.output import counted, emit, progress_bar, say
 from drivecomm.commissioning import forecast_scan
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.plant import found_text, there_already, write_new
+from drivecomm.protocol import SETTING_NAMES
 from drivecomm.tomlfile import write_whole
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from drivecomm.commissioning import ScanForecast
 
 _LINE = "Line"
-_SETTINGS = ("baudrate", "bytesize", "parity", "stopbits")
 
 
 def scan(
@@ -58,7 +58,7 @@ def scan(
         raise UsageError("--force is for a file that --write names, so that it has no effect; leave it out")
     if line.plant is not None and "port" in line.given:
         line.refuse("the line is that of --port", "plant")
-    tried = dict(zip(_SETTINGS, (given.baudrates, given.bytesizes, given.parities, given.stopbits), strict=True))
+    tried = dict(zip(SETTING_NAMES, (given.baudrates, given.bytesizes, given.parities, given.stopbits), strict=True))
     several = wide or any(len(some) > 1 for some in tried.values())
     wanted = addresses_of(addresses) if addresses else None
     if not scan_plan(protocol or None, wanted):

@@ -10,7 +10,6 @@ from drivecomm.errors import (
     OvertakenError,
     ReplyError,
 )
-from drivecomm.link.port import Steps
 from drivecomm.link.reception import await_reply
 from drivecomm.protocol import Ask, Pause
 

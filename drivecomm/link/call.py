@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Ask
 
 
-_OPEN = "; whether the drive acted on it is not known"
-
-
 @dataclass(slots=True)
 class Call:
     """One call. peer: the drive; partner: what is remembered of it.

@@ -64,9 +64,9 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.plant.plant import Plant, PlantLine
 from drivecomm.plant.script import Noise, kind_named
-from drivecomm.plant.script_files import RAW, errors_in, fault_of
+from drivecomm.plant.script_files import errors_in, fault_of
 from drivecomm.protocol import DriveConfig, LineSettings, LinkLossPolicy, PollGroup, parse_drive
-from drivecomm.tomlfile import CHOICE, LIST, NUMBER, SECONDS, TABLE, TABLES, TEXT, WHOLE, read_toml
+from drivecomm.tomlfile import CHOICE, LIST, NUMBER, RAW, SECONDS, TABLE, TABLES, TEXT, WHOLE, read_toml
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.plant.plant import Plant, PlantLine
-from drivecomm.protocol import DriveConfig, LineSettings, parse_drive
+from drivecomm.protocol import SETTING_NAMES, DriveConfig, LineSettings, parse_drive
 from drivecomm.tomlfile import parse_toml
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _ENTRY = re.compile(r"^[ \t]*\[\[[ \t]*(\w+)[ \t]*\]\].*$", re.MULTILINE)
-_SETTINGS = ("baudrate", "bytesize", "parity", "stopbits")
 
 
 def salvaged(path: Path) -> tuple[Plant, list[str]]:
@@ -78,7 +77,7 @@ def _line(entry: dict[str, Any]) -> PlantLine | None:
     if not name:
         return None
     settings: dict[str, Any] = {}
-    for key in _SETTINGS:
+    for key in SETTING_NAMES:
         with suppress(UsageError):
             LineSettings(**{key: entry[key]} if key in entry else {})
             settings.update({key: entry[key]} if key in entry else {})

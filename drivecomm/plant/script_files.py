@@ -22,7 +22,6 @@ from drivecomm.tomlfile import CHOICE, NUMBER, SECONDS, TABLE, TEXT, WHOLE, Kind
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-RAW = Kind((int, str), "a whole number, or a text in quotes")
 _VALUE = Kind((int, float, str), "a number as it is read, or its raw text in quotes")
 _WINDOW = {"from_s": SECONDS, "until_s": SECONDS}
 _TELEGRAMS = {

@@ -34,6 +34,8 @@ from .framing import (
 )
 from .line import (
     LINE_FACT_NAMES as LINE_FACT_NAMES,
+    SETTING_NAMES as SETTING_NAMES,
+    USUAL_BAUD_RATES as USUAL_BAUD_RATES,
     LineFacts as LineFacts,
     LineSettings as LineSettings,
     Parity as Parity,

@@ -13,6 +13,9 @@ Parity: TypeAlias = Literal["N", "E", "O", "M", "S"]
 
 _PARITIES = ("N", "E", "O", "M", "S")
 
+USUAL_BAUD_RATES = (9600, 19200, 38400, 4800, 57600, 115200, 2400, 1200)
+"""What drives are set to, the most usual first."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineSettings:
@@ -47,6 +50,10 @@ class LineSettings:
 
     def __str__(self) -> str:
         return f"{self.baudrate} {self.bytesize}{self.parity}{self.stopbits:g}"
+
+
+SETTING_NAMES = tuple(field.name for field in fields(LineSettings))
+"""The names of line settings, in the order of `LineSettings`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -107,9 +107,6 @@ def _broke(error: OSError) -> ChannelGoneError:
 _CONNECT_S = 5.0
 # The end of a connection takes as long as its beginning, and the server some time to decide on it.
 _DECIDING_S = 0.03
-_CHUNK = 4096
-
-_monotonic = time.monotonic
 
 
 def connected(url: str) -> tuple[socket.socket, bytes]:

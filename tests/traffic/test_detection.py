@@ -8,8 +8,8 @@ from extents import extents
 from traffic import PROTOCOLS, plant
 
 from drivecomm.capture import Piece
-from drivecomm.protocol import LineSettings
-from drivecomm.traffic.sniffer import BAUD_RATES, LineSample, detect
+from drivecomm.protocol import USUAL_BAUD_RATES, LineSettings
+from drivecomm.traffic.sniffer import LineSample, detect
 from drivecomm.virtual import heard, received
 
 FORMATS = {
@@ -43,7 +43,7 @@ def unknown_line(seed):
     random = Random(seed)
     protocol = random.choice(sorted(FORMATS))
     bytesize, parity = random.choice(FORMATS[protocol])
-    settings = LineSettings(baudrate=random.choice(BAUD_RATES), bytesize=bytesize, parity=parity)
+    settings = LineSettings(baudrate=random.choice(USUAL_BAUD_RATES), bytesize=bytesize, parity=parity)
     names = [(protocol, address) for address in random.sample(range(1, 30), random.randint(1, 3))]
     given = {"baudrate": settings.baudrate, "bytesize": bytesize, "parity": parity}
     traffic = plant(600, telegrams=210, rate=0.02, seed=seed, names=names, settings=given, pauses=(0.0, 0.1, 0.4))

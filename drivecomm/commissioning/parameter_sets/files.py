@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from drivecomm.commissioning.parameter_sets.parameter_set import PARTS, Entry, ParameterSet, in_order
 from drivecomm.errors import FileFormatError, UsageError, near
 from drivecomm.models import quantities
-from drivecomm.tomlfile import TABLE, TEXT, WHOLE, Kind, Table, read_toml, toml_line, toml_value, write_whole
+from drivecomm.tomlfile import RAW, TABLE, TEXT, WHOLE, Kind, Table, read_toml, toml_line, toml_value, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -30,9 +30,8 @@ _TOP = {
     "time": Kind((datetime,), "a time with its zone, as 2026-11-21T19:00:00Z"),
     **dict.fromkeys(("identity", *PARTS, "not_read"), TABLE),
 }
-_RAW = Kind((int, str), "a whole number, or a text in quotes")
 _VALUE = Kind((int, Decimal, str), "a number, or a text in quotes")
-_KEYS = {"name": TEXT, "value": _VALUE, "unit": TEXT, "raw": _RAW, "common": TEXT}
+_KEYS = {"name": TEXT, "value": _VALUE, "unit": TEXT, "raw": RAW, "common": TEXT}
 _MOST_DIGITS = 40
 """No drive holds a number with more; one with millions would keep a program busy for ever."""
 

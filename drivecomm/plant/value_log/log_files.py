@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
-    from drivecomm.plant.value_log.rows import LogRow
     from drivecomm.polling import PollResult
 
 _LOGGER = logging.getLogger("drivecomm.value_log")

@@ -1,4 +1,4 @@
-from .detection import BAUD_RATES as BAUD_RATES, Detected as Detected, LineSample as LineSample, detect as detect
+from .detection import Detected as Detected, LineSample as LineSample, detect as detect
 from .line_monitor import (
     LINE as LINE,
     LineEvent as LineEvent,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol as Interface
 
-from drivecomm.protocol import LineSettings
+from drivecomm.protocol import USUAL_BAUD_RATES, LineSettings
 from drivecomm.traffic.sniffer.sniffer import Sniffer
 from drivecomm.traffic.sniffer.traffic_items import AmbiguousTelegram, HeardTelegram
 
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Parity, Protocol
     from drivecomm.traffic.sniffer.traffic_items import TrafficItem
 
-BAUD_RATES = (9600, 19200, 38400, 4800, 57600, 115200, 2400, 1200)
-"""Most likely first."""
 
 _FORMATS: tuple[tuple[int, Parity], ...] = ((7, "E"), (7, "O"), (8, "E"), (8, "O"), (8, "N"))
 """Those that check most first: of equally good ones the first is meant."""
@@ -77,7 +75,9 @@ class Detected:
     spoilt: float
 
 
-def detect(line: Listening, protocols: Iterable[Protocol], baud_rates: Sequence[int] = BAUD_RATES) -> Detected | None:
+def detect(
+    line: Listening, protocols: Iterable[Protocol], baud_rates: Sequence[int] = USUAL_BAUD_RATES
+) -> Detected | None:
     """Return what is spoken on a line; None when nothing was understood with any settings."""
     known = list(protocols)
     for baudrate in baud_rates:
