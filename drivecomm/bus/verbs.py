@@ -22,7 +22,7 @@ T = TypeVar("T")
 B = TypeVar("B", bound="SharedBus[Any, Any]")
 
 
-class _Verbs(Generic[B]):
+class PeerVerbs(Generic[B]):
     """What the verbs of one drive and those of all drives of a protocol need."""
 
     def __init__(self, bus: B, peer: Peer, operations: Operations, model: Model | None = None) -> None:
@@ -54,7 +54,7 @@ class _Verbs(Generic[B]):
         return self._command(exchange)
 
 
-class DriveVerbs(_Verbs[B]):
+class DriveVerbs(PeerVerbs[B]):
     """The verbs of one addressed drive."""
 
     def __init__(self, bus: B, peer: Peer, operations: Operations, model: Model | None) -> None:
@@ -233,7 +233,7 @@ class DriveVerbs(_Verbs[B]):
         return f"<{type(self).__name__} {self.name}>"
 
 
-class BroadcastVerbs(_Verbs[B]):
+class BroadcastVerbs(PeerVerbs[B]):
     """The verbs of all drives of a protocol at once."""
 
     @Verb
