@@ -4,6 +4,7 @@ import asyncio
 import threading
 import time
 from contextlib import suppress
+from functools import partial
 
 import pytest
 from benches import Mortal, Recorder
@@ -107,7 +108,16 @@ class TestInterrupting:
 
 
 class TestCancelling:
-    def test_a_start_that_waits_for_its_turn(self, served):
+    @pytest.mark.parametrize(
+        ("verb", "arguments"),
+        [
+            ("start", {}),
+            ("set_reference", {"percent": 20}),
+            ("write", {"parameter": "3-41", "value": 7}),
+            ("call", {"verb": "control_word", "word": 0x047C}),
+        ],
+    )
+    def test_a_command_that_waits_for_its_turn(self, served, verb, arguments):
         virtual, port = served
         with drivecomm.open_bus(port) as bus:
             fan = bus.drive("danfoss-fc", 2, model="fc300")
@@ -115,7 +125,7 @@ class TestCancelling:
             dead = bus.drive("danfoss-fc", 9, reply_timeout_s=3.0, attempts=1)
             raised = []
             threads = []
-            for call in (lambda: dead.read("16-13", type="int32"), fan.start):
+            for call in (lambda: dead.read("16-13", type="int32"), partial(getattr(fan, verb), **arguments)):
                 threads.append(threading.Thread(target=lambda call=call: raised.append(raised_by(call))))
                 threads[-1].start()
                 time.sleep(0.1)
