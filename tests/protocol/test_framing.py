@@ -296,6 +296,27 @@ def test_a_telegram_whose_length_stands_behind_what_is_looked_at_first():
     ]
 
 
+def test_a_telegram_that_tells_step_by_step_how_long_it_is():
+    class Chained(Letters):
+        """Blocks of 600 letters, and behind each whether another one follows."""
+
+        def measure(self, head, _):
+            length = 601 if head[:1] == b"<" else 0
+            while length and head[length - 1 : length] == b"+":
+                length += 600
+            return length
+
+        def decode(self, data, _):
+            return Word(data.decode())
+
+    telegram = b"<" + (b"a" * 599 + b"+") * 3 + b"a" * 599 + b"."
+    assert shape(Framer(Chained(), "reply").feed(b"!" + telegram + b"?")) == [
+        ("Noise", b"!"),
+        ("Framed", telegram),
+        ("Noise", b"?"),
+    ]
+
+
 def test_time_grows_with_noise_and_not_with_its_square():
     def seconds(length):
         began = time.process_time()
