@@ -1,0 +1,159 @@
+"""Carries out the steps of a link while its port becomes readable and time passes; it never waits itself.
+
+An event loop tells it what happens: that of asyncio, or the engine that runs many lines in one thread.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import LinkDownError
+from drivecomm.link import Arrival, Receive, Wait
+from drivecomm.transport.blocking_runner import carry_out
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.link import Port, Steps
+
+# Less than it costs to go to sleep and be woken.
+_NOT_WORTH_SLEEPING_S = 0.00003
+# More than a line can leave behind between two exchanges; who talks without end is not kept.
+_MOST_UNASKED = 4096
+
+
+class LineRunner:
+    """One exchange after the other on one open port.
+
+    wake_at: asks for a call of `timed` at a time; an earlier one does no harm. wake_precisely: the same for the
+    pauses between telegrams, as exactly as can be. ended: told what came of an exchange, its result or its error; it
+    may begin the next one.
+    """
+
+    def __init__(
+        self,
+        port: Port,
+        wake_at: Callable[[float], None],
+        wake_precisely: Callable[[float], None],
+        ended: Callable[[Any, Exception | None], None],
+    ) -> None:
+        self._port = port
+        self._now = port.now
+        self._wake_at = wake_at
+        self._wake_precisely = wake_precisely
+        self._ended = ended
+        self._steps: Steps[Any] | None = None
+        self._stop_waits: Callable[[], bool] = _never
+        self._waiting: Receive | Wait | None = None
+        self._inbox = b""
+
+    def begin(self, steps: Steps[Any], stop_waits: Callable[[], bool]) -> None:
+        """Begin to carry out the steps of a link. stop_waits: tells whether a stop waits for the line."""
+        self._steps, self._stop_waits = steps, stop_waits
+        self._go_on(None)
+
+    def cut_off(self) -> None:
+        """End the exchange that is under way; nothing is told of it."""
+        steps, self._steps, self._waiting = self._steps, None, None
+        if steps is not None:
+            steps.close()
+
+    def give_way(self) -> None:
+        """Look whether a stop waits for the line."""
+        waiting = self._waiting
+        if waiting is not None and waiting.gives_way and self._stop_waits():
+            self._go_on(self._arrival() if isinstance(waiting, Receive) else Arrival(self._now()))
+
+    def readable(self) -> None:
+        """Take what has come."""
+        try:
+            self._inbox += self._port.take()
+        except LinkDownError as error:
+            self._end(None, error)
+            raise
+        waiting = self._waiting
+        if isinstance(waiting, Receive):
+            if len(self._inbox) >= waiting.at_least:
+                self._go_on(self._arrival())
+        elif len(self._inbox) > _MOST_UNASKED:
+            self._inbox = self._inbox[-_MOST_UNASKED:]
+
+    def timed(self) -> None:
+        """Look whether what was waited for is over."""
+        waiting = self._waiting
+        if waiting is None:
+            return
+        until, now = waiting.until, self._now()
+        if isinstance(waiting, Receive):
+            if now < until:
+                self._wake_at(until)
+                return
+            try:
+                # What is there may be less than was waited for.
+                self._inbox += self._port.take()
+            except LinkDownError as error:
+                self._end(None, error)
+                return
+            self._go_on(self._arrival())
+        elif until - now > _NOT_WORTH_SLEEPING_S:
+            self._wake_precisely(until)
+        else:
+            # On a busy loop, whose time is precious, an alarm is heard too late for this to go round even once.
+            while now < until:
+                now = self._now()
+            self._go_on(Arrival(now))
+
+    def _go_on(self, arrival: Arrival | None) -> None:
+        """Carry out effects until one must wait."""
+        steps, port, now = self._steps, self._port, self._now
+        if steps is None:
+            return
+        self._waiting = None
+        try:
+            while True:
+                effect = steps.send(arrival)  # type: ignore[arg-type]
+                if isinstance(effect, Receive):
+                    until, at_least, gives_way = effect
+                    if now() >= until:
+                        # Mostly there is nothing, and `read` finds that out without an exception.
+                        self._inbox += port.read(until, 1)
+                    elif len(self._inbox) < at_least and not (gives_way and self._stop_waits()):
+                        port.hold_back(at_least - len(self._inbox))
+                        self._waiting = effect
+                        self._wake_at(until)
+                        return
+                    arrival = self._arrival()
+                elif not isinstance(effect, Wait):
+                    arrival = carry_out(effect, port)
+                else:
+                    until = effect.until
+                    if effect.gives_way and self._stop_waits():
+                        arrival = Arrival(now())
+                        continue
+                    if until - now() > _NOT_WORTH_SLEEPING_S:
+                        self._waiting = effect
+                        self._wake_precisely(until)
+                        return
+                    while now() < until:
+                        pass
+                    arrival = Arrival(now())
+        except StopIteration as finished:
+            result = finished.value
+        except Exception as error:  # noqa: BLE001 - it belongs to whoever waits for the result
+            self._end(None, error)
+            return
+        self._end(result, None)
+
+    def _end(self, result: Any, error: Exception | None) -> None:
+        steps, self._steps, self._waiting = self._steps, None, None
+        if steps is not None:
+            steps.close()
+            self._ended(result, error)
+
+    def _arrival(self) -> Arrival:
+        data, self._inbox = self._inbox, b""
+        return Arrival(self._now(), data)
+
+
+def _never() -> bool:
+    return False
