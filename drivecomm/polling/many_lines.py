@@ -84,6 +84,7 @@ def poll_together(
         engine.call_soon(served.stop)
         for thread in threads:
             thread.join()
+        engine.close()
 
 
 def _work(
@@ -101,7 +102,7 @@ def _work(
 
 
 class _Served:
-    """The lines that one engine serves. engine: closed at the end. results: where batches of results go."""
+    """The lines that one engine serves. results: where batches of results go."""
 
     def __init__(self, engine: Engine, results: _Results) -> None:
         self.engine = engine
@@ -128,7 +129,6 @@ class _Served:
         finally:
             for line in self.lines:
                 line.close()
-            self.engine.close()
 
     def stop(self) -> None:
         """Begin nothing any more; what is under way is brought to its end."""

@@ -64,8 +64,8 @@ class Engine:
         self._soon.append(called)
         if self._asleep:
             self._asleep = False
-            # Where it takes no more, so much is in it that it wakes us all the same.
-            with contextlib.suppress(BlockingIOError):
+            # One that takes no more wakes us all the same, and one that is closed has nobody to wake.
+            with contextlib.suppress(OSError):
                 self._waker.send(b"\0")
 
     def aside(self, work: Callable[[], None]) -> None:
