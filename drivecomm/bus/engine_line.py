@@ -63,7 +63,10 @@ class EngineLine:
         except Exception as error:  # noqa: BLE001 - whoever wants the job is told
             self._end(None, error)
             return
-        if self._has_turn or self._ask(job.rank):
+        if self._has_turn:
+            # Nobody else can have opened or lost the port meanwhile.
+            self._carry_out(job)
+        elif self._ask(job.rank):
             self._begin()
 
     def rest(self) -> None:
@@ -118,20 +121,25 @@ class EngineLine:
 
     def _begin(self) -> None:
         """Carry out the job, now that it is this line's turn."""
-        port = self._parts.port()
+        port, job = self._parts.port(), self._job
         if port is None:
             self._engine.aside(self._open)
-            return
-        if port is not self._port:
-            self._port, self._woken_at = port, float("inf")
-            self._runner = LineRunner(port, self._wake_at, self._wake_precisely, self._end)
-        runner, job = self._runner, self._job
-        if runner is None or job is None:
-            return
-        if self._watched is None and port.descriptor is not None:
-            self._engine.watch(port.descriptor, self._readable)
-            self._watched = port.descriptor
-        runner.begin(self._parts.begin(job, self._deadline)(port.now()), self._lock.stop_waits)
+        elif job is not None:
+            if port is not self._port:
+                self._port, self._woken_at = port, float("inf")
+                self._runner = LineRunner(port, self._wake_at, self._wake_precisely, self._end, self._lose_port)
+            if self._runner is not None and port.descriptor is not None:
+                self._engine.watch(port.descriptor, self._runner.readable)
+                self._watched = port.descriptor
+            self._carry_out(job)
+
+    def _carry_out(self, job: Job[Any]) -> None:
+        runner, port = self._runner, self._port
+        if runner is None or port is None:
+            # The job before this one has found the port lost.
+            self._begin()
+        else:
+            runner.begin(self._parts.begin(job, self._deadline)(port.now()), self._lock.stop_waits)
 
     def _open(self) -> None:
         """Open the port again, in a thread of its own."""
@@ -142,13 +150,6 @@ class EngineLine:
             self._engine.call_soon(lambda: self._end(None, failed))
         else:
             self._engine.call_soon(self._begin)
-
-    def _readable(self) -> None:
-        try:
-            if self._runner is not None:
-                self._runner.readable()
-        except LinkDownError:
-            self._lose_port()
 
     def _wake_at(self, until: float) -> None:
         # An earlier one is left to come and then set anew: most replies come long before it.
@@ -168,7 +169,8 @@ class EngineLine:
         if self._runner is not None:
             self._runner.timed()
 
-    def _lose_port(self) -> None:
+    def _lose_port(self, _error: LinkDownError) -> None:
+        # A descriptor that is closed cannot be watched.
         self._unwatch()
         if self._port is not None:
             self._parts.lost(self._port)
@@ -181,7 +183,7 @@ class EngineLine:
 
     def _end(self, result: Any, error: Exception | None) -> None:
         if isinstance(error, LinkDownError):
-            self._lose_port()
+            self._lose_port(error)
         if error is None:
             result = self._parts.timed(result)
         self._job = None

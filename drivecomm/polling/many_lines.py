@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 _WAITING_BATCHES = 200
 """So many batches of results wait for a slow reader, then the lines wait for it."""
 
+_BATCH_S = 0.002
+"""The reader of many results a second is woken no more often than this; it costs as much as an exchange."""
+
 _Results: TypeAlias = "SimpleQueue[list[PollResult] | BaseException | None]"
 
 
@@ -108,14 +111,15 @@ class _Served:
         self.engine = engine
         self.lines: list[_PolledLine] = []
         self.stopped = False
+        self.reader_is_slow = False
+        """Whether the lines wait, until the reader has taken more of the results."""
         self._results = results
         self._batch: list[PollResult] = []
+        self.give = self._batch.append
+        """Takes a result; the reader gets it together with others."""
+        self._next_batch_at = 0.0
+        self._woken = False
         self._over = 0
-
-    @property
-    def reader_is_slow(self) -> bool:
-        """Whether the lines wait, until the reader has taken more of the results."""
-        return self._results.qsize() >= _WAITING_BATCHES
 
     def run(self) -> None:
         """Poll until all lines are at the end of their plan."""
@@ -123,6 +127,7 @@ class _Served:
             for line in self.lines:
                 line.go_on()
             self.engine.run(self._are_over, self._hand_over)
+            self._results.put(self._batch)
             self._results.put(None)
         except BaseException as error:  # noqa: BLE001 - it is raised again where the results are read
             self._results.put(error)
@@ -136,9 +141,9 @@ class _Served:
         for line in self.lines:
             line.wake()
 
-    def give(self, result: PollResult) -> None:
-        """Take a result; the reader gets it with the others of this round."""
-        self._batch.append(result)
+    def look_at_reader(self) -> None:
+        """See whether the reader is slow."""
+        self.reader_is_slow = self._results.qsize() >= _WAITING_BATCHES
 
     def is_over(self) -> None:
         """Take note that a line is at the end of its plan."""
@@ -148,9 +153,20 @@ class _Served:
         return self._over == len(self.lines)
 
     def _hand_over(self) -> None:
-        if self._batch:
-            self._results.put(self._batch)
-            self._batch = []
+        if not self._batch:
+            return
+        now = self.engine.now()
+        if now >= self._next_batch_at:
+            self._results.put(self._batch.copy())
+            self._batch.clear()
+            self._next_batch_at = now + _BATCH_S
+            self.look_at_reader()
+        elif not self._woken:
+            self._woken = True
+            self.engine.call_at(self._next_batch_at, self._wake)
+
+    def _wake(self) -> None:
+        self._woken = False
 
 
 class _PolledLine:
@@ -189,8 +205,10 @@ class _PolledLine:
 
     def _do_next(self) -> None:
         if self._served.reader_is_slow and not self._served.stopped:
-            self._sleep_until(self._served.engine.now() + NAP_S)
-            return
+            self._served.look_at_reader()
+            if self._served.reader_is_slow:
+                self._sleep_until(self._served.engine.now() + NAP_S)
+                return
         due = None if self._served.stopped else self._polling.next()
         if isinstance(due, PollItem):
             self._item = due

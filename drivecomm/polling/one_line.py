@@ -68,12 +68,13 @@ class Polling(Generic[D]):
 
         While the line is down, an item is not worth trying and its result is returned instead.
         """
-        now, due_s = self.bus.now(), self._schedule.next_due()
-        if due_s == math.inf or max(now, due_s) - self._start_s >= self._duration_s:
+        now = self.bus.now()
+        if now - self._start_s >= self._duration_s:
             return None
         item = self._schedule.due(now)
         if item is None:
-            return due_s
+            due_s = self._schedule.next_due()
+            return None if due_s == math.inf or due_s - self._start_s >= self._duration_s else due_s
         if self._down is not None and now < self._backoff.over_at:
             return self._result(item, self._down)
         return item
@@ -86,7 +87,8 @@ class Polling(Generic[D]):
         return self._result(item, outcome)
 
     def _result(self, item: PollItem[D], outcome: Reading | DriveCommError) -> PollResult:
-        return self._schedule.finished(item, self.bus.now(), outcome, time_s=self.bus.wall_time())
+        time_s = self.bus.wall_time() if isinstance(outcome, DriveCommError) else outcome.time_s
+        return self._schedule.finished(item, self.bus.now(), outcome, time_s=time_s)
 
 
 def _never() -> bool:

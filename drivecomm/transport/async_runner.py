@@ -165,7 +165,7 @@ class ReadinessRunner:
         self._port = port
         self._descriptor = descriptor
         self._loop = asyncio.get_running_loop()
-        self._runner = LineRunner(port, self._wake_at, self._wake_precisely, self._ended)
+        self._runner = LineRunner(port, self._wake_at, self._wake_precisely, self._ended, self._port_lost)
         self._result: asyncio.Future[Any] | None = None
         self._lost: LinkDownError | None = None
         self._timer: asyncio.TimerHandle | None = None
@@ -225,11 +225,11 @@ class ReadinessRunner:
 
     def _readable(self) -> None:
         self._look_whether_cancelled()
-        try:
-            self._runner.readable()
-        except LinkDownError as error:
-            self._watch_no_more()
-            self._lost = error
+        self._runner.readable()
+
+    def _port_lost(self, error: LinkDownError) -> None:
+        self._watch_no_more()
+        self._lost = error
 
     def _watch_no_more(self) -> None:
         if self._watched:

@@ -27,7 +27,7 @@ class LineRunner:
 
     wake_at: asks for a call of `timed` at a time; an earlier one does no harm. wake_precisely: the same for the
     pauses between telegrams, as exactly as can be. ended: told what came of an exchange, its result or its error; it
-    may begin the next one.
+    may begin the next one. lost: told when the port is found lost on reading, before `ended`.
     """
 
     def __init__(
@@ -36,12 +36,14 @@ class LineRunner:
         wake_at: Callable[[float], None],
         wake_precisely: Callable[[float], None],
         ended: Callable[[Any, Exception | None], None],
+        lost: Callable[[LinkDownError], None],
     ) -> None:
         self._port = port
         self._now = port.now
         self._wake_at = wake_at
         self._wake_precisely = wake_precisely
         self._ended = ended
+        self._lost = lost
         self._steps: Steps[Any] | None = None
         self._stop_waits: Callable[[], bool] = _never
         self._waiting: Receive | Wait | None = None
@@ -67,16 +69,17 @@ class LineRunner:
     def readable(self) -> None:
         """Take what has come."""
         try:
-            self._inbox += self._port.take()
+            data = self._inbox + self._port.take()
         except LinkDownError as error:
+            self._lost(error)
             self._end(None, error)
-            raise
+            return
         waiting = self._waiting
-        if isinstance(waiting, Receive):
-            if len(self._inbox) >= waiting.at_least:
-                self._go_on(self._arrival())
-        elif len(self._inbox) > _MOST_UNASKED:
-            self._inbox = self._inbox[-_MOST_UNASKED:]
+        if isinstance(waiting, Receive) and len(data) >= waiting.at_least:
+            self._inbox = b""
+            self._go_on(Arrival(self._now(), data))
+        else:
+            self._inbox = data[-_MOST_UNASKED:]
 
     def timed(self) -> None:
         """Look whether what was waited for is over."""
@@ -92,6 +95,7 @@ class LineRunner:
                 # What is there may be less than was waited for.
                 self._inbox += self._port.take()
             except LinkDownError as error:
+                self._lost(error)
                 self._end(None, error)
                 return
             self._go_on(self._arrival())
@@ -147,7 +151,8 @@ class LineRunner:
     def _end(self, result: Any, error: Exception | None) -> None:
         steps, self._steps, self._waiting = self._steps, None, None
         if steps is not None:
-            steps.close()
+            if error is not None:
+                steps.close()
             self._ended(result, error)
 
     def _arrival(self) -> Arrival:
