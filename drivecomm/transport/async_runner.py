@@ -12,7 +12,7 @@ from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import LinkDownError
-from drivecomm.link import Arrival, PortProxy, Receive, Wait
+from drivecomm.link import Arrival, PortProxy, Receive, Wait, taken_apart
 from drivecomm.transport.alarm import open_alarm
 from drivecomm.transport.blocking_runner import carry_out, run as run_blocking
 
@@ -76,7 +76,8 @@ class VirtualTimeRunner:
         """Run the steps of a link to their end."""
         # Others run before the first telegram, too, so that a stop of theirs goes before it.
         await asyncio.sleep(0)
-        steps = begin(self._port.now())
+        now = self._port.now()
+        steps = taken_apart(begin(now), now)
         try:
             effect = next(steps)
             while True:
@@ -185,7 +186,8 @@ class ReadinessRunner:
         """Run the steps of a link to their end."""
         if self._lost is not None:
             raise self._lost
-        steps = begin(self._port.now())
+        now = self._port.now()
+        steps = taken_apart(begin(now), now)
         self._steps, self._stop_waits = steps, stop_waits
         self._result = result = self._loop.create_future()
         self._go_on(None)
