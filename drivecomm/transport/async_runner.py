@@ -12,14 +12,14 @@ from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import LinkDownError
-from drivecomm.link import Arrival, PortProxy, Receive, Wait, taken_apart
+from drivecomm.link import Arrival, PortProxy, Receive, Talk, Wait, taken_apart
 from drivecomm.transport.alarm import open_alarm
 from drivecomm.transport.blocking_runner import carry_out, run as run_blocking
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.link import Port, Steps
+    from drivecomm.link import Effect, Port, Steps
 
 T = TypeVar("T")
 
@@ -174,6 +174,7 @@ class ReadinessRunner:
         self._result: asyncio.Future[Any] | None = None
         self._inbox = b""
         self._waiting: Receive | Wait | None = None
+        self._talk: Talk | None = None
         self._lost: LinkDownError | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._alarm = open_alarm()
@@ -186,8 +187,7 @@ class ReadinessRunner:
         """Run the steps of a link to their end."""
         if self._lost is not None:
             raise self._lost
-        now = self._port.now()
-        steps = taken_apart(begin(now), now)
+        steps = begin(self._port.now())
         self._steps, self._stop_waits = steps, stop_waits
         self._result = result = self._loop.create_future()
         self._go_on(None)
@@ -195,7 +195,7 @@ class ReadinessRunner:
             answer: T = await result
             return answer
         finally:
-            self._steps = self._waiting = self._result = None
+            self._steps = self._waiting = self._talk = self._result = None
             steps.close()
 
     def look(self) -> None:
@@ -227,7 +227,17 @@ class ReadinessRunner:
         self._waiting = None
         try:
             while True:
-                effect = steps.send(arrival)  # type: ignore[arg-type]
+                effect: Effect = self._talk or steps.send(arrival)  # type: ignore[arg-type]
+                self._talk = None
+                if isinstance(effect, Talk):
+                    if effect.free_at - port.now() > _NOT_WORTH_SLEEPING_S:
+                        self._talk, self._waiting = effect, Wait(effect.free_at)
+                        self._wake_precisely(effect.free_at)
+                        return
+                    arrival = self._begin(effect)
+                    if arrival is not None:
+                        continue
+                    effect = Receive(effect.until, effect.at_least, effect.gives_way)
                 if isinstance(effect, Receive):
                     until, at_least, gives_way = effect
                     if port.now() >= until:
@@ -260,6 +270,18 @@ class ReadinessRunner:
             if isinstance(error, LinkDownError):
                 self._lost = error
             result.set_exception(error)
+
+    def _begin(self, talk: Talk) -> Arrival | None:
+        """Send a request when the line is free; return what came of it where no reply is waited for."""
+        port = self._port
+        while (now := port.now()) < talk.free_at:
+            pass
+        self._inbox += port.read(now, 1)
+        if self._inbox:
+            return self._arrival()
+        talk.begun = port.now()
+        port.write(talk.data)
+        return None if talk.at_least else Arrival(port.now())
 
     def _arrival(self) -> Arrival:
         data, self._inbox = self._inbox, b""
