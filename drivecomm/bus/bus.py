@@ -135,10 +135,7 @@ class Bus(SharedBus[Drive, Broadcast]):
             self._lock.hand_on()
 
     def on_engine(self, engine: Engine) -> EngineLine | None:
-        """Return this bus's line for an engine, which serves many in one thread.
-
-        None where that cannot be, since the port has no descriptor to watch or its time is not that of the world.
-        """
+        """Return this bus's line for an engine, which serves many in one thread; None where that cannot be."""
         if not self.real_time or self._clock.descriptor is None:
             return None
         from drivecomm.bus.engine_line import BusParts, EngineLine  # noqa: PLC0415 - a stop does without it

@@ -12,7 +12,7 @@ from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import LinkDownError
-from drivecomm.link import PortProxy
+from drivecomm.link import PortProxy, taken_apart
 from drivecomm.transport.alarm import open_alarm
 from drivecomm.transport.blocking_runner import carry_out, run as run_blocking
 from drivecomm.transport.line_runner import LineRunner
@@ -73,7 +73,8 @@ class VirtualTimeRunner:
         """Run the steps of a link to their end."""
         # Others run before the first telegram, too, so that a stop of theirs goes before it.
         await asyncio.sleep(0)
-        steps = begin(self._port.now())
+        now = self._port.now()
+        steps = taken_apart(begin(now), now)
         try:
             effect = next(steps)
             while True:

@@ -8,13 +8,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import LinkDownError
-from drivecomm.link import Arrival, Receive, Wait
+from drivecomm.link import Arrival, Receive, Talk, Wait
 from drivecomm.transport.blocking_runner import carry_out
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.link import Port, Steps
+    from drivecomm.link import Effect, Port, Steps
 
 # Less than it costs to go to sleep and be woken.
 _NOT_WORTH_SLEEPING_S = 0.00003
@@ -46,7 +46,9 @@ class LineRunner:
         self._lost = lost
         self._steps: Steps[Any] | None = None
         self._stop_waits: Callable[[], bool] = _never
-        self._waiting: Receive | Wait | None = None
+        self._waiting: Receive | Talk | Wait | None = None
+        self._paused: Talk | None = None
+        """What is sent when a pause is over."""
         self._inbox = b""
 
     def begin(self, steps: Steps[Any], stop_waits: Callable[[], bool]) -> None:
@@ -56,7 +58,7 @@ class LineRunner:
 
     def cut_off(self) -> None:
         """End the exchange that is under way; nothing is told of it."""
-        steps, self._steps, self._waiting = self._steps, None, None
+        steps, self._steps, self._waiting, self._paused = self._steps, None, None, None
         if steps is not None:
             steps.close()
 
@@ -64,7 +66,7 @@ class LineRunner:
         """Look whether a stop waits for the line."""
         waiting = self._waiting
         if waiting is not None and waiting.gives_way and self._stop_waits():
-            self._go_on(self._arrival() if isinstance(waiting, Receive) else Arrival(self._now()))
+            self._go_on(Arrival(self._now()) if isinstance(waiting, Wait) else self._arrival())
 
     def readable(self) -> None:
         """Take what has come."""
@@ -75,7 +77,7 @@ class LineRunner:
             self._end(None, error)
             return
         waiting = self._waiting
-        if isinstance(waiting, Receive) and len(data) >= waiting.at_least:
+        if waiting is not None and not isinstance(waiting, Wait) and len(data) >= waiting.at_least:
             self._inbox = b""
             self._go_on(Arrival(self._now(), data))
         else:
@@ -87,7 +89,7 @@ class LineRunner:
         if waiting is None:
             return
         until, now = waiting.until, self._now()
-        if isinstance(waiting, Receive):
+        if not isinstance(waiting, Wait):
             if now < until:
                 self._wake_at(until)
                 return
@@ -105,18 +107,38 @@ class LineRunner:
             # On a busy loop, whose time is precious, an alarm is heard too late for this to go round even once.
             while now < until:
                 now = self._now()
-            self._go_on(Arrival(now))
+            paused, self._paused = self._paused, None
+            self._go_on(Arrival(now), paused)
 
-    def _go_on(self, arrival: Arrival | None) -> None:
-        """Carry out effects until one must wait."""
+    def _go_on(self, arrival: Arrival | None, effect: Effect | None = None) -> None:
+        """Carry out effects until one must wait: the given one first, or that with which the steps answer."""
         steps, port, now = self._steps, self._port, self._now
         if steps is None:
             return
         self._waiting = None
         try:
             while True:
-                effect = steps.send(arrival)  # type: ignore[arg-type]
-                if isinstance(effect, Receive):
+                if effect is None:
+                    effect = steps.send(arrival)  # type: ignore[arg-type]
+                if isinstance(effect, Talk):
+                    free_at, began = effect.free_at, now()
+                    if free_at - began > _NOT_WORTH_SLEEPING_S:
+                        self._paused, self._waiting = effect, Wait(free_at)
+                        self._wake_precisely(free_at)
+                        return
+                    while began < free_at:
+                        began = now()
+                    self._inbox += port.read(began, 1)
+                    if not self._inbox:
+                        effect.begun = now()
+                        port.write(effect.data)
+                        if effect.at_least:
+                            port.hold_back(effect.at_least)
+                            self._waiting = effect
+                            self._wake_at(effect.until)
+                            return
+                    arrival = self._arrival()
+                elif isinstance(effect, Receive):
                     until, at_least, gives_way = effect
                     if now() >= until:
                         # Mostly there is nothing, and `read` finds that out without an exception.
@@ -131,16 +153,15 @@ class LineRunner:
                     arrival = carry_out(effect, port)
                 else:
                     until = effect.until
-                    if effect.gives_way and self._stop_waits():
-                        arrival = Arrival(now())
-                        continue
-                    if until - now() > _NOT_WORTH_SLEEPING_S:
-                        self._waiting = effect
-                        self._wake_precisely(until)
-                        return
-                    while now() < until:
-                        pass
+                    if not (effect.gives_way and self._stop_waits()):
+                        if until - now() > _NOT_WORTH_SLEEPING_S:
+                            self._waiting = effect
+                            self._wake_precisely(until)
+                            return
+                        while now() < until:
+                            pass
                     arrival = Arrival(now())
+                effect = None
         except StopIteration as finished:
             result = finished.value
         except Exception as error:  # noqa: BLE001 - it belongs to whoever waits for the result
@@ -149,7 +170,7 @@ class LineRunner:
         self._end(result, None)
 
     def _end(self, result: Any, error: Exception | None) -> None:
-        steps, self._steps, self._waiting = self._steps, None, None
+        steps, self._steps, self._waiting, self._paused = self._steps, None, None, None
         if steps is not None:
             if error is not None:
                 steps.close()

@@ -258,7 +258,8 @@ def test_many_that_fail_at_once_go_no_deeper(tmp_path):
                     drive.probe()
         plan = [PollItem(drive=drive, parameter=str(400 + n), period_s=0.5) for drive in dead for n in range(40)]
         results = list(drivecomm.poll([*plan, *items(buses, period_s=0)], duration_s=1.5))
-        assert len([result for result in results if result.drive == "line 1"]) > 20
+        assert len([result for result in results if result.drive == "line 1"]) > 3
+        assert len([result for result in results if result.error is not None]) > len(plan)
 
 
 def test_lines_without_a_descriptor_have_threads_of_their_own(tmp_path):
