@@ -11,6 +11,7 @@ import pytest
 import drivecomm
 from drivecomm.errors import DeadlineError, LinkDownError, NoReplyError, OvertakenError, UsageError
 from drivecomm.polling import PollItem
+from drivecomm.transport import SerialPort
 from drivecomm.virtual import Server, parse_listen, virtual_drive
 
 KINDS = ("pty", "tcp")
@@ -99,20 +100,75 @@ def test_a_dead_drive_delays_no_other_line(tmp_path):
 
 def test_others_use_a_line_meanwhile_and_go_first(tmp_path):
     with lines(tmp_path, 2) as (_, buses):
-        results = drivecomm.poll(items(buses, period_s=0))
+        results, errors = drivecomm.poll(items(buses, period_s=0)), []
         next(results)
-        drive = buses[0].drive("vabus", 1)
+        enough = threading.Event()
+
+        def read_on():
+            for result in results:
+                errors.append(result.error)
+                if enough.is_set():
+                    break
+
+        reader = threading.Thread(target=read_on)
+        reader.start()
+        drive = buses[0].drive("vabus", 1, deadline_s=3.0)
         for _ in range(30):
             assert drive.read("481", type="long").raw is not None
         drive.start()
         assert drive.status().running
         drive.stop()
-        for _ in range(50):
-            assert next(results).error is None
+        enough.set()
+        reader.join()
         results.close()
         assert not working_threads()
-        # What was polled and what was asked for by others are counted by one link.
+        assert {type(error) for error in errors} <= {type(None), OvertakenError}
+        # What was polled and what others asked for is counted by one link.
         assert buses[0].counters["vabus:1"]["replies"] > 30
+
+
+def test_others_need_not_wait_for_a_line_on_which_nothing_is_due(tmp_path):
+    with lines(tmp_path, 2) as (_, buses):
+        results = drivecomm.poll(items(buses, period_s=60))
+        next(results)
+        next(results)
+        drive = buses[0].drive("vabus", 1, deadline_s=2.0)
+        for _ in range(10):
+            drive.status()
+        results.close()
+
+
+def test_a_plan_that_is_given_up_ends_at_once(tmp_path):
+    with lines(tmp_path, 2) as (_, buses):
+        results = drivecomm.poll(items(buses, period_s=60))
+        next(results)
+        next(results)
+        time.sleep(0.05)
+        began = time.monotonic()
+        results.close()
+        assert time.monotonic() - began < 2.0
+
+
+def test_a_port_that_takes_long_to_open_delays_no_other_line(tmp_path):
+    opened = []
+
+    def open_slowly():
+        opened.append(time.monotonic())
+        if len(opened) > 1:
+            time.sleep(1.5)
+        return SerialPort(slow_place)
+
+    with lines(tmp_path, 2) as (_, buses):
+        slow_place = str(tmp_path / "line1")
+        buses[1].close()
+        with drivecomm.open_bus(open_slowly) as slow:
+            slow._port.close()
+            slow._port = None
+            results = list(drivecomm.poll(items([buses[0], slow], period_s=0.02), duration_s=2.5))
+    assert len(opened) == 2
+    quick = [result for result in results if result.drive == "line 0"]
+    assert max(result.took_s for result in quick) < 1.0
+    assert any(result.drive == "line 1" and result.error is None for result in results)
 
 
 def test_a_stop_does_not_wait_for_a_drive_that_does_not_answer(tmp_path):
