@@ -6,6 +6,7 @@ import dataclasses
 import json
 import signal
 import sys
+from collections.abc import Mapping
 from contextlib import contextmanager
 from decimal import Decimal
 from enum import Enum
@@ -33,7 +34,7 @@ def plain(value: Any) -> Any:
         return value.value
     if isinstance(value, bytes):
         return value.hex(" ").upper()
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {str(key): plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
         return sorted(map(plain, value)) if isinstance(value, set | frozenset) else [plain(each) for each in value]
