@@ -1,14 +1,12 @@
 """A model file is read once for all drives, and anew as soon as it, or what it extends, is another."""
 
 import os
-import tracemalloc
 from decimal import Decimal
 from pathlib import Path
 from types import MappingProxyType
 
 import pytest
 
-from drivecomm.bus.roster import Roster
 from drivecomm.errors import FileFormatError
 from drivecomm.models import files, load_model, model_names, quantities, read_model
 from drivecomm.protocol import Model, ParameterInfo, Watchdog, installed
@@ -17,7 +15,6 @@ HEAD = 'format = 1\nprotocol = "vabus"\nname = "some"\n'
 PARAMETER = '[[parameter]]\naddress = "481"\nname = "fixed_frequency"\nfactor = "{}"\n'
 OTHER = '[[parameter]]\naddress = "482"\nname = "other_frequency"\n'
 
-KIB_A_DRIVE = 15
 PLUGINS = list(installed.working())
 
 
@@ -47,27 +44,11 @@ def read(path, protocol="vabus"):
     return read_model(path, protocol)
 
 
-def test_a_second_drive_of_a_model_reads_no_file(opened):
-    line = Roster()
-    first, second = (line.member("vabus", address, "act", None, {}).model for address in (1, 2))
-    assert first is second
+def test_a_model_that_is_known_is_not_read(opened):
+    first = load_model("drivecomm_vabus", "vabus", "act")
     del opened[:]
-    assert Roster().member("vabus", 3, "act", None, {}).model is first
+    assert load_model("drivecomm_vabus", "vabus", "act") is first
     assert opened == []
-
-
-@pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
-def test_a_drive_of_a_known_model_takes_little_memory(plugin):
-    line = Roster()
-    line.member(plugin.name, plugin.addresses[0], plugin.default_model, None, {})
-    tracemalloc.start()
-    try:
-        before = tracemalloc.get_traced_memory()[0]
-        kept = [line.member(plugin.name, address, plugin.default_model, None, {}) for address in plugin.addresses[1:11]]
-        taken = tracemalloc.get_traced_memory()[0] - before
-    finally:
-        tracemalloc.stop()
-    assert taken / len(kept) < KIB_A_DRIVE * 1024
 
 
 def test_an_edited_file_is_read_anew(tmp_path):
