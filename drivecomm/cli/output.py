@@ -12,9 +12,9 @@ from decimal import Decimal
 from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from drivecomm import link
 from drivecomm.cli import signals, streams
 from drivecomm.errors import DriveCommError
-from drivecomm.link import trace_data, trace_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -120,7 +120,7 @@ def interrupted(*, as_json: bool) -> int:
 
 def show_trace(event: TraceEvent, *, as_json: bool) -> None:
     """Print a trace event on standard error: as text, or as a JSON object apart from the command's own objects."""
-    text = json.dumps(plain({"trace": event.what, **trace_data(event)})) if as_json else trace_line(event)
+    text = json.dumps(plain({"trace": event.what, **link.trace_data(event)})) if as_json else link.trace_line(event)
     sys.stderr.write(text + "\n")
     sys.stderr.flush()
 
