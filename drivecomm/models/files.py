@@ -89,18 +89,6 @@ def read_model(path: Path, protocol: str, package: str = "") -> Model:
     return _read(path, protocol, package, ())
 
 
-def user_folders(protocol: str) -> list[Path]:
-    """Return the folders with models of the user's own, which go before those of the packages.
-
-    They are the folders `PROTOCOL` in those that DRIVECOMM_MODELS lists, and in the folder `models` of the user's
-    configuration.
-    """
-    from platformdirs import user_config_path  # noqa: PLC0415 - loaded with the first model, not with drivecomm
-
-    listed = [Path(each) for each in os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep) if each]
-    return [each / protocol for each in (*listed, user_config_path("drivecomm", appauthor=False) / "models")]
-
-
 @dataclass(frozen=True, slots=True)
 class ModelFile:
     """One file as TOML gives it, and in which line each of its keys stands."""
@@ -241,7 +229,12 @@ def _frozen(value: Any) -> Any:
 
 
 def _folders(package: str, protocol: str) -> Iterator[Path]:
-    yield from user_folders(protocol)
+    """Yield where models with names are: the user's folders, which DRIVECOMM_MODELS lists, before the package."""
+    from platformdirs import user_config_path  # noqa: PLC0415 - loaded with the first model, not with drivecomm
+
+    listed = [Path(each) for each in os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep) if each]
+    for each in (*listed, user_config_path("drivecomm", appauthor=False) / "models"):
+        yield each / protocol
     if package:
         yield _packaged(package)
 
