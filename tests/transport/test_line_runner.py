@@ -13,7 +13,7 @@ class Talkative:
     def take(self):
         return b"x" * 3000
 
-    def read(self, until, at_least):
+    def read(self, _until, _at_least):
         return b"last"
 
 
