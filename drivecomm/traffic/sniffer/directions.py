@@ -324,7 +324,10 @@ class DirectionEstimator:
             return 0
         like_requests = like_replies = 0
         # The check says nothing of its own.
-        for byte, asked, answered in zip(reading.data[:-1], requests.columns, replies.columns, strict=False):
+        # Requests are the same again and again, so their sets are kept; replies seldom are.
+        for byte, asked, answered in zip(
+            reading.data[:-1], requests.columns, zip(*replies.kept, strict=True), strict=False
+        ):
             if byte in asked:
                 like_requests += asked.isdisjoint(answered)
             elif byte in answered:
