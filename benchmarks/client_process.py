@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from bare_lines import read_bare_lines
 from bare_reader import LostReplyError, read_bare
+from cores import waited_s
 from counting import WARM_UP, count_awaited, in_threads, in_turn
 
 import drivecomm
@@ -75,6 +76,27 @@ async def _count_drive(drive: Any, parameter: str, seconds: float) -> tuple[int,
     return await count_awaited(lambda: drive.read(parameter), seconds)
 
 
+def poll_plan(job: Job) -> tuple[Counts, float]:
+    """Read by a poll plan over all lines, without a pause between the rounds."""
+    buses = [drivecomm.open_bus(path, baudrate=job["baudrate"], **job["options"]) for path in job["paths"]]
+    try:
+        drives = [bus.drive(job["protocol"], 1) for bus in buses]
+        items = [drivecomm.PollItem(drive=drive, parameter=job["parameter"], period_s=0) for drive in drives]
+        counted = dict.fromkeys(map(id, items), (0, 0.0))
+        for _ in drivecomm.poll(items, cycles=WARM_UP):
+            pass
+        began, spent = time.perf_counter(), time.process_time()
+        for result in drivecomm.poll(items, duration_s=job["seconds"]):
+            if result.error is not None:
+                raise result.error
+            item = id(result.item)
+            counted[item] = (counted[item][0] + 1, time.perf_counter() - began)
+        return list(counted.values()), time.process_time() - spent
+    finally:
+        for bus in buses:
+            bus.close()
+
+
 def scan(job: Job) -> tuple[Counts, float]:
     """Scan every line at once; a count is the number of drives found, its seconds are those of the whole scan."""
     buses = [drivecomm.open_bus(path, baudrate=job["baudrate"], **job["options"]) for path in job["paths"]]
@@ -123,6 +145,7 @@ WAYS = {
     "blocking": blocking,
     "threads": threads,
     "asyncio": tasks,
+    "poll plan": poll_plan,
     "scan": scan,
 }
 
@@ -155,6 +178,7 @@ def do(job: Job) -> tuple[Counts, float]:
 def main() -> None:
     """Do jobs until there are no more."""
     for line in sys.stdin:
+        began, waited = time.monotonic(), waited_s()
         try:
             counts, processor_s = do(json.loads(line))
         except MissingError as error:
@@ -165,7 +189,8 @@ def main() -> None:
             answer = {"broken": f"{type(error).__name__}: {error}"}
         else:
             lines = [{"exchanges": number, "seconds": seconds} for number, seconds in counts]
-            answer = {"lines": lines, "processor_s": processor_s}
+            share = (waited_s() - waited) / (time.monotonic() - began)
+            answer = {"lines": lines, "processor_s": processor_s, "waited": share}
         print(json.dumps(answer), flush=True)
 
 

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 class Job:
     """What a Python master is to do.
 
-    way: bare Python, bare selectors, blocking, threads, asyncio, or a peer. paths: its lines. seconds: how long it
-    reads one parameter again and again on all of them. neighbour: a thread beside it that does nothing but compute.
-    switch_interval_s: how often threads take turns, None for Python's own. spoken: what bare Python says and hears, as
-    it knows no protocol.
+    way: bare Python, bare selectors, blocking, threads, asyncio, poll plan, scan, or a peer. paths: its lines. seconds:
+    how long it reads one parameter again and again on all of them. neighbour: a thread beside it that does nothing but
+    compute. switch_interval_s: how often threads take turns, None for Python's own. spoken: what bare Python says and
+    hears, as it knows no protocol.
     """
 
     way: str
@@ -70,10 +70,15 @@ class MasterBrokenError(Exception):
 
 
 class PythonMaster:
-    """A Python process that does one job after the other, a context manager."""
+    """A Python process that does one job after the other, a context manager.
+
+    waited: the largest share of a job's time that it waited for its core while it could have computed, since this was
+    set to zero.
+    """
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[str] | None = None
+        self.waited = 0.0
 
     def __enter__(self) -> Self:
         script = Path(__file__).with_name("client_process.py")
@@ -107,6 +112,8 @@ class PythonMaster:
                 raise kind(f"{job.way} on {len(job.paths)} lines: {answer[how]}")
         if "missing" in answer:
             raise CannotMeasureError(answer["missing"])
+        if not job.neighbour:
+            self.waited = max(self.waited, answer["waited"])
         return _ran(answer)
 
 

@@ -5,8 +5,11 @@ from __future__ import annotations
 import os
 import platform
 import shutil
+from pathlib import Path
 
 import drivecomm
+
+_SCHEDULED = Path("/proc/self/schedstat")
 
 
 def on_emulator_core() -> list[str]:
@@ -28,6 +31,15 @@ def machine() -> str:
         f"{platform.system()} {platform.release()}, {platform.machine()}, {len(cores)} cores, "
         f"load {load:.1f} before the run"
     )
+
+
+def waited_s() -> float:
+    """Return how long this process's main thread waited for its core so far; zero where the system does not say."""
+    try:
+        _, waited_ns, _ = _SCHEDULED.read_text(encoding="utf-8").split()
+    except OSError:
+        return 0.0
+    return int(waited_ns) / 1e9
 
 
 def _on(place: int) -> list[str]:

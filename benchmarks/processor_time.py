@@ -5,15 +5,17 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from functools import partial
-from statistics import median
+from statistics import mean, median
 from typing import TYPE_CHECKING, Any
 
 from canned_port import CannedPort
 from clients import reading, run_reference
 from compiling import CannotMeasureError
 from conversation import READS, learn
+from goals import READY_READ
 from lines import mostly, undisturbed
 from report import Figure, Section
+from yardstick import yardstick_us
 
 import drivecomm
 from drivecomm.testing import play
@@ -29,7 +31,8 @@ _WAYS = ("C", "C, whole reply", "blocking", "asyncio")
 _WAKES = {"C": "byte", "C, whole reply": "reply"}
 _MOST_TIMES_C = 3.0
 _FLOOR = {"blocking": 3.0, "asyncio": 4.0}
-_CALLS = 200
+_YARDSTICKS, _MOST_YARDSTICKS = 10.0, 12.0
+_BATCHES, _CALLS = 10, 100
 
 
 def measure(equipment: Equipment) -> list[Section]:
@@ -110,20 +113,22 @@ def _layers(equipment: Equipment) -> Section:
             "Processor microseconds of one read at 19200 baud, layer by layer, each measured alone. encode and decode: "
             "request and reply, by the codec as it is used. interpreted: the same decode by construct without its "
             "compiler. exchange: the protocol's generator played from a script. without a port: the whole of "
-            "`drive.read` on a port that has the reply ready; link and the rest is what of it is neither codec nor "
-            "exchange. port: what the operating system and waiting for characters add on a line."
+            "`drive.read` on a port that has the reply ready, also in yardsticks; link and the rest is what of it is "
+            "neither codec nor exchange. port: what the operating system and waiting for characters add on a line."
         ),
         head=(
-            "protocol", "encode", "decode", "interpreted", "exchange", "link and the rest", "without a port", "port",
-            "on a line",
+            "protocol", "encode", "decode", "interpreted", "exchange", "link and the rest", "without a port",
+            "in yardsticks", "port", "on a line",
         ),
     )  # fmt: skip
+    yardsticks = []
     for protocol in READS:
         conversation = learn(protocol, 19200)
         costs: dict[str, list[float]] = defaultdict(list)
         for _ in range(equipment.extent.repetitions):
             for name, cost in _costs(conversation).items():
                 costs[name].append(cost)
+            costs["yardsticks"].append(costs["without"][-1] / yardstick_us())
             run = equipment.instrument.measure([conversation.line()], partial(_read, equipment, conversation))
             costs["line"].append(run.result.processor_us)
         middle = {name: median(values) for name, values in costs.items()}
@@ -131,9 +136,20 @@ def _layers(equipment: Equipment) -> Section:
         port = middle["line"] - middle["without"]
         cells = (
             middle["encode"], middle["decode"], middle["interpreted"], middle["exchange"], rest, middle["without"],
-            port, middle["line"],
+            middle["yardsticks"], port, middle["line"],
         )  # fmt: skip
         section.rows.append((protocol, *(f"{cell:.1f}" for cell in cells)))
+        yardsticks.append(middle["yardsticks"])
+    section.figures.append(
+        Figure(
+            name="read with the reply ready in yardsticks, mean of the protocols",
+            value=mean(yardsticks),
+            promise=_YARDSTICKS,
+            floor=_MOST_YARDSTICKS,
+            better="less",
+            goal=READY_READ,
+        )
+    )
     return section
 
 
@@ -174,7 +190,7 @@ def _reads(form: Any, data: bytes, message: object) -> bool:
 def _cost(call: Callable[[], object]) -> float:
     """Return the microseconds of processor time that a call takes; the least of some batches."""
     batches = []
-    for _ in range(4):
+    for _ in range(_BATCHES):
         began = time.process_time()
         for _ in range(_CALLS):
             call()
