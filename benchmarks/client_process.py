@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from bare_lines import read_bare_lines
 from bare_reader import LostReplyError, read_bare
-from cores import waited_s
 from counting import WARM_UP, count_awaited, in_threads, in_turn
 
 import drivecomm
@@ -178,7 +177,6 @@ def do(job: Job) -> tuple[Counts, float]:
 def main() -> None:
     """Do jobs until there are no more."""
     for line in sys.stdin:
-        began, waited = time.monotonic(), waited_s()
         try:
             counts, processor_s = do(json.loads(line))
         except MissingError as error:
@@ -189,8 +187,7 @@ def main() -> None:
             answer = {"broken": f"{type(error).__name__}: {error}"}
         else:
             lines = [{"exchanges": number, "seconds": seconds} for number, seconds in counts]
-            share = (waited_s() - waited) / (time.monotonic() - began)
-            answer = {"lines": lines, "processor_s": processor_s, "waited": share}
+            answer = {"lines": lines, "processor_s": processor_s}
         print(json.dumps(answer), flush=True)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import asdict, dataclass, field
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from compiling import CannotMeasureError
-from cores import on_client_core
+from cores import on_client_core, others_s
 from lines import MeasurementError
 
 if TYPE_CHECKING:
@@ -70,15 +71,10 @@ class MasterBrokenError(Exception):
 
 
 class PythonMaster:
-    """A Python process that does one job after the other, a context manager.
-
-    waited: the largest share of a job's time that it waited for its core while it could have computed, since this was
-    set to zero.
-    """
+    """A Python process that does one job after the other, a context manager."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[str] | None = None
-        self.waited = 0.0
 
     def __enter__(self) -> Self:
         script = Path(__file__).with_name("client_process.py")
@@ -92,6 +88,10 @@ class PythonMaster:
     ) -> None:
         if self._process is not None:
             self._process.communicate(timeout=10)
+
+    def others_s(self) -> float:
+        """Return the processor time that has nothing to do with the measurements so far."""
+        return others_s(self._process.pid if self._process is not None else os.getpid())
 
     def work(self, job: Job) -> Ran:
         """Do a job. Raises CannotMeasureError when what it needs is not installed or not there yet.
@@ -112,8 +112,6 @@ class PythonMaster:
                 raise kind(f"{job.way} on {len(job.paths)} lines: {answer[how]}")
         if "missing" in answer:
             raise CannotMeasureError(answer["missing"])
-        if not job.neighbour:
-            self.waited = max(self.waited, answer["waited"])
         return _ran(answer)
 
 

@@ -22,8 +22,8 @@ T = TypeVar("T")
 MOST_LATE_US = 100.0
 """A run whose emulator was later than this with one delivery in a hundred is void."""
 
-MOST_WAITED = 0.05
-"""And one whose master had to wait so large a share of its time for its core, which it has to itself."""
+MOST_OTHERS = 0.3
+"""And one during which other programs, and the kernel's own work for the lines, took so large a part of one core."""
 
 
 class MeasurementError(Exception):
@@ -96,11 +96,11 @@ class Emulator:
 
 @dataclass(frozen=True, slots=True)
 class Run(Generic[T]):
-    """What the work returned, what the emulator saw, and the share of its time that a master waited for its core."""
+    """What the work returned, what the emulator saw, and what part of a core others took meanwhile."""
 
     result: T
     report: dict[str, Any]
-    waited: float = 0.0
+    others: float = 0.0
 
     @property
     def late_us(self) -> float:
@@ -109,13 +109,13 @@ class Run(Generic[T]):
 
     @property
     def disturbed(self) -> bool:
-        """Whether the emulator was too late, or a master had to wait, for what was measured to be judged."""
-        return self.badness > 1
+        """Whether too much else happened for what was measured to be judged."""
+        return self.disturbance > 1
 
     @property
-    def badness(self) -> float:
+    def disturbance(self) -> float:
         """How much it was disturbed; above one too much."""
-        return max(self.late_us / MOST_LATE_US, self.waited / MOST_WAITED)
+        return max(self.late_us / MOST_LATE_US, self.others / MOST_OTHERS)
 
     def check(self) -> None:
         """Raise MeasurementError when a master spoke while a reply was due: no master may, so something is wrong."""
@@ -156,19 +156,19 @@ class Instrument:
         for attempt in range(self.tries):
             if attempt and self.spare_s <= 0:
                 break
-            began, self.master.waited = time.monotonic(), 0.0
+            began, others = time.monotonic(), self.master.others_s()
             emulator = Emulator(self.program, lines)
             try:
                 with emulator:
                     result = work(emulator.paths)
-                run = Run(result, emulator.report, self.master.waited)
+                run = Run(result, emulator.report, self._others(began, others))
                 run.check()
             except (MeasurementError, subprocess.CalledProcessError) as error:
-                if lateness_us(emulator.report) <= MOST_LATE_US:
+                if not Run(None, emulator.report, self._others(began, others)).disturbed:
                     raise
                 failure = error
             else:
-                if best is None or run.badness < best.badness:
+                if best is None or run.disturbance < best.disturbance:
                     best = run
                 if not run.disturbed:
                     break
@@ -183,6 +183,9 @@ class Instrument:
         self.late_us.append((best.report["lateness_us"].get("p50", 0.0), best.late_us))
         return best
 
+    def _others(self, began: float, before_s: float) -> float:
+        return (self.master.others_s() - before_s) / (time.monotonic() - began)
+
     def accuracy(self) -> str:
         """Return how good the instrument was, in one line."""
         if not self.late_us:
@@ -193,8 +196,8 @@ class Instrument:
         text = (
             f"Line emulator: {len(self.late_us)} runs; it delivered {middle:.0f} us late in the middle, 99 % at most "
             f"{typical:.0f} us late in the usual run and {worst:.0f} us in the worst one that counts; {self.void} runs "
-            f"were disturbed (99 % over {MOST_LATE_US:.0f} us, or a master that waited for its core for more than "
-            f"{100 * MOST_WAITED:.0f} % of its time) and repeated"
+            f"were disturbed (99 % over {MOST_LATE_US:.0f} us, or others at work for more than {MOST_OTHERS:.0%} of a "
+            "core) and repeated"
         )
         return text + (f", {self.doubtful} stayed disturbed." if self.doubtful else ".")
 

@@ -40,7 +40,7 @@ from cores import machine
 from equipment import Equipment
 from extent import FULL, QUICK
 from goals import goals, unjudged
-from lines import DisturbedError, Instrument, MeasurementError
+from lines import MOST_OTHERS, DisturbedError, Instrument, MeasurementError
 from report import Section, promises
 from yardstick import slowness, yardstick_us
 
@@ -128,7 +128,7 @@ def _measure(names: Sequence[str], equipment: Equipment) -> list[Section]:
 
 
 def _sections(name: str, equipment: Equipment) -> list[Section]:
-    began, before = time.monotonic(), yardstick_us()
+    began, others, before = time.monotonic(), equipment.master.others_s(), yardstick_us()
     try:
         sections = MEASUREMENTS[name](equipment)
     except (MeasurementError, MasterBrokenError, subprocess.CalledProcessError) as error:
@@ -136,14 +136,16 @@ def _sections(name: str, equipment: Equipment) -> list[Section]:
         remark = f"{'**failed**' if failed else 'void'}: {error}"
         about = "Could not be measured."
         sections = [Section(title=name, about=about, head=(), remarks=[remark], void=not failed, failed=failed)]
-    after = yardstick_us()
-    changed = max(before, after) > _MOST_CHANGED * min(before, after)
+    after, took = yardstick_us(), time.monotonic() - began
+    share = (equipment.master.others_s() - others) / took
+    disturbed = share > MOST_OTHERS or max(before, after) > _MOST_CHANGED * min(before, after)
     for section in sections:
         section.figures = [
-            replace(figure, disturbed=not figure.exact and (figure.disturbed or changed)) for figure in section.figures
+            replace(figure, disturbed=not figure.exact and (figure.disturbed or disturbed))
+            for figure in section.figures
         ]
-    about = f"{name}: {time.monotonic() - began:.0f} s, yardstick {before:.2f} us before and {after:.2f} us after it"
-    print(about, file=sys.stderr, flush=True)
+    about = f"yardstick {before:.2f} us before and {after:.2f} us after it, others took {share:.0%} of a core"
+    print(f"{name}: {took:.0f} s, {about}", file=sys.stderr, flush=True)
     return sections
 
 
