@@ -49,15 +49,12 @@ def threads(job: Job) -> tuple[Counts, float]:
 
 def tasks(job: Job) -> tuple[Counts, float]:
     """Read with the asyncio face, with a task for each line."""
-    open_bus_async = getattr(drivecomm, "open_bus_async", None)
-    if open_bus_async is None:
-        raise MissingError("this version has no asyncio face (drivecomm.open_bus_async), so its rows are left out")
-    return asyncio.run(_tasks(open_bus_async, job))
+    return asyncio.run(_tasks(job))
 
 
-async def _tasks(open_bus_async: Callable[..., Any], job: Job) -> tuple[Counts, float]:
+async def _tasks(job: Job) -> tuple[Counts, float]:
     parameter, seconds = job["parameter"], job["seconds"]
-    buses = [open_bus_async(path, baudrate=job["baudrate"], **job["options"]) for path in job["paths"]]
+    buses = [drivecomm.open_bus_async(path, baudrate=job["baudrate"], **job["options"]) for path in job["paths"]]
     entered = [await bus.__aenter__() for bus in buses]
     try:
         drives = [bus.drive(job["protocol"], 1) for bus in entered]
@@ -124,7 +121,7 @@ def peer(job: Job) -> tuple[Counts, float]:
         clients = importlib.import_module("peer_clients")
     except ImportError as error:
         raise MissingError(
-            f"{error.name} is not installed, so the peers' rows are left out; install the extra: bench"
+            f"{error.name} is not installed, so no Modbus library is measured; install the extra: bench"
         ) from None
     try:
         result: tuple[Counts, float] = clients.WAYS[job["way"]](job)

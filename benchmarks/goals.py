@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from report import table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Collection, Iterable, Sequence
 
     from report import Figure
 
@@ -51,9 +51,10 @@ def unjudged(figures: Sequence[Figure]) -> list[str]:
     return [goal for goal in _BEFORE if goal not in judged]
 
 
-def goals(figures: Sequence[Figure]) -> str:
-    """Return a section with a row for each goal."""
-    rows = [_row(goal, before, [one for one in figures if one.goal == goal]) for goal, before in _BEFORE.items()]
+def goals(figures: Sequence[Figure], wanted: Collection[str] = ()) -> str:
+    """Return a section with a row for each goal that is wanted or that figures belong to."""
+    of = {goal: [figure for figure in figures if figure.goal == goal] for goal in _BEFORE}
+    rows = [_row(goal, _BEFORE[goal], of[goal]) for goal in _BEFORE if goal in wanted or of[goal]]
     head = ("", "0.1", "floor", "goal", "measured", "")
     return "\n".join(["## Goals", "", *table(head, rows), ""])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -103,8 +104,20 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 def promises(figures: Iterable[Figure]) -> str:
     """Return a section with all promised figures, those that are not kept first."""
+    ordered = sorted(figures, key=lambda figure: -figure.rank)
     rows = [
         (figure.name, f"{figure.value:.4g}", f"{figure.promise:.4g}", f"{figure.floor:.4g}", figure.verdict)
-        for figure in sorted(figures, key=lambda figure: -figure.rank)
+        for figure in ordered
     ]
-    return "\n".join(["## Promises", "", _ABOUT, "", *table(("figure", "measured", "promise", "floor", ""), rows), ""])
+    verdicts = Counter(figure.verdict for figure in ordered)
+    counts = ", ".join(f"{number} {verdict}" for verdict, number in verdicts.items())
+    return "\n".join(
+        [
+            "## Promises",
+            "",
+            f"{_ABOUT} Here: {counts}.",
+            "",
+            *table(("figure", "measured", "promise", "floor", ""), rows),
+            "",
+        ]
+    )

@@ -128,7 +128,7 @@ def test_what_is_void_is_measured_once_more_while_there_is_time(run, report, mon
         tried.append(1)
         return [section(report, figure(report, 0.95, disturbed=len(tried) == 1))]
 
-    monkeypatch.setitem(run.MEASUREMENTS, "scale", measure)
+    monkeypatch.setattr(run, "import_module", lambda _: SimpleNamespace(measure=measure))
     monkeypatch.setattr(run, "yardstick_us", lambda: 1.0)
     (one,) = run._measure(["scale"], equipment())
     assert (len(tried), one.voids) == (2, 0)
@@ -139,7 +139,8 @@ def test_what_is_void_is_measured_once_more_while_there_is_time(run, report, mon
 
 def test_a_section_beside_other_programs_or_a_changing_clock_is_void_but_what_is_exact(run, report, monkeypatch):
     figures = figure(report, 0.95), figure(report, 0.95, exact=True)
-    monkeypatch.setitem(run.MEASUREMENTS, "scale", lambda _: [section(report, *figures)])
+    measurement = SimpleNamespace(measure=lambda _: [section(report, *figures)])
+    monkeypatch.setattr(run, "import_module", lambda _: measurement)
     monkeypatch.setattr(run, "yardstick_us", lambda: 1.0)
     (one,) = run._sections("scale", equipment(others=1.0))
     assert [each.disturbed for each in one.figures] == [True, False]
@@ -204,3 +205,8 @@ def test_others_are_all_but_this_process_and_its_children(modules):
     before = modules.cores.others_s(1)
     assert before > 0
     assert modules.cores.others_s(1) >= before - 0.1
+
+
+def test_every_measurement_can_be_imported(modules):
+    for name in modules.run.MEASUREMENTS:
+        assert callable(importlib.import_module(name).measure)
