@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from clients import reading, run_reference
 from conversation import READS, learn
-from goals import one_line
 from lines import mostly, undisturbed
 from report import Figure, Section
 from yardstick import waking_slowness
@@ -150,7 +149,6 @@ def _figures(
         value=middle[way, "share"],
         promise=promised,
         floor=lowest,
-        goal="" if conversation.options else one_line(way, baudrate),
     )
     of_c = Figure(
         name=f"{way} share of C client, {name}",

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 from conversation import READS, learn
 from cores import on_client_core, on_emulator_core
-from goals import PLANT_CORE, PLANT_SHARE
 from lines import MeasurementError
 from report import Figure, Section
 from yardstick import slowness
@@ -114,7 +113,6 @@ def measure(equipment: Equipment) -> list[Section]:
             promise=_SHARE,
             floor=_LEAST_SHARE / slow,
             disturbed=waited > _MOST_WAITED * took,
-            goal=PLANT_SHARE,
         ),
         Figure(
             name="of one core for 50 lines",
@@ -123,7 +121,6 @@ def measure(equipment: Equipment) -> list[Section]:
             floor=_MOST_OF_CORE * slow,
             better="less",
             disturbed=waited > _MOST_WAITED * took,
-            goal=PLANT_CORE,
         ),
         Figure(name="lost or wrong on 50 lines", value=lost + wrong, promise=0, floor=0, better="less"),
     ]

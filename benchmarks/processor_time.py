@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from canned_port import CannedPort
 from clients import reading
 from conversation import READS, learn
-from goals import READY_READ
 from report import Figure, Section
 from yardstick import yardstick_us
 
@@ -73,7 +72,6 @@ def measure(equipment: Equipment) -> list[Section]:
             promise=_YARDSTICKS,
             floor=_MOST_YARDSTICKS,
             better="less",
-            goal=READY_READ,
         )
     )
     return [section]

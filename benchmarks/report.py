@@ -15,8 +15,7 @@ class Figure:
     """A figure that is promised.
 
     promise: what an idle machine must reach; floor: what a run fails for. disturbed: too much else happened on the
-    machine for it to be judged. exact: it comes out the same on any machine, whatever else happens there. goal: the row
-    of `goals` that it belongs to.
+    machine for it to be judged. exact: it comes out the same on any machine, whatever else happens there.
     """
 
     name: str
@@ -26,7 +25,6 @@ class Figure:
     better: Literal["more", "less"] = "more"
     disturbed: bool = False
     exact: bool = False
-    goal: str = ""
 
     @property
     def kept(self) -> bool:

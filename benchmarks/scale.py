@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from clients import reading
 from compiling import CannotMeasureError
 from conversation import Conversation, learn
-from goals import POLL_SHARE, POLL_TIME, TASKS_TIME
 from lines import MeasurementError, mostly, undisturbed
 from report import Figure, Section
 
@@ -22,7 +21,6 @@ _SLOW_PEERS = ("minimalmodbus", "pymodbus")
 # At 115200 baud, promise and floor: the share of the ideal rate, and processor time in times the peer's.
 _SHARE = {_POLL: (0.975, 0.96), _TASKS: (0.95, 0.92), _THREADS: (0.92, 0.89)}
 _TIMES_PEER = {_POLL: (0.45, 0.55), _TASKS: (0.65, 0.80), _THREADS: (60 / 52, 1.5 * 60 / 52)}
-_GOALS = {(_POLL, "share"): POLL_SHARE, (_POLL, "times"): POLL_TIME, (_TASKS, "times"): TASKS_TIME}
 # At 19200 baud, where a wait is long, no line may be left behind.
 _SLOWEST = (0.985, 0.955)
 # Where not even the bare loop gets so much, its core was busy with other things.
@@ -139,7 +137,6 @@ def _figures(
             promise=promise,
             floor=floor,
             disturbed=disturbed,
-            goal=_GOALS.get((way, "share"), ""),
         )
     ]
     if (way, "times") in middle:
@@ -152,7 +149,6 @@ def _figures(
                 floor=floor,
                 better="less",
                 disturbed=disturbed,
-                goal=_GOALS.get((way, "times"), ""),
             )
         )
     return figures
