@@ -23,7 +23,7 @@ MOST_LATE_US = 100.0
 """A run whose emulator was later than this with one delivery in a hundred is void."""
 
 MOST_OTHERS = 0.3
-"""And one during which other programs, and the kernel's own work for the lines, took so large a part of one core."""
+"""And one during which other programs took so large a part of one core."""
 
 
 class MeasurementError(Exception):
