@@ -50,6 +50,7 @@ MEASUREMENTS = (
     "forecast_accuracy",
     "served",
     "plant_of_50_lines",
+    "model_load",
     "start_up",
 )
 """Modules with a `measure`, in the order in which they do."""
