@@ -119,11 +119,11 @@ class Bus(SharedBus[Drive, Broadcast]):
         command that a stop has cancelled, NotAnsweringError for a drive that is known not to answer.
         """
         deadline = self._called(job)
-        turn = Turn(job.rank)
+        peer, turn = job.peer, Turn(job.rank)
         try:
             with turn.held:
-                self._wait_for(turn, job.peer.facts.timing.deadline_s, job.peer.name)
-                port = self._opened()
+                self._wait_for(turn, peer.facts.timing.deadline_s, peer.name)
+                port = self._port or self._opened()
                 try:
                     return self._timed(run(self._begin(job, deadline), port, self._lock.stop_waits))
                 except LinkDownError:
@@ -177,8 +177,6 @@ class Bus(SharedBus[Drive, Broadcast]):
             raise DeadlineError(f"{who}: the line was busy with others for {seconds:g} s")
 
     def _opened(self) -> Port:
-        if self._port is not None:
-            return self._port
         self._check_backoff()
         try:
             port = self._open_port()

@@ -101,7 +101,9 @@ class LineState:
 
         Traced exchanges and those through an adapter that may echo go the long way, since more must be told of them.
         """
-        return not (self.unclean or self.trace is not None or self.echo.looking) and self.is_set_for(peer)
+        if self.unclean or self.trace is not None or self.echo.looking:
+            return False
+        return self.settings is peer.settings or self.is_set_for(peer)
 
     def is_set_for(self, peer: Peer) -> bool:
         """Whether the port has the drive's line settings."""

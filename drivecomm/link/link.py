@@ -108,7 +108,9 @@ class Link:
         An exchange that is cut off in the middle (by closing this generator) leaves the line unclean: the next one
         begins with draining it.
         """
-        partner = self._partner(peer)
+        partner = self._partners.get(peer.name)
+        if partner is None or partner.settings is not peer.settings:
+            partner = self._partner(peer)
         health = partner.health
         if not (health.given_up or health.away) and self._line.is_plain_for(peer):
             return self._by_short_way(peer, partner, exchange, now, deadline=deadline, gives_way=True, command=command)

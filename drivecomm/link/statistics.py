@@ -48,8 +48,9 @@ class ReplyTimes:
         """Count one reply."""
         self.classes[bisect_left(REPLY_TIME_BOUNDS_MS, seconds * 1000)] += 1
         self.total_s += seconds
-        self.longest_s = max(self.longest_s, seconds)
-        self.shortest_s = min(self.shortest_s, seconds)
+        if not self.shortest_s <= seconds <= self.longest_s:
+            self.longest_s = max(self.longest_s, seconds)
+            self.shortest_s = min(self.shortest_s, seconds)
 
     @property
     def count(self) -> int:
