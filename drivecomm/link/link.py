@@ -111,8 +111,8 @@ class Link:
         partner = self._partners.get(peer.name)
         if partner is None or partner.settings is not peer.settings:
             partner = self._partner(peer)
-        health = partner.health
-        if not (health.given_up or health.away) and self._line.is_plain_for(peer):
+        # Who has been given up is away, too.
+        if not partner.health.away and self._line.is_plain_for(peer):
             return self._by_short_way(peer, partner, exchange, now, deadline=deadline, gives_way=True, command=command)
         return self._run(self._call(peer, partner, deadline, True, command), exchange, now)
 

@@ -594,3 +594,12 @@ def test_a_reading_need_not_wait_for_a_second_acknowledgement():
 
 def test_the_trace_is_optional():
     assert walk(ask(), [(0.0, b"\x00"), (0.030, b"\x7f" + OTHER + ANSWERED)]).run() == ANSWER
+
+
+def test_what_comes_while_a_later_request_is_on_the_wire_answers_nothing():
+    link = Link()
+    link.paced = True
+    walk(ask(), [(0.030, ANSWERED)], link=link).run()
+    with pytest.raises(NoReplyError):
+        walk(ask(attempts=1), [(1.002, ANSWERED)], link=link, start=1.0).run()
+    assert link.counters["vabus:1"]["unasked bytes"] == len(ANSWERED)

@@ -101,6 +101,7 @@ class WatchedPort(PortProxy):
         super().__init__(port)
         self.real_time = real_time
         self.written = []
+        self.calls = []
         self.left = None
         self.after = False
         self._line = line
@@ -116,6 +117,7 @@ class WatchedPort(PortProxy):
         self._call(super().wait, until)
 
     def _call(self, call, *arguments):
+        self.calls.append(call.__name__)
         if self.left is not None:
             self.left -= 1
         over = self.left == 0
@@ -183,9 +185,9 @@ def outcomes(protocol, course, trace):
                 came = repr((type(error), str(error)))
             except KeyboardInterrupt:
                 came = "interrupted"
-                if not port.written:
-                    # What was not sent leaves nothing behind; how long a late reply is expected all the same differs.
-                    yield came, line.time, bus._roster.link._line.unclean
+                if "write" not in port.calls[-2:]:
+                    # What was not sent leaves nothing behind; until when a late reply to it is expected may differ.
+                    yield came, line.time, tuple(port.written), bus._roster.link._line.unclean
                     return
             yield came, line.time, tuple(port.written), standing(bus), [vars(each).get("memory") for each in virtual]
 
