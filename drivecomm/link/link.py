@@ -132,6 +132,8 @@ class Link:
         self, peer: Peer, now: float, deadline: float, gives_way: bool, command: CommandCall | None = None
     ) -> Call:
         self._line.now = now
+        if peer.cautious is not None and not self._line.tuning.holds():
+            peer = peer.cautious
         return Call(self._line, peer, self._partner(peer), self.paced, self.stop_waits, deadline, gives_way, command)
 
     def _fell_silent(self, call: Call, began: float) -> None:
