@@ -66,7 +66,8 @@ class Trial:
     def rest_s(self, exchanges: int, facts: LineFacts) -> float:
         """Estimate how long tuning for so many exchanges takes after this first trial."""
         failure_s = facts.timing.reply_timeout_s + facts.timing.late_s
-        return (exchanges + _SHARE_OF_A_TRIAL * _of_a_trial(exchanges)) / self.per_second + _USUAL_FAILURES * failure_s
+        asked = exchanges + _SHARE_OF_A_TRIAL * _of_a_trial(exchanges)
+        return asked * self.seconds / max(1, self.exchanges) + _USUAL_FAILURES * failure_s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _HEADER = re.compile(r"\s*\[")
 _DRIVE = re.compile(r"\s*\[\[\s*drive\s*\]\]")
 _TABLE = re.compile(r"\s*\[\s*drive\s*\.\s*options\s*\]")
+_DOTTED = re.compile(r"\s*options\s*\.")
 _INLINE = re.compile(r"(\s*options\s*=\s*\{)(.*)(\}\s*(?:#[^}]*)?)$", re.DOTALL)
 _WHAT = "a plant"
 
@@ -42,7 +43,10 @@ def write_options(file: Path, number: int, options: Mapping[str, Any]) -> None:
 
 def _changed(text: str, number: int, options: Mapping[str, Any]) -> str:
     lines = text.split("\n")
-    begin = [place for place, line in enumerate(lines) if _DRIVE.match(line)][number] + 1
+    drives = [place for place, line in enumerate(lines) if _DRIVE.match(line)]
+    if len(drives) <= number:
+        return text
+    begin = drives[number] + 1
     end = _next_header(lines, begin)
     while end < len(lines) and not _DRIVE.match(lines[end]):
         if _TABLE.match(lines[end]):
@@ -53,8 +57,9 @@ def _changed(text: str, number: int, options: Mapping[str, Any]) -> str:
         if inline := _INLINE.match(lines[place]):
             lines[place] = f"{inline[1]}{_inside(inline[2], options)}{inline[3]}"
             return "\n".join(lines)
-    if any(re.match(r"\s*options\s*\.", line) for line in lines[begin:end]):
-        return _with_keys(lines, begin, end, "options.", options)
+    for place in range(begin, end):
+        if _DOTTED.match(lines[place]):
+            return _with_keys(lines, place, end, "options.", options)
     ending = "\r" if lines[begin - 1].endswith("\r") else ""
     lines.insert(_behind_drive(lines, begin, end), f"options = {toml_value(dict(options))}{ending}")
     return "\n".join(lines)
