@@ -28,6 +28,7 @@ import scan_time
 import served
 import start_up
 import telegrams
+import tuned_drives
 from clients import MasterBrokenError, PythonMaster
 from compiling import CannotMeasureError, compile_programs
 from cores import machine
@@ -41,6 +42,7 @@ RESULTS = Path(__file__).with_name("RESULTS.md")
 MEASUREMENTS = {
     "efficiency": efficiency.measure,
     "processor_time": processor_time.measure,
+    "tuned_drives": tuned_drives.measure,
     "scale": scale.measure,
     "neighbour": neighbour.measure,
     "dead_drives": dead_drives.measure,

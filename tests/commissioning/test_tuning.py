@@ -64,6 +64,10 @@ def test_what_a_drive_needs_is_found_and_gets_a_margin(protocol, options, needs_
     assert found.before.turnaround_s == 0.010
     assert found.gain == pytest.approx(found.after.per_second / found.before.per_second)
     assert found.gain > 1.5
+    allowed_s = 1 / found.before.per_second - 0.010 + needs_s
+    assert found.after.per_second * allowed_s > 0.88
+    if needs_s == 0.001:
+        assert found.after.per_second * allowed_s > 0.92
 
 
 @pytest.mark.parametrize(("protocol", "options"), FAST)

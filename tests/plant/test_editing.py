@@ -57,8 +57,8 @@ def changed(tmp_path, drive, options=TUNED, *, number=0, before=BEFORE, after=AF
             "options.tuned_turnaround_s = 0.0015\noptions.idle_word = 15\noptions.reply_timeout_s = 0.1 # long\n",
         ),
         (
-            "[drive.link_loss]\npolicy = 'hold'\n[drive.options]\nidle_word = 1\n",
-            "[drive.link_loss]\npolicy = 'hold'\n[drive.options]\nreply_timeout_s = 0.1\ntuned_turnaround_s = 0.0015\nidle_word = 1\n",
+            "[drive.options]\nidle_word = 1\n",
+            "[drive.options]\nreply_timeout_s = 0.1\ntuned_turnaround_s = 0.0015\nidle_word = 1\n",
         ),
     ],
 )
