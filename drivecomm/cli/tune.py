@@ -10,7 +10,7 @@ import typer
 
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Drive, Model
-from drivecomm.cli.output import counted, emit, plain, progress_bar, say, times_ms
+from drivecomm.cli.output import counted, emit, plain, progress_bar, say, tell, times_ms
 from drivecomm.commissioning import EXCHANGES, tune as find
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.tomlfile import toml_line
@@ -62,16 +62,16 @@ def tune(
     _tell(found, name, one, as_json=line.json)
     if found.error:
         return 1
-    if write and place is not None and found.options:
+    if not found.options:
+        return 0
+    options = ", ".join(toml_line(key, value) for key, value in found.options.items())
+    if write and place is not None:
         _write(*place, found.options)
-    if not line.json and found.options:
-        options = ", ".join(toml_line(key, value) for key, value in found.options.items())
-        where = place[0] if place else ""
-        say(f"written to {where}: {options}" if write else f"options of the drive: {options}{_HINT if where else ''}")
+        tell(f"written to {place[0]}: {options}", as_json=line.json, **name.labels, written=place[0])
+    elif not line.json:
+        hint = "; --write puts them into the plant file" if place else ""
+        say(f"options of the drive: {options}{hint}")
     return 0
-
-
-_HINT = "; --write puts them into the plant file"
 
 
 def _write(file: str, number: int, options: Mapping[str, float]) -> None:

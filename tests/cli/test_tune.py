@@ -98,6 +98,13 @@ def test_the_plant_file_gets_it_and_is_used(shell, plant):
     assert plant.read_text() == written
 
 
+def test_what_is_written_as_json(shell, plant):
+    assert shell("tune", "pump", "--exchanges", "20", "--plant", str(plant), "--write", "--json", port=None) == 0
+    _, found, written = shell.objects
+    assert written == {"name": "pump", "drive": "vlt3500:5", "line": "hall", "written": str(plant)}
+    assert read_plant(plant).drive("pump").options.items() >= found["options"].items()
+
+
 def test_the_drive_may_be_named_by_its_address(shell, plant):
     assert shell("tune", "vlt3500:5", "--exchanges", "20", "--plant", str(plant), "--write", port=None) == 0
     assert "tuned_turnaround_s" in read_plant(plant).drive("pump").options

@@ -32,7 +32,7 @@ class Bench:
         if faults is not None:
             self.line.faults = faults
         self.requests, self.pauses, self.trials = [], [], []
-        self._ended = None
+        self.ended = None
 
     def open(self):
         return drivecomm.open_bus(self.line.port)
@@ -43,12 +43,12 @@ class Bench:
 
     def _heard(self, sent):
         if sent.source == "drive":
-            self._ended = sent.ended
+            self.ended = sent.ended
             return
         self.requests.append(sent.data)
-        if self._ended is not None:
-            self.pauses.append(sent.began - self._ended)
-        self._ended = None
+        if self.ended is not None:
+            self.pauses.append(sent.began - self.ended)
+        self.ended = None
 
 
 @pytest.mark.parametrize(("protocol", "options"), FAST)
@@ -65,7 +65,7 @@ def test_what_a_drive_needs_is_found_and_gets_a_margin(protocol, options, needs_
     assert found.gain == pytest.approx(found.after.per_second / found.before.per_second)
     assert found.gain > 1.5
     allowed_s = 1 / found.before.per_second - 0.010 + needs_s
-    assert found.after.per_second * allowed_s > 0.88
+    assert found.after.per_second * allowed_s > 0.85
     if needs_s == 0.001:
         assert found.after.per_second * allowed_s > 0.92
 
@@ -258,12 +258,37 @@ def test_how_long_the_rest_takes_is_said_after_the_first_trial():
         assert 0.2 * rest_s < bus.now() - at < rest_s
 
 
-def test_pauses_are_what_they_were_on_the_wire():
-    """A master that takes its time between two exchanges has not shown that a shorter pause holds."""
+def test_a_slow_master_has_not_shown_that_a_shorter_pause_holds():
     bench = Bench("vlt3500", {}, needs_s=0.003)
     with bench.open() as bus:
-        found = tune(bench.config.build(bus.drive), progress=lambda *_: bench.line.advance(0.001))
-    assert 0.003 <= found.held_s <= 0.0031
+        found = tune(bench.config.build(bus.drive), progress=lambda *_: bench.line.advance(0.0035))
+    assert found.held_s == pytest.approx(0.0035)
+    assert found.turnaround_s == pytest.approx(0.0035 * 4 / 3, abs=0.00002)
+
+
+class NowAndThen:
+    """Lets a drive need a longer pause before each fiftieth request."""
+
+    def __init__(self, bench, needs_s):
+        self.bench, self.needs_s, self.requests = bench, needs_s, 0
+
+    def request(self, data, now):
+        self.requests += 1
+        paused_s = self.needs_s if self.bench.ended is None else now - self.bench.ended
+        return [] if self.requests % 50 == 0 and paused_s < self.needs_s else [(0.0, data)]
+
+    def reply(self, data, drive, now):  # noqa: ARG002 - as lines call it
+        return [(0.0, data)]
+
+
+def test_a_pause_that_does_not_hold_to_the_end_is_doubled():
+    bench = Bench("vlt3500", {}, needs_s=0.0005)
+    bench.line.disturbances.append(NowAndThen(bench, 0.003))
+    found = bench.tuned()
+    assert (found.error, found.after.exchanges) == ("", 300)
+    assert 0.003 <= found.turnaround_s < 0.010
+    confirming = [trial for trial in bench.trials if trial.turnaround_s > found.held_s and trial.error][-1]
+    assert found.turnaround_s == pytest.approx(2 * confirming.turnaround_s)
 
 
 def test_a_trial_without_exchanges():
