@@ -19,6 +19,7 @@ from tempfile import TemporaryDirectory
 import dead_drives
 import efficiency
 import forecast_accuracy
+import model_load
 import neighbour
 import peers
 import plant_of_50_lines
@@ -51,6 +52,7 @@ MEASUREMENTS = {
     "served": served.measure,
     "plant_of_50_lines": plant_of_50_lines.measure,
     "telegrams": telegrams.measure,
+    "model_load": model_load.measure,
     "start_up": start_up.measure,
     "peers": peers.measure,
 }
