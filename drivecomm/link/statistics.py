@@ -30,6 +30,7 @@ COUNTERS = {
     "noise bytes": "bytes within a reply time that were part of no telegram",
     "unasked bytes": "bytes that came before a request was out",
     "drained bytes": "bytes thrown away after an error, until the line was quiet",
+    "tunings given up": "times that errors rose and tuned turnarounds were given up for the whole line",
     "probes": "questions whether a drive that had been given up is there again",
 }
 """The names of the counters and what each counts."""

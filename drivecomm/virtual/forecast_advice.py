@@ -128,7 +128,7 @@ def _what_dominates(plan: Plan, round_: Round) -> Iterator[str]:
     """Name pauses and reply delays where they take much of a round; a faster line does not help against them."""
     cycle_s = sum(shares.seconds for shares in round_.shares)
     for share, what, remedy in (
-        ("pause_s", "pauses take {} of a round, most of them for {}", "see whether its turnaround_s may be shorter"),
+        ("pause_s", "pauses take {} of a round, most of them for {}", "see whether it can be tuned"),
         (
             "delay_s",
             "the drives' reply delays take {} of a round, most of them {}",

@@ -210,6 +210,8 @@ class VirtualLine:
         )
         self._free_at[who] = ended
         self._medium.begin(sent)
+        if isinstance(who, Station):
+            who.spoke(ended)
         if source != "master":
             self._master.add(sent, self.time)
         if source != "echo":

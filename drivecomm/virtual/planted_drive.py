@@ -39,6 +39,7 @@ class PlantedDrive(DriveProxy):
     ) -> None:
         options = {name: value for name, value in planned.options.items() if name != "model"}
         self.planned = planned
+        self.needs_pause_s = planned.needs_pause_s
         self.type = drive_type(planned.protocol, planned.address, model=model, options=options, for_all=for_all)
         self.asked: Message | None = None
         self._around = around

@@ -50,6 +50,13 @@ class Overhears(Protocol):
         ...
 
 
+@runtime_checkable
+class NeedsPause(Protocol):
+    """A virtual drive that does not hear a request which begins sooner than this after its reply."""
+
+    needs_pause_s: float
+
+
 class Answer(NamedTuple):
     """What a drive will say, and when. number: see `Station.answering`."""
 
@@ -64,8 +71,8 @@ class Station:
     powered: a drive without power neither hears nor answers. pending: what has been heard of a telegram that is not
     whole. answering: the number of the answer that the drive has in mind; an answer with a lower number is dropped.
     answer: that answer; wakes_at: when the line comes back to it. agreed: the settings that the drive had when the line
-    was made. right_settings: those that it gets back after a power cut that changed them. known: what has been made of
-    bytes before, by drives that read alike.
+    was made. right_settings: those that it gets back after a power cut that changed them. deaf_until: when it hears
+    again after its own reply. known: what has been made of bytes before, by drives that read alike.
     """
 
     def __init__(self, drive: VirtualDrive, known: Known | None = None) -> None:
@@ -77,6 +84,8 @@ class Station:
         self.wakes_at = inf
         self.agreed = drive.settings
         self.right_settings: LineSettings | None = None
+        self.deaf_until = 0.0
+        self._needs_pause_s = drive.needs_pause_s if isinstance(drive, NeedsPause) else 0.0
         self._heard_at = 0.0
         self.known: Known = {} if known is None else known
         self._settings, self._own = drive.settings, one_of(drive.settings)
@@ -90,11 +99,17 @@ class Station:
 
     def hear(self, data: bytes, began: float, ended: float) -> list[VirtualReply]:
         """Take bytes that were on the line between two times; return what the drive answers to them."""
+        if began < self.deaf_until:
+            return []
         telegrams = self._cut_short() if self.pending and began - self._heard_at > self.drive.gap_s else []
         self._heard_at = ended
         telegrams = [*telegrams, *self._telegrams(self.pending + data)]
         answers = [self.drive.hear(telegram, ended) for telegram in telegrams]
         return [answer for answer in answers if answer is not None]
+
+    def spoke(self, ended: float) -> None:
+        """Take note of its own reply, which ends then."""
+        self.deaf_until = ended + self._needs_pause_s
 
     def power_off(self, now: float) -> None:
         """Take its power away: the motor coasts, and what is half heard or not yet answered is forgotten."""

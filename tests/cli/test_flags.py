@@ -61,6 +61,7 @@ COMMANDS = [
     ("forecast", "--plan", "plant.toml"),
     ("scan", "--protocol", "danfoss-fc", "--addresses", "3"),
     ("doctor", "--protocol", "danfoss-fc", "--addresses", "3"),
+    ("tune", "fan", "--exchanges", "20"),
     ("models", "grow", "fan", "--write", "grown.toml"),
     ("replay", "capture.jsonl"),
     ("stop", "--all"),
