@@ -303,7 +303,7 @@ def speaks_for(codec, addresses, data):
 
 @pytest.mark.parametrize("echo", [False, True], ids=["plain", "echo"])
 @pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
-@extents(1200, EXCHANGES)
+@extents(800, EXCHANGES)
 def test_no_wrong_value_and_no_failure_that_need_not_be(plugin, echo, extent):
     course = Course(plugin, SEED, echo=echo)
     assert len(course.known) >= 10

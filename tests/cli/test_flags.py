@@ -160,7 +160,7 @@ def commands_of(group, *words):
 
 
 @pytest.mark.parametrize("flag", VALUES)
-@pytest.mark.parametrize("command", every(3, COMMANDS), ids=" ".join)
+@pytest.mark.parametrize("command", every(6, COMMANDS), ids=" ".join)
 def test_a_flag_counts_or_is_refused(heard, shell, command, flag):
     _, plain = heard(*command)
     value = [] if VALUES[flag] is None else [VALUES[flag]]
