@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, DriveError, NoReplyError, ValueRefusedError
 from drivecomm.protocol import Framed
-from drivecomm.virtual.direct import carry_out
 from drivecomm.virtual.drive_proxy import DriveProxy
-from drivecomm.virtual.drives import drive_type
+from drivecomm.virtual.drives import carry_out, drive_type
 from drivecomm.virtual.station import Overhears
 from drivecomm.virtual.stuck_answer import StuckAnswer
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.protocol import Ask, Tell, VirtualReply, answered
-from drivecomm.virtual.direct import answer_to
+from drivecomm.virtual.drives import answer_to
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Message, Reading, VirtualDrive

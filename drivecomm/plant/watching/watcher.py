@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from drivecomm.bus import AsyncDrive
     from drivecomm.link import TraceEvent
-    from drivecomm.plant.watching.watched import WatchedLine
+    from drivecomm.plant.watching.asked import WatchedLine
     from drivecomm.polling import PollResult
 
 USUAL_NAMES = (
