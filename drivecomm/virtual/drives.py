@@ -47,7 +47,7 @@ def drive_type(
     options: Mapping[str, Any],
     for_all: Mapping[str, Any] | None = None,
 ) -> DriveType:
-    """Return what is to be made of options as `virtual_drive` takes them, behind what holds for all drives of a line.
+    """Return the type of a drive with the options of `virtual_drive`, which go before those for all drives of its line.
 
     Raises UsageError for anything that cannot be.
     """

@@ -48,7 +48,7 @@ class ServedLine:
 
     @property
     def descriptor(self) -> int | None:
-        """What to watch for a master's bytes; None while it has sent so much ahead that no more is taken."""
+        """The descriptor to watch for a master's bytes; None while it has sent too much ahead."""
         return None if self._is_full else self.listener.descriptor
 
     @property
@@ -163,7 +163,7 @@ class LineServer:
             self._due[served] = served.due
 
     def _watch(self, served: ServedLine) -> None:
-        """Note when the line is due, and watch what its master is to be heard on: it comes, goes and is held back."""
+        """Note when the line is due, and watch its master's descriptor, which comes, goes and is held back."""
         self._due[served] = served.due
         before, wanted = self._watched[served], served.descriptor
         if self._selector is None or before == wanted:
