@@ -19,7 +19,6 @@ from drivecomm.transport import runner_for
 
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterable
-    from types import TracebackType
 
     from drivecomm.bus.faces import Job
     from drivecomm.bus.likely_settings import LineChoices
@@ -139,9 +138,7 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         await self._opened()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.close()
 
     async def _take_turn(self, rank: Rank, seconds: float, who: str) -> None:

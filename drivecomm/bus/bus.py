@@ -16,7 +16,6 @@ from drivecomm.transport import run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator
-    from types import TracebackType
 
     from drivecomm.bus.faces import Job
     from drivecomm.bus.likely_settings import LineChoices
@@ -165,9 +164,7 @@ class Bus(SharedBus[Drive, Broadcast]):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _wait_for(self, turn: Turn, seconds: float, who: str) -> None:

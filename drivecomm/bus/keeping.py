@@ -17,15 +17,12 @@ from __future__ import annotations
 import asyncio
 import time
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from drivecomm.bus.async_bus import AsyncDrive
 from drivecomm.bus.bus import Drive
 from drivecomm.bus.keeper import Keeper
 from drivecomm.bus.procedures import carry_out, carry_out_async
-
-if TYPE_CHECKING:
-    from types import TracebackType
 
 _AT_ONCE_S = 0.5
 
@@ -84,9 +81,7 @@ class WatchdogKeeper(Keeper[Drive]):
             self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
         self._left.set()
         try:
             carry_out(self._drive, self._stopping())
@@ -128,9 +123,7 @@ class AsyncWatchdogKeeper(Keeper[AsyncDrive]):
             self._task = asyncio.create_task(self._feed(), name=f"keeping {self._drive.name}")
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
         # Whoever cancels a second time does not keep the motor from being stopped, nor closes the bus under it.
         leaving = asyncio.ensure_future(self._leave())
         cancelled: asyncio.CancelledError | None = None

@@ -20,7 +20,6 @@ from drivecomm.virtual import PlantServer, Server, VirtualLine, VirtualPlant, pa
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
-    from types import TracebackType
 
     from drivecomm.protocol import Model
 
@@ -127,9 +126,7 @@ class LineMaker:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._open.close()
 
     def _line(
