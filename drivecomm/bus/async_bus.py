@@ -99,9 +99,12 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
             # Tasks that were made before this call and have not begun were asked for before it.
             await asyncio.sleep(0)
             self._roster.commands.stop_called(job.peer.name)
-        await self._take_turn(job.rank, job.peer.facts.timing.deadline_s, job.peer.name)
+        if self._lock.take_at_once():
+            self._owner = asyncio.current_task()
+        else:
+            await self._take_turn(job.rank, job.peer.facts.timing.deadline_s, job.peer.name)
         try:
-            runner = await self._opened()
+            runner = self._runner or await self._opened()
             try:
                 return self._timed(await runner.run(self._begin(job, deadline), self._lock.stop_waits))
             except LinkDownError:
@@ -214,10 +217,16 @@ class AsyncPriorityLock:
         """Whether somebody waits who wants to stop something."""
         return bool(self._waiting) and self._waiting[0][0] is Rank.STOP
 
+    def take_at_once(self) -> bool:
+        """Have one's turn if it is nobody's; returns whether it is."""
+        if self._taken:
+            return False
+        self._taken = True
+        return True
+
     async def take(self, rank: Rank, seconds: float) -> bool:
         """Wait for one's turn; returns False when it has not come within this time."""
-        if not self._taken:
-            self._taken = True
+        if self.take_at_once():
             return True
         self._order += 1
         called: asyncio.Future[None] = asyncio.get_running_loop().create_future()

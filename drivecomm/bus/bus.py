@@ -17,6 +17,7 @@ from drivecomm.transport import run
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator
 
+    from drivecomm.bus.engine_line import EngineLine
     from drivecomm.bus.faces import Job
     from drivecomm.bus.likely_settings import LineChoices
     from drivecomm.bus.opening import LineOptions
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from drivecomm.link import Port
     from drivecomm.polling import PollItem, PollResult
     from drivecomm.protocol import DriveStatus
+    from drivecomm.transport import Engine
 
 T = TypeVar("T")
 
@@ -126,11 +128,27 @@ class Bus(SharedBus[Drive, Broadcast]):
                 try:
                     return self._timed(run(self._begin(job, deadline), port, self._lock.stop_waits))
                 except LinkDownError:
-                    self._port = None
-                    port.close()
+                    self._lost(port)
                     raise
         finally:
             self._lock.hand_on()
+
+    def on_engine(self, engine: Engine) -> EngineLine | None:
+        """Return this bus's line for an engine, which serves many in one thread; None where that cannot be."""
+        if not self.real_time or self._clock.descriptor is None:
+            return None
+        from drivecomm.bus.engine_line import BusParts, EngineLine  # noqa: PLC0415 - a stop does without it
+
+        parts = BusParts(
+            lock=self._lock,
+            called=self._called,
+            begin=self._begin,
+            timed=self._timed,
+            port=lambda: self._port,
+            opened=self._opened,
+            lost=self._lost,
+        )
+        return EngineLine(parts, engine)
 
     def sleep_until(self, until: float) -> None:
         """Let time pass on the line's clock; others may use the line meanwhile."""
@@ -172,6 +190,10 @@ class Bus(SharedBus[Drive, Broadcast]):
             raise UsageError("a trace function cannot use the bus that calls it")
         if not self._lock.take(turn, seconds):
             raise DeadlineError(f"{who}: the line was busy with others for {seconds:g} s")
+
+    def _lost(self, port: Port) -> None:
+        self._port = None
+        port.close()
 
     def _opened(self) -> Port:
         if self._port is not None:

@@ -15,12 +15,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
+    from drivecomm.bus.engine_line import EngineLine
     from drivecomm.bus.faces import Job
     from drivecomm.bus.roster import Member, Roster
     from drivecomm.bus.scanning import Asking, Found, Question, Search
     from drivecomm.link import CommandCall, Health, Peer, Port, Statistics, Steps
     from drivecomm.polling import PollItem
     from drivecomm.protocol import Model
+    from drivecomm.transport import Engine
 
 T = TypeVar("T")
 D = TypeVar("D")
@@ -79,6 +81,14 @@ class SharedBus(Generic[D, E]):
     def command(self, peer: Peer) -> CommandCall:
         """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that."""
         return self._roster.commands.called(peer.name)
+
+    def on_engine(self, engine: Engine) -> EngineLine | None:  # noqa: ARG002 - see `Bus`
+        """Return this bus's line for an engine, which serves many in one thread.
+
+        None where that cannot be: the port has no descriptor to watch, its time is not that of the world, or an event
+        loop serves it.
+        """
+        return None
 
     def watched(self, peer: Peer, silence_s: float | None) -> None:
         """Take note how long a drive's watchdog waits; None when it is off, or not known."""

@@ -107,6 +107,10 @@ class DriveVerbs(PeerVerbs[B]):
     @Verb
     def polled(self, /, parameter: str, **options: Any) -> Job[Reading]:
         """Read a parameter when nobody else wants the line: everything else overtakes it."""
+        return self.to_poll(parameter, **options)
+
+    def to_poll(self, parameter: str, **options: Any) -> Job[Reading]:
+        """Return the job of `polled`, for who has the bus carry it out; sends nothing."""
         return Job(self._peer, self._exchanges.to_read(parameter, options), Rank.POLL)
 
     def check_read(self, parameter: str, **options: Any) -> None:

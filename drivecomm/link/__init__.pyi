@@ -22,7 +22,9 @@ from .port import (
     Receive as Receive,
     Send as Send,
     Steps as Steps,
+    Talk as Talk,
     Wait as Wait,
+    taken_apart as taken_apart,
 )
 from .statistics import (
     COUNTERS as COUNTERS,

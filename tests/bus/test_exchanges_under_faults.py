@@ -19,6 +19,7 @@ import pytest
 from extents import extents
 from steady_quantities import quantities
 from watched_drive import Watched
+from watched_lines import on_event_loops
 
 import drivecomm
 from drivecomm.errors import DriveCommError, DriveError, ReplyError
@@ -301,10 +302,7 @@ def speaks_for(codec, addresses, data):
     return False
 
 
-@pytest.mark.parametrize("echo", [False, True], ids=["plain", "echo"])
-@pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
-@extents(800, EXCHANGES)
-def test_no_wrong_value_and_no_failure_that_need_not_be(plugin, echo, extent):
+def run(plugin, echo, extent):
     course = Course(plugin, SEED, echo=echo)
     assert len(course.known) >= 10
     assert course.writable
@@ -314,3 +312,18 @@ def test_no_wrong_value_and_no_failure_that_need_not_be(plugin, echo, extent):
     assert len(course.forged) <= 1 + course.spoilt / 256, course.forged
     assert course.good > 0.8 * course.exchanges, course.report("too few are good")
     assert course.avoidable.total() <= 0.02 * course.exchanges, course.report("too many failures that need not be")
+
+
+@pytest.mark.parametrize("echo", [False, True], ids=["plain", "echo"])
+@pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
+@extents(800, EXCHANGES)
+def test_no_wrong_value_and_no_failure_that_need_not_be(plugin, echo, extent):
+    run(plugin, echo, extent)
+
+
+@pytest.mark.parametrize("echo", [False, True], ids=["plain", "echo"])
+@pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
+@extents(800, EXCHANGES)
+def test_the_same_as_event_loops_and_the_engine_run_it(plugin, echo, extent, monkeypatch):
+    monkeypatch.setattr("drivecomm.bus.bus.run", on_event_loops())
+    run(plugin, echo, extent)

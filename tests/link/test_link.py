@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 
 from drivecomm.errors import DamagedReplyError, NoReplyError, RefusedError, ReplyError, TelegramError
-from drivecomm.link import Arrival, Configure, Link, Peer, Receive, Send, Wait
+from drivecomm.link import Arrival, Configure, Link, Peer, Receive, Send, Wait, taken_apart
 from drivecomm.protocol import Ask, LineFacts, LineSettings, Pause, Tell, Timing
 from drivecomm_vabus.telegrams import Ack, Enquiry, Eot, Select, VabusCodec, Value, mismatch
 
@@ -36,7 +36,7 @@ class Walk:
 
     def __init__(self, steps, arrivals=(), start=0.0, note=""):
         self.time = start
-        self.steps = steps
+        self.steps = taken_apart(steps, start)
         self.arrivals = sorted(arrivals)
         self.sent = []
         self.configured = []
