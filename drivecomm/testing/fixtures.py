@@ -197,15 +197,11 @@ class WatchedPlant:
 
     def line(self, name: str) -> WatchedLine:
         """Return the line with this name. Raises UsageError."""
-        if name not in self.lines:
-            raise UsageError(f"there is no line {name!r} in this plant; it has {', '.join(self.lines)}")
-        return self.lines[name]
+        return self.lines[self._plant.plant.line(name).name]
 
     def drive(self, name: str) -> WatchedDrive:
         """Return the drive with this name. Raises UsageError."""
-        if name not in self.drives:
-            raise UsageError(f"there is no drive {name!r} in this plant; it has {', '.join(self.drives) or 'none'}")
-        return self.drives[name]
+        return self.drives[self._plant.plant.drive(name).name]
 
     def close(self) -> None:
         """Stop serving; what was received can still be looked at. The end of the test does it anyway."""
