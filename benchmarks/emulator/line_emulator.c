@@ -38,7 +38,7 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { MOST_LINES = 256, MOST_ANSWERS = 128, LONGEST = 300 };
+enum { MOST_LINES = 512, MOST_ANSWERS = 128, LONGEST = 300 };
 static const double STALL_S = 100e-6;
 static const double LOOK_AT_STDIN_S = 0.01;
 

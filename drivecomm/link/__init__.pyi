@@ -12,6 +12,7 @@ from .health import (
     UsualDelays as UsualDelays,
 )
 from .link import Link as Link
+from .logs import LOGGER_NAME as LOGGER_NAME, log_events as log_events
 from .peer import Peer as Peer, TraceEvent as TraceEvent
 from .port import (
     Arrival as Arrival,
@@ -35,11 +36,9 @@ from .statistics import (
 )
 from .tracing import (
     ARROWS as ARROWS,
-    LOGGER_NAME as LOGGER_NAME,
     fields_text as fields_text,
     hex_text as hex_text,
     line_text as line_text,
-    log_events as log_events,
     tell_all as tell_all,
     trace_data as trace_data,
     trace_line as trace_line,

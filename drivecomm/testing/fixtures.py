@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict, deque
 from contextlib import ExitStack, closing
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
@@ -50,8 +50,6 @@ class LineMaker:
         self._made = 0
         self._last: deque[tuple[str, WatchedLine, str]] = deque(maxlen=_MOST_TRACES)
         self._open = ExitStack()
-        # A property test makes the same drive a hundred times.
-        self._load_model = lru_cache(load_model)
 
     def line(
         self,
@@ -164,8 +162,7 @@ class LineMaker:
     def _model(self, name: DriveConfig) -> Model:
         plugin = installed[name.protocol]
         chosen = name.options.get("model", plugin.default_model)
-        load = self._load_model if isinstance(chosen, str) else load_model
-        return load(plugin.package, name.protocol, chosen)
+        return load_model(plugin.package, name.protocol, chosen)
 
     def _place(self, listen: str) -> str:
         """Return a new place of a kind; any other text is a place itself."""

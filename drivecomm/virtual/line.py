@@ -16,8 +16,7 @@ from drivecomm.plant import UNDISTURBED
 from drivecomm.protocol import LineSettings
 from drivecomm.virtual.medium import Medium, Receiver, Transmission
 from drivecomm.virtual.port import VirtualPort
-from drivecomm.virtual.station import Answer, Station
-from drivecomm.virtual.uart import heard
+from drivecomm.virtual.station import Answer, Station, one_of, stations_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -72,7 +71,7 @@ class VirtualLine:
         """Set it to make the port fail as an unplugged adapter does."""
         self.monitor: Callable[[Transmission], None] | None = None
         """Told of everything that was on the wire, echoes left out, when its last character is out."""
-        self._stations = [Station(drive) for drive in self.drives]
+        self._stations = stations_of(self.drives)
         self._medium = Medium()
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._order = 0
@@ -220,12 +219,12 @@ class VirtualLine:
         """Let the drives hear a transmission that is out."""
         if self.monitor is not None:
             self.monitor(sent)
-        sound = sent.sound(0, len(sent.data))
+        sound, settings = sent.sound(0, len(sent.data)), one_of(sent.settings)
         for station in self._stations:
             drive = station.drive
             if drive is not sent.sender and station.powered:
-                spoken = station.agreed if sent.agreed else sent.settings
-                for answer in station.hear(heard(sound, spoken, drive.settings), sent.began, sent.ended):
+                spoken = station.agreed if sent.agreed else settings
+                for answer in station.hear(station.received(sound, spoken), sent.began, sent.ended):
                     station.answering += 1
                     station.answer = Answer(sent.ended + answer.delay_s, answer.data, station.answering)
                     self._wake_to_answer(station, station.answer.time)

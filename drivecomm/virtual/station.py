@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import inf
 from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 from drivecomm.protocol import Command, Framed, Framer, Noise
+from drivecomm.virtual.uart import heard
 
 if TYPE_CHECKING:
+    from collections.abc import Hashable, Iterable
+    from typing import TypeAlias
+
     from drivecomm.protocol import Damaged, Find, LineSettings, VirtualDrive, VirtualReply
+
+    # What is certain of bytes, and those of them that are pending.
+    Known: TypeAlias = dict[bytes, tuple[list[Framed | Damaged], bytes]]
 
 # What a drive has heard before is not looked at again: so many pieces, none longer than this.
 _MOST_KNOWN = 512
@@ -56,10 +64,11 @@ class Station:
     powered: a drive without power neither hears nor answers. pending: what has been heard of a telegram that is not
     whole. answering: the number of the answer that the drive has in mind; an answer with a lower number is dropped.
     answer: that answer; wakes_at: when the line comes back to it. agreed: the settings that the drive had when the line
-    was made. right_settings: those that it gets back after a power cut that changed them.
+    was made. right_settings: those that it gets back after a power cut that changed them. known: what has been made of
+    bytes before, by drives that read alike.
     """
 
-    def __init__(self, drive: VirtualDrive) -> None:
+    def __init__(self, drive: VirtualDrive, known: Known | None = None) -> None:
         self.drive = drive
         self.powered = True
         self.pending = b""
@@ -69,7 +78,15 @@ class Station:
         self.agreed = drive.settings
         self.right_settings: LineSettings | None = None
         self._heard_at = 0.0
-        self._known: dict[bytes, tuple[list[Framed | Damaged], bytes]] = {}
+        self.known: Known = {} if known is None else known
+        self._settings, self._own = drive.settings, one_of(drive.settings)
+
+    def received(self, data: bytes, spoken: LineSettings) -> bytes:
+        """Return what the drive reads of characters that are sent with these settings, `one_of` their equals."""
+        settings = self.drive.settings
+        if settings is not self._settings:
+            self._settings, self._own = settings, one_of(settings)
+        return heard(data, spoken, self._own)
 
     def hear(self, data: bytes, began: float, ended: float) -> list[VirtualReply]:
         """Take bytes that were on the line between two times; return what the drive answers to them."""
@@ -98,16 +115,16 @@ class Station:
 
     def _telegrams(self, data: bytes) -> list[Framed | Damaged]:
         """Return the complete telegrams of these bytes; the rest is pending."""
-        known = self._known.get(data)
+        known = self.known.get(data)
         if known is None:
             finds = Framer(self.drive.codec, "request").feed(data)
             # A damaged telegram is looked at again byte by byte, so its bytes are among the others.
             done = sum(len(find.data) for find in finds if isinstance(find, Framed | Noise))
             known = _without_noise(finds), data[done:]
-            if len(self._known) >= _MOST_KNOWN:
-                self._known.clear()
+            if len(self.known) >= _MOST_KNOWN:
+                self.known.clear()
             if len(data) <= _LONGEST_KNOWN:
-                self._known[data] = known
+                self.known[data] = known
         telegrams, self.pending = known
         return telegrams
 
@@ -117,6 +134,22 @@ class Station:
         finds = [*framer.feed(self.pending), *framer.flush()]
         self.pending = b""
         return _without_noise(finds)
+
+
+@lru_cache(maxsize=256)
+def one_of(settings: LineSettings) -> LineSettings:
+    """Return always the same of equal settings, so that comparing them costs nothing."""
+    return settings
+
+
+def stations_of(drives: Iterable[VirtualDrive]) -> list[Station]:
+    """Return a station for each drive of a line.
+
+    A codec may have an attribute `alike`, anything hashable: those with equal ones make the same of the same bytes, so
+    that it is found out once for all of their drives.
+    """
+    known: dict[Hashable, Known] = {}
+    return [Station(drive, known.setdefault(getattr(drive.codec, "alike", id(drive)), {})) for drive in drives]
 
 
 def _without_noise(finds: list[Find]) -> list[Framed | Damaged]:

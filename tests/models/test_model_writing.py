@@ -17,7 +17,8 @@ TEXTS = st.text(st.characters(codec="utf-8"), max_size=12)
 WORDS = st.text(string.ascii_lowercase + string.digits + "_-[].", min_size=1, max_size=8)
 CODES = st.dictionaries(st.integers(-10, 70000), TEXTS, max_size=3)
 DECIMALS = st.decimals(allow_nan=False, allow_infinity=False, min_value=-(10**12), max_value=10**12, places=4)
-OWN = st.one_of(st.booleans(), st.integers(-(2**31), 2**31), TEXTS, st.lists(st.integers(0, 9), max_size=3))
+# Nobody can change what a model says, so a list of its file is a tuple there.
+OWN = st.one_of(st.booleans(), st.integers(-(2**31), 2**31), TEXTS, st.lists(st.integers(0, 9), max_size=3).map(tuple))
 OWN_KEYS = WORDS.filter(lambda key: key not in ParameterInfo.__dataclass_fields__)
 
 

@@ -318,6 +318,27 @@ def test_many_that_fail_at_once_go_no_deeper(tmp_path):
         assert len([result for result in results if result.error is not None]) > len(plan)
 
 
+def test_what_goes_over_the_lines_is_recorded(tmp_path):
+    class Record:
+        def __init__(self):
+            self.said = {True: b"", False: b""}
+
+        def add(self, piece):
+            self.said[piece.source == "master"] += piece.data
+
+    record, sent, came = Record(), [], []
+
+    def trace(event):
+        if event.what in ("sent", "received"):
+            (sent if event.what == "sent" else came).append(event.data)
+
+    with lines(tmp_path, 2, record=record, trace=trace) as (_, buses):
+        results = list(drivecomm.poll(items(buses, period_s=0), cycles=10))
+    assert len(results) == 20
+    assert sorted(record.said[True]) == sorted(b"".join(sent))
+    assert sorted(record.said[False]) == sorted(b"".join(came))
+
+
 def test_lines_without_a_descriptor_have_threads_of_their_own(tmp_path):
     with lines(tmp_path, 1) as (_, pty), lines(tmp_path, 1, "rfc2217") as (_, remote):
         results = drivecomm.poll(items([*pty, *remote], period_s=0), cycles=5)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivecomm.cli.options import Json
-from drivecomm.cli.output import complain, counted, emit, print_columns, say, tell
+from drivecomm.cli.output import complain, counted, emit, plain, print_columns, say, tell
 from drivecomm.errors import FileFormatError, ParameterAddressError, UsageError
 from drivecomm.models import (
     check_model,
@@ -166,7 +166,7 @@ def _print_parameter(info: ParameterInfo, model: Model) -> None:
         "storage": info.storage,
         "values": ", ".join(f"{code} {text}" for code, text in info.values.items()),
         "counts with": ", ".join(f"{at} = {' or '.join(map(str, codes))}" for at, codes in info.only_with.items()),
-        **{key: str(value) for key, value in info.extra.items()},
+        **{key: str(plain(value)) for key, value in info.extra.items()},
         "source": info.source or model.source,
         "sure": info.sure,
     }
