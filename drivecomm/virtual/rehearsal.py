@@ -236,7 +236,7 @@ def _with(model: Model, added: Mapping[str, ParameterInfo]) -> Model:
 
 
 class _Ledger:
-    """Books what happens on a line to the items that cause it, from the bus's trace."""
+    """Assigns the time on a line to the items that use it, from the bus's trace."""
 
     def __init__(self) -> None:
         self.events: list[TraceEvent] = []

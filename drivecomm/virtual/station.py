@@ -1,4 +1,4 @@
-"""A virtual drive's place on a line: its ear, its mains switch, bytes in, its replies out."""
+"""A virtual drive on its line: its framer, its mains switch, bytes in, its replies out."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Restarts(Protocol):
 
 @runtime_checkable
 class Follows(Protocol):
-    """A virtual drive that does something by itself, such as noticing that nobody speaks to it any more."""
+    """A virtual drive that acts by itself, such as one with a watchdog."""
 
     def follow(self, now: float) -> None:
         """Let time pass."""
@@ -43,10 +43,10 @@ class Follows(Protocol):
 
 @runtime_checkable
 class Overhears(Protocol):
-    """A virtual drive to which it matters that others on its line are spoken to."""
+    """A virtual drive that takes note of telegrams to other drives."""
 
     def overhear(self, now: float) -> None:
-        """Take note of a sound telegram to another drive."""
+        """Take note of a valid telegram to another drive."""
         ...
 
 
@@ -129,7 +129,7 @@ class Station:
         self.drive.settings, self.right_settings = self.right_settings or self.drive.settings, None
 
     def _telegrams(self, data: bytes) -> list[Framed | Damaged]:
-        """Return what is certain of these bytes; the rest is pending."""
+        """Return the complete telegrams of these bytes; the rest is pending."""
         known = self.known.get(data)
         if known is None:
             finds = Framer(self.drive.codec, "request").feed(data)

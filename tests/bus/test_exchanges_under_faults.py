@@ -346,14 +346,14 @@ def run(plugin, echo, extent, *, traced=True):
 
 @pytest.mark.parametrize("echo", [False, True], ids=["plain", "echo"])
 @pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
-@extents(1200, EXCHANGES)
+@extents(800, EXCHANGES)
 def test_no_wrong_value_and_no_failure_that_need_not_be(plugin, echo, extent):
     run(plugin, echo, extent)
 
 
 @pytest.mark.parametrize("echo", [False, True], ids=["plain", "echo"])
 @pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
-@extents(1200, EXCHANGES)
+@extents(800, EXCHANGES)
 def test_the_same_as_event_loops_and_the_engine_run_it(plugin, echo, extent, monkeypatch):
     monkeypatch.setattr("drivecomm.bus.bus.run", on_event_loops())
     run(plugin, echo, extent)

@@ -212,8 +212,9 @@ def standing(bus):
     link = bus._roster.link
     line = {**vars(link._line), "trace": None, "talk": None, "away": None}
     line["probed"] = [name for name, each in link._partners.items() if each is line["probed"]]
-    for name in ("echo", "delays"):
+    for name in ("echo", "delays", "tuning"):
         line[name] = vars(line[name]).copy()
+    line["tuning"]["_errors"] = {name: tuple(errors) for name, errors in line["tuning"]["_errors"].items()}
     line["delays"]["_delays"] = line["delays"]["_delays"].copy()
     drives = {}
     for name, partner in link._partners.items():
