@@ -123,7 +123,8 @@ class Bus(SharedBus[Drive, Broadcast]):
         peer, turn = job.peer, Turn(job.rank)
         try:
             with turn.held:
-                self._wait_for(turn, peer.facts.timing.deadline_s, peer.name)
+                if not self._lock.ask(turn):
+                    self._wait_for(turn, peer.facts.timing.deadline_s, peer.name)
                 port = self._port or self._opened()
                 try:
                     return self._timed(run(self._begin(job, deadline), port, self._lock.stop_waits))
@@ -159,7 +160,8 @@ class Bus(SharedBus[Drive, Broadcast]):
         turn = Turn(Rank.POLL)
         try:
             with turn.held:
-                self._wait_for(turn, float("inf"), "the bus")
+                if not self._lock.ask(turn):
+                    self._wait_for(turn, float("inf"), "the bus")
                 self._clock.wait(until)
         finally:
             self._lock.hand_on()
@@ -169,7 +171,8 @@ class Bus(SharedBus[Drive, Broadcast]):
         turn = Turn(Rank.COMMAND)
         try:
             with turn.held:
-                self._wait_for(turn, float("inf"), "the bus")
+                if not self._lock.ask(turn):
+                    self._wait_for(turn, float("inf"), "the bus")
                 self._closed = True
                 if self._port is not None:
                     self._port.close()
@@ -187,8 +190,9 @@ class Bus(SharedBus[Drive, Broadcast]):
 
     def _wait_for(self, turn: Turn, seconds: float, who: str) -> None:
         if self._lock.is_mine():
+            self._lock.leave(turn)
             raise UsageError("a trace function cannot use the bus that calls it")
-        if not self._lock.take(turn, seconds):
+        if not self._lock.wait(turn, seconds):
             raise DeadlineError(f"{who}: the line was busy with others for {seconds:g} s")
 
     def _lost(self, port: Port) -> None:
