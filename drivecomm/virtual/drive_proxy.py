@@ -86,6 +86,6 @@ class DriveProxy:
             self.inner.follow(self.time_of(now))
 
     def overhear(self, now: float) -> None:
-        """Let the drive take note of a sound telegram to another one, if that matters to it."""
+        """Let the drive take note of a valid telegram to another one, if it uses that."""
         if isinstance(self.inner, Overhears):
             self.inner.overhear(self.time_of(now))

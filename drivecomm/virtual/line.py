@@ -210,6 +210,8 @@ class VirtualLine:
         )
         self._free_at[who] = ended
         self._medium.begin(sent)
+        if isinstance(who, Station):
+            who.spoke(ended)
         if source != "master":
             self._master.add(sent, self.time)
         if source != "echo":
@@ -230,7 +232,7 @@ class VirtualLine:
                     self._wake_to_answer(station, station.answer.time)
 
     def _wake_to_answer(self, station: Station, time: float) -> None:
-        """Come back to a drive's answer then; one visit serves all answers that take each other's place before it."""
+        """Schedule a drive's answer; one wake-up serves all answers that replace each other before it."""
         if time < station.wakes_at:
             station.wakes_at = time
             self.call_at(time, partial(self._visit, station, time))
@@ -288,5 +290,5 @@ class VirtualLine:
 def _then(
     arrivals: Sequence[tuple[float, bytes]], disturb: Callable[[bytes], Sequence[tuple[float, bytes]]]
 ) -> list[tuple[float, bytes]]:
-    """Return what is left when another disturbance has had its turn."""
+    """Return what arrives after a further disturbance."""
     return [(delay + more, left) for delay, data in arrivals for more, left in disturb(data)]

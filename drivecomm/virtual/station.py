@@ -1,4 +1,4 @@
-"""A virtual drive's place on a line: its ear, its mains switch, bytes in, its replies out."""
+"""A virtual drive on its line: its framer, its mains switch, bytes in, its replies out."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Restarts(Protocol):
 
 @runtime_checkable
 class Follows(Protocol):
-    """A virtual drive that does something by itself, such as noticing that nobody speaks to it any more."""
+    """A virtual drive that acts by itself, such as one with a watchdog."""
 
     def follow(self, now: float) -> None:
         """Let time pass."""
@@ -43,11 +43,18 @@ class Follows(Protocol):
 
 @runtime_checkable
 class Overhears(Protocol):
-    """A virtual drive to which it matters that others on its line are spoken to."""
+    """A virtual drive that takes note of telegrams to other drives."""
 
     def overhear(self, now: float) -> None:
-        """Take note of a sound telegram to another drive."""
+        """Take note of a valid telegram to another drive."""
         ...
+
+
+@runtime_checkable
+class NeedsPause(Protocol):
+    """A virtual drive that does not hear a request which begins sooner than this after its reply."""
+
+    needs_pause_s: float
 
 
 class Answer(NamedTuple):
@@ -64,8 +71,8 @@ class Station:
     powered: a drive without power neither hears nor answers. pending: what has been heard of a telegram that is not
     whole. answering: the number of the answer that the drive has in mind; an answer with a lower number is dropped.
     answer: that answer; wakes_at: when the line comes back to it. agreed: the settings that the drive had when the line
-    was made. right_settings: those that it gets back after a power cut that changed them. known: what has been made of
-    bytes before, by drives that read alike.
+    was made. right_settings: those that it gets back after a power cut that changed them. deaf_until: when it hears
+    again after its own reply. known: what has been made of bytes before, by drives that read alike.
     """
 
     def __init__(self, drive: VirtualDrive, known: Known | None = None) -> None:
@@ -77,6 +84,8 @@ class Station:
         self.wakes_at = inf
         self.agreed = drive.settings
         self.right_settings: LineSettings | None = None
+        self.deaf_until = 0.0
+        self._needs_pause_s = drive.needs_pause_s if isinstance(drive, NeedsPause) else 0.0
         self._heard_at = 0.0
         self.known: Known = {} if known is None else known
         self._settings, self._own = drive.settings, one_of(drive.settings)
@@ -90,11 +99,17 @@ class Station:
 
     def hear(self, data: bytes, began: float, ended: float) -> list[VirtualReply]:
         """Take bytes that were on the line between two times; return what the drive answers to them."""
+        if began < self.deaf_until:
+            return []
         telegrams = self._cut_short() if self.pending and began - self._heard_at > self.drive.gap_s else []
         self._heard_at = ended
         telegrams = [*telegrams, *self._telegrams(self.pending + data)]
         answers = [self.drive.hear(telegram, ended) for telegram in telegrams]
         return [answer for answer in answers if answer is not None]
+
+    def spoke(self, ended: float) -> None:
+        """Take note of its own reply, which ends then."""
+        self.deaf_until = ended + self._needs_pause_s
 
     def power_off(self, now: float) -> None:
         """Take its power away: the motor coasts, and what is half heard or not yet answered is forgotten."""
@@ -114,7 +129,7 @@ class Station:
         self.drive.settings, self.right_settings = self.right_settings or self.drive.settings, None
 
     def _telegrams(self, data: bytes) -> list[Framed | Damaged]:
-        """Return what is certain of these bytes; the rest is pending."""
+        """Return the complete telegrams of these bytes; the rest is pending."""
         known = self.known.get(data)
         if known is None:
             finds = Framer(self.drive.codec, "request").feed(data)
