@@ -266,13 +266,15 @@ def test_a_line_that_is_found_lost_on_writing_is_given_back_and_opened_again(tmp
         closed.append(port)
         close(port)
 
-    with lines(tmp_path, 1) as (_, buses):
+    with lines(tmp_path, 2) as (_, buses):
         monkeypatch.setattr(SerialPort, "write", write_to)
         monkeypatch.setattr(SerialPort, "close", close_it)
-        until = time.monotonic() + 20
+        until, failed = time.monotonic() + 20, ""
         for result in drivecomm.poll(items(buses, period_s=0.02)):
             assert time.monotonic() < until
-            if result.error is None:
+            if result.error is not None:
+                failed = result.drive
+            elif result.drive == failed:
                 break
         assert closed == lost
 
