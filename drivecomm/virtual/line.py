@@ -9,7 +9,7 @@ from __future__ import annotations
 import heapq
 from functools import partial
 from math import inf
-from typing import TYPE_CHECKING, Protocol as Interface
+from typing import TYPE_CHECKING, Protocol as Interface, TypeAlias
 
 from drivecomm.errors import UsageError
 from drivecomm.plant import UNDISTURBED
@@ -25,6 +25,13 @@ if TYPE_CHECKING:
     from drivecomm.plant import FaultPlan, PowerCut
     from drivecomm.protocol import VirtualDrive
     from drivecomm.virtual.medium import Source
+
+_Event: TypeAlias = "tuple[float, int, Callable[[], None], float | Station]"
+"""When, in which order, what, and for how long nobody hears anything of it: the drive that begins to answer knows."""
+
+# How late drives may hear what is out already. The master notices nothing: one character of an answer lasts longer, or
+# is as late as this.
+_LATE_S = 0.0005
 
 
 class Disturbance(Interface):
@@ -74,7 +81,7 @@ class VirtualLine:
         """Told of everything that was on the wire, echoes left out, when its last character is out."""
         self._stations = [Station(drive) for drive in self.drives]
         self._medium = Medium()
-        self._events: list[tuple[float, int, Callable[[], None]]] = []
+        self._events: list[_Event] = []
         self._order = 0
         self._free_at: dict[Station | Source, float] = {}
         self._port_free_at = 0.0
@@ -97,8 +104,11 @@ class VirtualLine:
 
     def call_at(self, time: float, action: Callable[[], None]) -> None:
         """Do something at a time of the line's clock, in the middle of an exchange perhaps; at once if it is past."""
+        self._call_at(time, action, 0.0)
+
+    def _call_at(self, time: float, action: Callable[[], None], unheard: float | Station) -> None:
         self._order += 1
-        heapq.heappush(self._events, (time, self._order, action))
+        heapq.heappush(self._events, (time, self._order, action, unheard))
 
     def configure(self, settings: LineSettings | None) -> None:
         """Set the master's line settings.
@@ -119,6 +129,29 @@ class VirtualLine:
     def due(self) -> float:
         """When something next happens on the line, or is heard whole by the master; infinite if nothing will."""
         return min(self._events[0][0] if self._events else inf, self._master.due)
+
+    @property
+    def silent_until(self) -> float:
+        """Until when nobody outside notices whether what is due on the line has happened: neither master nor monitor.
+
+        Whenever it is looked after, it happens at its own time of the line's clock.
+        """
+        events, heard_at = self._events, self._master.due
+        if not events:
+            return heard_at
+        time, _, _, unheard = events[0]
+        if self.paced and self.monitor is None:
+            time += self._unheard_s(unheard) if isinstance(unheard, Station) else unheard
+            # The second event is one of these.
+            for later in events[1:3]:
+                time = min(time, later[0])
+        return min(time, heard_at)
+
+    def _unheard_s(self, station: Station) -> float:
+        """Return how long after the line has come back to a drive its answer is heard, at the earliest."""
+        if station.answer is None or self.faults.rate or self.disturbances:
+            return 0.0
+        return self._wire_s(station.drive.settings, len(station.answer.data))
 
     def transmit(self, data: bytes) -> None:
         """Let the master send."""
@@ -214,7 +247,7 @@ class VirtualLine:
         if source != "master":
             self._master.add(sent, self.time)
         if source != "echo":
-            self.call_at(ended, partial(self._arrived, sent))
+            self._call_at(ended, partial(self._arrived, sent), min(_LATE_S, settings.character_s))
 
     def _arrived(self, sent: Transmission) -> None:
         """Let the drives hear a transmission that is out."""
@@ -234,7 +267,7 @@ class VirtualLine:
         """Come back to a drive's answer then; one visit serves all answers that take each other's place before it."""
         if time < station.wakes_at:
             station.wakes_at = time
-            self.call_at(time, partial(self._visit, station, time))
+            self._call_at(time, partial(self._visit, station, time), station)
 
     def _visit(self, station: Station, time: float) -> None:
         answer = station.answer
@@ -278,7 +311,7 @@ class VirtualLine:
             self.call_at(off_at + cut.lasts_s + cut.mismatch_s, station.set_right)
 
     def _next(self) -> None:
-        time, _, action = heapq.heappop(self._events)
+        time, _, action, _ = heapq.heappop(self._events)
         self.time = max(self.time, time)
         action()
 

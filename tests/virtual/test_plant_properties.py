@@ -14,6 +14,7 @@ from drivecomm.models import load_model
 from drivecomm.plant import Plant, PlantLine, read_plant
 from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import ServedLine, VirtualLine, VirtualPlant, answer_order, virtual_drive
+from drivecomm.virtual.timers import Timers
 
 EXAMPLE = drivecomm.plant.files.__doc__
 EXAMPLE = EXAMPLE[EXAMPLE.index("format = 1") :].splitlines()
@@ -139,3 +140,65 @@ def test_a_served_line_comes_to_rest_and_echoes_every_byte(pieces, paced, naps):
     assert listener.sent == b"".join(data for _, data in pieces)
     assert line.backlog_s == 0
     assert couple.descriptor == 7
+
+
+def heard_when(when, pieces):
+    """Return what reached the master of a line that is looked after as its property `when` says, and the last time."""
+    drives = [virtual_drive("vabus", 1, reply_delay_s=0.0), virtual_drive("danfoss-fc", 2)]
+    listener = Listener()
+    couple = ServedLine(VirtualLine([*drives, virtual_drive("vabus", 3, reply_delay_s=0.02)]), listener)
+    now, came, last = 0.0, 0, 0.0
+    for pause, data in [*pieces, (1.0, b"")]:
+        until = now + pause
+        while (due := getattr(couple, when)) <= until:
+            now = max(now, due)
+            couple.follow(now)
+            if len(listener.sent) > came:
+                came, last = len(listener.sent), round(now, 9)
+        now = until
+        listener.incoming = data
+        couple.attend(now)
+    return listener.sent, last
+
+
+REQUESTS = st.sampled_from([
+    bytes.fromhex("04 41 30 30 34 38 31 05"),
+    bytes.fromhex("04 43 30 30 34 38 31 05"),
+    # To all drives: nobody answers.
+    bytes.fromhex("04 40 02 30 34 38 31 30 30 30 30 03"),
+    bytes.fromhex("02 0e 82 16 4d 00 00 00 00 00 00 00 00 00 00 d5"),
+    b"\x04",
+])  # fmt: skip
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(st.tuples(st.floats(0, 0.1), REQUESTS), max_size=12))
+def test_what_nobody_hears_yet_can_wait_and_the_master_notices_nothing(pieces):
+    assert heard_when("deadline", pieces) == heard_when("due", pieces)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.lists(st.one_of(st.tuples(st.integers(0, 9), st.floats(0, 10) | st.just(inf)), st.floats(0, 11))))
+def test_timers_know_who_is_due_first(steps):
+    timers, deadlines = Timers[int](), dict.fromkeys(range(10), inf)
+    for step in steps:
+        if isinstance(step, tuple):
+            timers.set(*step)
+            deadlines[step[0]] = step[1]
+        else:
+            popped = timers.pop(step)
+            earliest = min(deadlines.values())
+            assert (popped is None) == (earliest > step)
+            if popped is not None:
+                assert deadlines[popped] == earliest
+                deadlines[popped] = inf
+        assert timers.deadline == min(deadlines.values())
+
+
+def test_timers_that_are_moved_again_and_again_take_no_room():
+    timers = Timers[str]()
+    timers.set("late", 1e9)
+    for number in range(1000):
+        timers.set("moved", 1e6 - number)
+    assert len(timers._heap) < 100
+    assert [timers.pop(inf), timers.pop(inf)] == ["moved", "late"]
