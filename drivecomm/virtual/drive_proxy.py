@@ -11,7 +11,7 @@ from __future__ import annotations
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.virtual.station import Follows, Overhears, Restarts
+from drivecomm.virtual.station import Follows, Restarts
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Codec, Damaged, Framed, LineSettings, Motor, VirtualDrive, VirtualReply
@@ -70,5 +70,6 @@ class DriveProxy:
 
     def overhear(self, now: float) -> None:
         """Let the drive take note of a sound telegram to another one, if that matters to it."""
-        if isinstance(self.inner, Overhears):
-            self.inner.overhear(self.time_of(now))
+        # Asked for each telegram, and a check for `Overhears` takes longer than what follows.
+        if (overhear := getattr(self.inner, "overhear", None)) is not None:
+            overhear(self.time_of(now))

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from math import inf
-from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 from drivecomm.protocol import Command, Framed, Framer, Noise
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Damaged, Find, LineSettings, VirtualDrive, VirtualReply
+
+_Telegrams: TypeAlias = "list[tuple[Framed | Damaged, int | None]]"
+"""Telegrams, each with its address if it is sound and has one."""
 
 # What a drive has heard before is not looked at again: so many pieces, none longer than this.
 _MOST_KNOWN = 512
@@ -42,6 +45,22 @@ class Overhears(Protocol):
         ...
 
 
+@runtime_checkable
+class PassesOver(Protocol):
+    """A virtual drive that takes no notice of sound telegrams to others, beyond overhearing them.
+
+    broadcast_address: the one that is meant for all; None where a protocol has none. overhears: see `Overhears`.
+    """
+
+    address: int
+    broadcast_address: int | None
+    overhears: bool
+
+    def overhear(self, now: float) -> None:
+        """Take note of a sound telegram to another drive."""
+        ...
+
+
 class Answer(NamedTuple):
     """What a drive will say, and when. number: see `Station.answering`."""
 
@@ -69,15 +88,25 @@ class Station:
         self.agreed = drive.settings
         self.right_settings: LineSettings | None = None
         self._heard_at = 0.0
-        self._known: dict[bytes, tuple[list[Framed | Damaged], bytes]] = {}
+        self._passer = drive if isinstance(drive, PassesOver) else None
+        self._known: dict[bytes, tuple[_Telegrams, bytes]] = {}
 
     def hear(self, data: bytes, began: float, ended: float) -> list[VirtualReply]:
         """Take bytes that were on the line between two times; return what the drive answers to them."""
         telegrams = self._cut_short() if self.pending and began - self._heard_at > self.drive.gap_s else []
         self._heard_at = ended
-        telegrams = [*telegrams, *self._telegrams(self.pending + data)]
-        answers = [self.drive.hear(telegram, ended) for telegram in telegrams]
-        return [answer for answer in answers if answer is not None]
+        known = self._known.get(data) if not self.pending else None
+        if known is None:
+            known = self._telegrams(self.pending + data)
+        more, self.pending = known
+        answers, passer = [], self._passer
+        for telegram, address in [*telegrams, *more] if telegrams else more:
+            if passer is not None and address is not None and address not in (passer.address, passer.broadcast_address):
+                if passer.overhears:
+                    passer.overhear(ended)
+            elif (answer := self.drive.hear(telegram, ended)) is not None:
+                answers.append(answer)
+        return answers
 
     def power_off(self, now: float) -> None:
         """Take its power away: the motor coasts, and what is half heard or not yet answered is forgotten."""
@@ -96,28 +125,30 @@ class Station:
         """Give the drive its line settings back."""
         self.drive.settings, self.right_settings = self.right_settings or self.drive.settings, None
 
-    def _telegrams(self, data: bytes) -> list[Framed | Damaged]:
-        """Return what is certain of these bytes; the rest is pending."""
+    def _telegrams(self, data: bytes) -> tuple[_Telegrams, bytes]:
+        """Return what is certain of these bytes, and the rest, which is pending."""
         known = self._known.get(data)
         if known is None:
             finds = Framer(self.drive.codec, "request").feed(data)
             # A damaged telegram is looked at again byte by byte, so its bytes are among the others.
             done = sum(len(find.data) for find in finds if isinstance(find, Framed | Noise))
-            known = _without_noise(finds), data[done:]
+            known = self._addressed(finds), data[done:]
             if len(self._known) >= _MOST_KNOWN:
                 self._known.clear()
             if len(data) <= _LONGEST_KNOWN:
                 self._known[data] = known
-        telegrams, self.pending = known
-        return telegrams
+        return known
 
-    def _cut_short(self) -> list[Framed | Damaged]:
+    def _cut_short(self) -> _Telegrams:
         """Return what the pending bytes amount to, now that nothing follows them."""
         framer = Framer(self.drive.codec, "request")
         finds = [*framer.feed(self.pending), *framer.flush()]
         self.pending = b""
-        return _without_noise(finds)
+        return self._addressed(finds)
 
-
-def _without_noise(finds: list[Find]) -> list[Framed | Damaged]:
-    return [find for find in finds if not isinstance(find, Noise)]
+    def _addressed(self, finds: list[Find]) -> _Telegrams:
+        return [
+            (find, getattr(find.message, "address", None) if isinstance(find, Framed) else None)
+            for find in finds
+            if not isinstance(find, Noise)
+        ]
