@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol as Interface, TypeAlias
 from drivecomm.errors import UsageError
 from drivecomm.plant import UNDISTURBED
 from drivecomm.protocol import LineSettings
+from drivecomm.virtual.audience import Audience
 from drivecomm.virtual.medium import Medium, Receiver, Transmission
 from drivecomm.virtual.port import VirtualPort
 from drivecomm.virtual.station import Answer, Station
@@ -80,6 +81,7 @@ class VirtualLine:
         self.monitor: Callable[[Transmission], None] | None = None
         """Told of everything that was on the wire, echoes left out, when its last character is out."""
         self._stations = [Station(drive) for drive in self.drives]
+        self._audience = Audience(self._stations)
         self._medium = Medium()
         self._events: list[_Event] = []
         self._order = 0
@@ -237,7 +239,8 @@ class VirtualLine:
         source: Source = "drive" if isinstance(who, Station) else who
         sender = who.drive if isinstance(who, Station) else None
         settings = sender.settings if sender is not None else self._wire
-        ended = self.time + self._wire_s(settings, len(data))
+        character_s = settings.character_s if self.paced else 0.0
+        ended = self.time + len(data) * character_s
         agreed = sender is None and self._master.settings is None
         sent = Transmission(
             source=source, sender=sender, settings=settings, data=data, began=self.time, ended=ended, agreed=agreed
@@ -247,14 +250,15 @@ class VirtualLine:
         if source != "master":
             self._master.add(sent, self.time)
         if source != "echo":
-            self._call_at(ended, partial(self._arrived, sent), min(_LATE_S, settings.character_s))
+            self._call_at(ended, partial(self._arrived, sent), min(_LATE_S, character_s))
 
     def _arrived(self, sent: Transmission) -> None:
         """Let the drives hear a transmission that is out."""
         if self.monitor is not None:
             self.monitor(sent)
         sound = sent.sound(0, len(sent.data))
-        for station in self._stations:
+        told = self._audience.of(sound, sent)
+        for station in told:
             drive = station.drive
             if drive is not sent.sender and station.powered:
                 spoken = station.agreed if sent.agreed else sent.settings
@@ -262,6 +266,7 @@ class VirtualLine:
                     station.answering += 1
                     station.answer = Answer(sent.ended + answer.delay_s, answer.data, station.answering)
                     self._wake_to_answer(station, station.answer.time)
+        self._audience.has_half_heard = any(station.pending for station in told)
 
     def _wake_to_answer(self, station: Station, time: float) -> None:
         """Come back to a drive's answer then; one visit serves all answers that take each other's place before it."""

@@ -138,9 +138,11 @@ class LineServer:
         selector = self._selector
         if selector is None:
             return
-        for key in ready_within(selector, min(_TICK_S, self._timers.deadline - self.now())):
+        now = self.now()
+        for key in ready_within(selector, min(_TICK_S, self._timers.deadline - now)):
+            now = self.now()
             if isinstance(key.data, ServedLine):
-                key.data.attend(self.now())
+                key.data.attend(now)
                 self._watch(key.data)
             elif key.fd in self._watched_for_control:
                 key.data.attend(key.fd)

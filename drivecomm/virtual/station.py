@@ -49,9 +49,11 @@ class Overhears(Protocol):
 class PassesOver(Protocol):
     """A virtual drive that takes no notice of sound telegrams to others, beyond overhearing them.
 
-    broadcast_address: the one that is meant for all; None where a protocol has none. overhears: see `Overhears`.
+    inner: the drive itself, that has the address and the settings. broadcast_address: the one that is meant for all;
+    None where a protocol has none. overhears: see `Overhears`.
     """
 
+    inner: VirtualDrive
     address: int
     broadcast_address: int | None
     overhears: bool
@@ -107,6 +109,15 @@ class Station:
             elif (answer := self.drive.hear(telegram, ended)) is not None:
                 answers.append(answer)
         return answers
+
+    def passes_over(self, data: bytes) -> bool:
+        """Whether these bytes, heard behind nothing else, are whole telegrams of which the drive takes no notice."""
+        telegrams, rest = self._telegrams(data)
+        passer = self._passer
+        if rest or passer is None or (passer.overhears and telegrams):
+            return False
+        ours = (None, passer.address, passer.broadcast_address)
+        return all(address not in ours for _, address in telegrams)
 
     def power_off(self, now: float) -> None:
         """Take its power away: the motor coasts, and what is half heard or not yet answered is forgotten."""

@@ -12,8 +12,9 @@ import drivecomm.plant.files
 from drivecomm.errors import DriveCommError, FileFormatError
 from drivecomm.models import load_model
 from drivecomm.plant import Plant, PlantLine, read_plant
-from drivecomm.protocol import DriveConfig
+from drivecomm.protocol import DriveConfig, LineSettings
 from drivecomm.virtual import ServedLine, VirtualLine, VirtualPlant, answer_order, virtual_drive
+from drivecomm.virtual.audience import Audience
 from drivecomm.virtual.timers import Timers
 
 EXAMPLE = drivecomm.plant.files.__doc__
@@ -175,6 +176,78 @@ REQUESTS = st.sampled_from([
 @given(st.lists(st.tuples(st.floats(0, 0.1), REQUESTS), max_size=12))
 def test_what_nobody_hears_yet_can_wait_and_the_master_notices_nothing(pieces):
     assert heard_when("deadline", pieces) == heard_when("due", pieces)
+
+
+class Everybody(Audience):
+    """Tells each drive everything, as if nothing had been heard before."""
+
+    def of(self, *_):
+        return self._stations
+
+
+def on_the_line(audience, steps):
+    """Return all that was on a line of several protocols, and what became of its drives."""
+    line = PlantLine(name="hall")
+    drives = [
+        DriveConfig(protocol=protocol, address=address, line="hall", name=f"{protocol} {address}", options=options)
+        for protocol, options in (
+            ("vabus", {}),
+            ("danfoss-fc", {"parity": "N"}),
+            ("vlt3500", {"start_inhibit": False}),
+            ("fuji", {}),
+        )
+        for address in (1, 2)
+    ]
+    plant = VirtualPlant(Plant(lines=(line,), drives=tuple(drives)))
+    hall = plant.line("hall")
+    hall._audience = audience(hall._stations)
+    told = []
+    hall.monitor = lambda sent: told.append((sent.source, sent.began, sent.data))
+    port = hall.port()
+    for pause, step in steps:
+        if isinstance(step, bytes):
+            port.write(step)
+        elif isinstance(step, LineSettings):
+            port.configure(step)
+        else:
+            step(plant)
+        port.read(port.now() + pause, 1000)
+    return told, plant.states(), [station.pending for station in hall._stations]
+
+
+HEARD = st.sampled_from([
+    # A read from each protocol, and each time one for another drive; an odd one, cut, doubled, to all, and noise.
+    *(bytes.fromhex(text) for text in (
+        "04 41 30 30 34 38 31 05",
+        "04 42 30 30 34 38 31 05",
+        "02 0e 81 16 4d 00 00 00 00 00 00 00 00 00 00 d6",
+        "02 0e 82 16 4d 00 00 00 00 00 00 00 00 00 00 d5",
+        "02 06 80 04 7c 20 00 dc",
+        "3c 30 31 52 40 40 40 40 30 32 31 35 2b 30 30 30 30 30 30 36 36 3e",
+        "3c 30 32 52 40 40 40 40 30 32 31 35 2b 30 30 30 30 30 30 36 37 3e",
+        "01 30 31 05 52 4d 30 39 20 30 30 30 30 03 35 31",
+        "01 30 32 05 52 4d 30 39 20 30 30 30 30 03 35 32",
+        "04 40 02 30 34 38 31 30 30 30 30 03 01",
+        "04 41 30 30 34",
+        "38 31 05",
+        "04",
+        "ff",
+    )),
+    LineSettings(baudrate=19200),
+    LineSettings(),
+    lambda plant: plant.power_off("vabus 2"),
+    lambda plant: plant.power_on("vabus 2"),
+    lambda plant: plant.power_on_as_new("fuji 1"),
+    lambda plant: plant.set("vlt3500 2", "500", 1),
+    lambda plant: setattr(plant.drive("danfoss-fc 2"), "settings", LineSettings(baudrate=19200)),
+    lambda plant: setattr(plant.drive("fuji 2").inner, "address", 1),
+])  # fmt: skip
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(st.tuples(st.sampled_from([0.0, 0.02, 0.2]), HEARD), max_size=16))
+def test_drives_that_are_not_told_what_is_for_others_behave_as_if_they_were(steps):
+    assert on_the_line(Audience, steps * 2) == on_the_line(Everybody, steps * 2)
 
 
 @settings(deadline=None, max_examples=100)
