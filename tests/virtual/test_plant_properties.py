@@ -6,7 +6,7 @@ from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 import drivecomm.plant.files
 from drivecomm.errors import DriveCommError, FileFormatError
@@ -246,6 +246,10 @@ HEARD = st.sampled_from([
 
 @settings(deadline=None, max_examples=60)
 @given(st.lists(st.tuples(st.sampled_from([0.0, 0.02, 0.2]), HEARD), max_size=16))
+@example([
+    (0.2, bytes.fromhex("3c 30 31 52 40 40 40 40 30 32 31 35 2b 30 30 30 30 30 30 36 36 3e")),
+    (0.0, lambda plant: plant.set("vlt3500 2", "500", 1)),
+])  # fmt: skip
 def test_drives_that_are_not_told_what_is_for_others_behave_as_if_they_were(steps):
     assert on_the_line(Audience, steps * 2) == on_the_line(Everybody, steps * 2)
 
