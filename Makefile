@@ -11,7 +11,7 @@ PYTEST := $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal
 # Tests start many processes, which would compile every module again where the environment forbids to keep it.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-rest test-all coverage check docs bench fuzz mutants clean
+.PHONY: demo test test-rest test-all coverage check docs bench bench-quick fuzz mutants clean
 
 demo: $(VENV)/installed
 	$(BIN)/drivecomm demo
@@ -40,6 +40,10 @@ docs: $(VENV)/installed-docs
 
 bench: $(VENV)/installed-bench
 	$(BIN)/python benchmarks/run.py
+
+# In five minutes; writes no file.
+bench-quick: $(VENV)/installed-bench
+	$(BIN)/python benchmarks/run.py --quick
 
 fuzz: $(VENV)/installed-fuzz
 	$(BIN)/python fuzz/run.py

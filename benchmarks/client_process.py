@@ -15,6 +15,7 @@ from bare_reader import LostReplyError, read_bare
 from counting import WARM_UP, count_awaited, in_threads, in_turn
 
 import drivecomm
+from drivecomm.commissioning import tune
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,6 +28,18 @@ def blocking(job: Job) -> tuple[Counts, float]:
     (path,) = job["paths"]
     with drivecomm.open_bus(path, baudrate=job["baudrate"], **job["options"]) as bus:
         drive = bus.drive(job["protocol"], 1)
+        parameter = job["parameter"]
+        return in_turn(lambda: drive.read(parameter), job["seconds"])
+
+
+def tuned(job: Job) -> tuple[Counts, float]:
+    """Tune the drive of a line, and read with the blocking face then."""
+    (path,) = job["paths"]
+    with drivecomm.open_bus(path, baudrate=job["baudrate"], **job["options"]) as bus:
+        found = tune(bus.drive(job["protocol"], 1))
+        if found.error:
+            raise drivecomm.NoReplyError(found.error)
+        drive = bus.drive(job["protocol"], 1, **found.options)
         parameter = job["parameter"]
         return in_turn(lambda: drive.read(parameter), job["seconds"])
 
@@ -49,15 +62,12 @@ def threads(job: Job) -> tuple[Counts, float]:
 
 def tasks(job: Job) -> tuple[Counts, float]:
     """Read with the asyncio face, with a task for each line."""
-    open_bus_async = getattr(drivecomm, "open_bus_async", None)
-    if open_bus_async is None:
-        raise MissingError("this version has no asyncio face (drivecomm.open_bus_async), so its rows are left out")
-    return asyncio.run(_tasks(open_bus_async, job))
+    return asyncio.run(_tasks(job))
 
 
-async def _tasks(open_bus_async: Callable[..., Any], job: Job) -> tuple[Counts, float]:
+async def _tasks(job: Job) -> tuple[Counts, float]:
     parameter, seconds = job["parameter"], job["seconds"]
-    buses = [open_bus_async(path, baudrate=job["baudrate"], **job["options"]) for path in job["paths"]]
+    buses = [drivecomm.open_bus_async(path, baudrate=job["baudrate"], **job["options"]) for path in job["paths"]]
     entered = [await bus.__aenter__() for bus in buses]
     try:
         drives = [bus.drive(job["protocol"], 1) for bus in entered]
@@ -73,6 +83,27 @@ async def _tasks(open_bus_async: Callable[..., Any], job: Job) -> tuple[Counts, 
 
 async def _count_drive(drive: Any, parameter: str, seconds: float) -> tuple[int, float]:
     return await count_awaited(lambda: drive.read(parameter), seconds)
+
+
+def poll_plan(job: Job) -> tuple[Counts, float]:
+    """Read by a poll plan over all lines, without a pause between the rounds."""
+    buses = [drivecomm.open_bus(path, baudrate=job["baudrate"], **job["options"]) for path in job["paths"]]
+    try:
+        drives = [bus.drive(job["protocol"], 1) for bus in buses]
+        items = [drivecomm.PollItem(drive=drive, parameter=job["parameter"], period_s=0) for drive in drives]
+        counted = dict.fromkeys(map(id, items), (0, 0.0))
+        for _ in drivecomm.poll(items, cycles=WARM_UP):
+            pass
+        began, spent = time.perf_counter(), time.process_time()
+        for result in drivecomm.poll(items, duration_s=job["seconds"]):
+            if result.error is not None:
+                raise result.error
+            item = id(result.item)
+            counted[item] = (counted[item][0] + 1, time.perf_counter() - began)
+        return list(counted.values()), time.process_time() - spent
+    finally:
+        for bus in buses:
+            bus.close()
 
 
 def scan(job: Job) -> tuple[Counts, float]:
@@ -103,7 +134,7 @@ def peer(job: Job) -> tuple[Counts, float]:
         clients = importlib.import_module("peer_clients")
     except ImportError as error:
         raise MissingError(
-            f"{error.name} is not installed, so the peers' rows are left out; install the extra: bench"
+            f"{error.name} is not installed, so no Modbus library is measured; install the extra: bench"
         ) from None
     try:
         result: tuple[Counts, float] = clients.WAYS[job["way"]](job)
@@ -121,8 +152,10 @@ WAYS = {
     "bare Python": read_bare,
     "bare selectors": read_bare_lines,
     "blocking": blocking,
+    "tuned": tuned,
     "threads": threads,
     "asyncio": tasks,
+    "poll plan": poll_plan,
     "scan": scan,
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import asdict, dataclass, field
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from compiling import CannotMeasureError
-from cores import on_client_core
+from cores import on_client_core, others_s
 from lines import MeasurementError
 
 if TYPE_CHECKING:
@@ -24,10 +25,10 @@ if TYPE_CHECKING:
 class Job:
     """What a Python master is to do.
 
-    way: bare Python, bare selectors, blocking, threads, asyncio, or a peer. paths: its lines. seconds: how long it
-    reads one parameter again and again on all of them. neighbour: a thread beside it that does nothing but compute.
-    switch_interval_s: how often threads take turns, None for Python's own. spoken: what bare Python says and hears, as
-    it knows no protocol.
+    way: bare Python, bare selectors, blocking, threads, asyncio, poll plan, scan, or a peer. paths: its lines. seconds:
+    how long it reads one parameter again and again on all of them. neighbour: a thread beside it that does nothing but
+    compute. switch_interval_s: how often threads take turns, None for Python's own. spoken: what bare Python says and
+    hears, as it knows no protocol.
     """
 
     way: str
@@ -87,6 +88,10 @@ class PythonMaster:
     ) -> None:
         if self._process is not None:
             self._process.communicate(timeout=10)
+
+    def others_s(self) -> float:
+        """Return the processor time that has nothing to do with the measurements so far."""
+        return others_s(self._process.pid if self._process is not None else os.getpid())
 
     def work(self, job: Job) -> Ran:
         """Do a job. Raises CannotMeasureError when what it needs is not installed or not there yet.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
@@ -14,10 +15,15 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
+    from clients import PythonMaster
+
 T = TypeVar("T")
 
 MOST_LATE_US = 100.0
 """A run whose emulator was later than this with one delivery in a hundred is void."""
+
+MOST_OTHERS = 0.3
+"""And one during which other programs took so large a part of one core."""
 
 
 class MeasurementError(Exception):
@@ -34,7 +40,8 @@ class EmulatedLine:
 
     bits: of one character, on the wire. delay_s: from the end of a request to its reply, evenly spread between the two.
     whole: replies arrive as a whole when their last character has passed, otherwise character by character. answers:
-    request to reply; an empty reply for a telegram that nobody answers.
+    request to reply; an empty reply for a telegram that nobody answers. deaf_s: after its reply, the drive does not
+    hear what begins sooner.
     """
 
     bits: float
@@ -42,11 +49,15 @@ class EmulatedLine:
     delay_s: tuple[float, float]
     answers: Mapping[bytes, bytes]
     whole: bool = False
+    deaf_s: float = 0.0
 
     def described(self, seed: int) -> str:
         """Return the line as the emulator reads it."""
         low, high = self.delay_s
-        rows = [f"line {self.bits} {self.baudrate} {low} {high} {seed} {'telegram' if self.whole else 'byte'}"]
+        rows = [
+            f"line {self.bits} {self.baudrate} {low} {high} {seed} {'telegram' if self.whole else 'byte'}",
+            f"deaf {self.deaf_s}",
+        ]
         rows += [f"answer {request.hex()} {reply.hex() or '-'}" for request, reply in self.answers.items()]
         return "\n".join(rows) + "\n"
 
@@ -90,10 +101,11 @@ class Emulator:
 
 @dataclass(frozen=True, slots=True)
 class Run(Generic[T]):
-    """What the work returned and what the emulator saw."""
+    """What the work returned, what the emulator saw, and what part of a core others took meanwhile."""
 
     result: T
     report: dict[str, Any]
+    others: float = 0.0
 
     @property
     def late_us(self) -> float:
@@ -102,8 +114,13 @@ class Run(Generic[T]):
 
     @property
     def disturbed(self) -> bool:
-        """Whether the emulator was too late for what it measured to be judged."""
-        return self.late_us > MOST_LATE_US
+        """Whether too much else happened for what was measured to be judged."""
+        return self.disturbance > 1
+
+    @property
+    def disturbance(self) -> float:
+        """How much it was disturbed; above one too much."""
+        return max(self.late_us / MOST_LATE_US, self.others / MOST_OTHERS)
 
     def check(self) -> None:
         """Raise MeasurementError when a master spoke while a reply was due: no master may, so something is wrong."""
@@ -118,15 +135,17 @@ class Run(Generic[T]):
 
 @dataclass(slots=True)
 class Instrument:
-    """The emulator, and how good it was so far.
+    """The emulator with the Python master at work on its lines, and how good they were so far.
 
-    tries: how often a run is made at most until it is quiet. late_us: the median and the 99 % lateness of each run
-    that counts. void: runs thrown away. doubtful: runs that stayed disturbed however often they were repeated and were
-    used all the same.
+    tries: how often a run is made at most until it is quiet. spare_s: how many seconds may still be spent on repeating
+    what was disturbed. late_us: the median and the 99 % lateness of each run that counts. void: runs thrown away.
+    doubtful: runs that stayed disturbed however often they were repeated.
     """
 
     program: Path
+    master: PythonMaster
     tries: int
+    spare_s: float
     late_us: list[tuple[float, float]] = field(default_factory=list)
     void: int = 0
     doubtful: int = 0
@@ -139,23 +158,27 @@ class Instrument:
         """
         best: Run[T] | None = None
         failure: Exception | None = None
-        for _ in range(self.tries):
+        for attempt in range(self.tries):
+            if attempt and self.spare_s <= 0:
+                break
+            began, others = time.monotonic(), self.master.others_s()
             emulator = Emulator(self.program, lines)
             try:
                 with emulator:
                     result = work(emulator.paths)
-                run = Run(result, emulator.report)
+                run = Run(result, emulator.report, self._others(began, others))
                 run.check()
             except (MeasurementError, subprocess.CalledProcessError) as error:
-                if lateness_us(emulator.report) <= MOST_LATE_US:
+                if not Run(None, emulator.report, self._others(began, others)).disturbed:
                     raise
                 failure = error
             else:
-                if best is None or run.late_us < best.late_us:
+                if best is None or run.disturbance < best.disturbance:
                     best = run
                 if not run.disturbed:
                     break
             self.void += 1
+            self.spare_s -= time.monotonic() - began
         if best is None:
             self.doubtful += 1
             raise DisturbedError(f"this machine is too busy for it now ({failure})") from failure
@@ -164,6 +187,9 @@ class Instrument:
             self.doubtful += 1
         self.late_us.append((best.report["lateness_us"].get("p50", 0.0), best.late_us))
         return best
+
+    def _others(self, began: float, before_s: float) -> float:
+        return (self.master.others_s() - before_s) / (time.monotonic() - began)
 
     def accuracy(self) -> str:
         """Return how good the instrument was, in one line."""
@@ -175,9 +201,10 @@ class Instrument:
         text = (
             f"Line emulator: {len(self.late_us)} runs; it delivered {middle:.0f} us late in the middle, 99 % at most "
             f"{typical:.0f} us late in the usual run and {worst:.0f} us in the worst one that counts; {self.void} runs "
-            f"were void (99 % over {MOST_LATE_US:.0f} us) and repeated"
+            f"were disturbed (99 % over {MOST_LATE_US:.0f} us, or others at work for more than {MOST_OTHERS:.0%} of a "
+            "core) and repeated"
         )
-        return text + (f", **{self.doubtful} stayed disturbed and count all the same**." if self.doubtful else ".")
+        return text + (f", {self.doubtful} stayed disturbed." if self.doubtful else ".")
 
 
 def lateness_us(report: Mapping[str, Any]) -> float:

@@ -1,22 +1,22 @@
-"""Processor time of an exchange: the whole path against the C client, and where the microseconds go."""
+"""Where the microseconds of a read go."""
 
 from __future__ import annotations
 
 import time
 from collections import defaultdict
 from functools import partial
-from statistics import median
+from statistics import mean, median
 from typing import TYPE_CHECKING, Any
 
 from canned_port import CannedPort
-from clients import reading, run_reference
-from compiling import CannotMeasureError
+from clients import reading
 from conversation import READS, learn
-from lines import mostly, undisturbed
 from report import Figure, Section
+from yardstick import yardstick_us
 
 import drivecomm
 from drivecomm.testing import play
+from drivecomm.virtual import VirtualLine, virtual_drive
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,105 +25,35 @@ if TYPE_CHECKING:
     from conversation import Conversation
     from equipment import Equipment
 
-_WAYS = ("C", "C, whole reply", "blocking", "asyncio")
-_WAKES = {"C": "byte", "C, whole reply": "reply"}
-_MOST_TIMES_C = 3.0
-_FLOOR = {"blocking": 3.0, "asyncio": 4.0}
-_CALLS = 200
+_YARDSTICKS, _MOST_YARDSTICKS = 10.0, 12.0
+_BATCHES, _CALLS = 10, 100
 
 
 def measure(equipment: Equipment) -> list[Section]:
-    """Measure the whole path on a line, and its layers without one."""
-    return [_whole_path(equipment), _layers(equipment)]
-
-
-def _whole_path(equipment: Equipment) -> Section:
-    section = Section(
-        title="Processor time of an exchange",
-        about=(
-            "Microseconds of user and system time for one read, on one line, character by character, without a pause "
-            "before the next request (a wait for a pause costs what one chooses to spin). The first C client wakes "
-            "for every character, the second once for a reply."
-        ),
-        head=("protocol", "baud", *_WAYS, "blocking / C", "asyncio / C"),
-    )
-    for protocol in equipment.extent.processor_protocols:
-        for baudrate in (19200, 115200):
-            _compare(equipment, learn(protocol, baudrate, turnaround_s=0.0), section)
-    return section
-
-
-def _compare(equipment: Equipment, conversation: Conversation, section: Section) -> None:
-    spent: dict[str, list[float]] = defaultdict(list)
-    times: dict[str, list[float]] = defaultdict(list)
-    disturbed: list[bool] = []
-    seconds = equipment.extent.seconds
-
-    def work(paths: list[str]) -> dict[str, Ran]:
-        done: dict[str, Ran] = {}
-        for way, path in zip(_WAYS, paths, strict=True):
-            if way in _WAKES:
-                program = equipment.programs.reference_client
-                done[way] = run_reference(program, conversation, [path], seconds, _WAKES[way])
-                continue
-            try:
-                done[way] = equipment.master.work(reading(way, conversation, [path], seconds))
-            except CannotMeasureError as error:
-                section.remarks.append(str(error))
-        return done
-
-    for _ in range(equipment.extent.repetitions):
-        run = equipment.instrument.measure([conversation.line() for _ in _WAYS], work)
-        disturbed.append(run.disturbed)
-        for way, ran in run.result.items():
-            spent[way].append(ran.processor_us)
-            times[way].append(ran.processor_us / run.result["C"].processor_us)
-    for values in (spent, times):
-        for way in values:
-            values[way] = undisturbed(values[way], disturbed)
-    section.rows.append(
-        (
-            conversation.protocol,
-            str(conversation.baudrate),
-            *(f"{median(spent[way]):.0f}" if spent[way] else "" for way in _WAYS),
-            *(f"{median(times[way]):.2f}" if times[way] else "" for way in _WAYS[2:]),
-        )
-    )
-    section.figures += [
-        Figure(
-            name=f"{way} processor time in times the C client's, {conversation.protocol}, {conversation.baudrate}",
-            value=median(times[way]),
-            promise=_MOST_TIMES_C,
-            floor=_FLOOR[way],
-            better="less",
-            disturbed=mostly(disturbed),
-        )
-        for way in _WAYS[2:]
-        if times[way]
-    ]
-
-
-def _layers(equipment: Equipment) -> Section:
+    """Measure the layers of a read, each alone, and all of it on a virtual line."""
     section = Section(
         title="Where the microseconds go",
         about=(
             "Processor microseconds of one read at 19200 baud, layer by layer, each measured alone. encode and decode: "
             "request and reply, by the codec as it is used. interpreted: the same decode by construct without its "
             "compiler. exchange: the protocol's generator played from a script. without a port: the whole of "
-            "`drive.read` on a port that has the reply ready; link and the rest is what of it is neither codec nor "
-            "exchange. port: what the operating system and waiting for characters add on a line."
+            "`drive.read` on a port that has the reply ready, also in yardsticks; link and the rest is what of it is "
+            "neither codec nor exchange. port: what the operating system and waiting for characters add on a "
+            "line. on a virtual line: with the line and the drive."
         ),
         head=(
-            "protocol", "encode", "decode", "interpreted", "exchange", "link and the rest", "without a port", "port",
-            "on a line",
+            "protocol", "encode", "decode", "interpreted", "exchange", "link and the rest", "without a port",
+            "in yardsticks", "port", "on a line", "on a virtual line",
         ),
     )  # fmt: skip
+    yardsticks = []
     for protocol in READS:
         conversation = learn(protocol, 19200)
         costs: dict[str, list[float]] = defaultdict(list)
         for _ in range(equipment.extent.repetitions):
             for name, cost in _costs(conversation).items():
                 costs[name].append(cost)
+            costs["yardsticks"].append(costs["without"][-1] / yardstick_us())
             run = equipment.instrument.measure([conversation.line()], partial(_read, equipment, conversation))
             costs["line"].append(run.result.processor_us)
         middle = {name: median(values) for name, values in costs.items()}
@@ -131,10 +61,20 @@ def _layers(equipment: Equipment) -> Section:
         port = middle["line"] - middle["without"]
         cells = (
             middle["encode"], middle["decode"], middle["interpreted"], middle["exchange"], rest, middle["without"],
-            port, middle["line"],
+            middle["yardsticks"], port, middle["line"], middle["virtual"],
         )  # fmt: skip
         section.rows.append((protocol, *(f"{cell:.1f}" for cell in cells)))
-    return section
+        yardsticks.append(middle["yardsticks"])
+    section.figures.append(
+        Figure(
+            name="read with the reply ready in yardsticks, mean of the protocols",
+            value=mean(yardsticks),
+            promise=_YARDSTICKS,
+            floor=_MOST_YARDSTICKS,
+            better="less",
+        )
+    )
+    return [section]
 
 
 def _read(equipment: Equipment, conversation: Conversation, paths: list[str]) -> Ran:
@@ -161,6 +101,10 @@ def _costs(conversation: Conversation) -> dict[str, float]:
     with drivecomm.open_bus(lambda: port, baudrate=conversation.baudrate, **conversation.options) as bus:
         drive = bus.drive(conversation.protocol, 1)
         costs["without"] = _cost(lambda: drive.read(conversation.parameter))
+    line = VirtualLine([virtual_drive(conversation.protocol, 1)])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive(conversation.protocol, 1)
+        costs["virtual"] = _cost(lambda: drive.read(conversation.parameter))
     return costs
 
 
@@ -174,7 +118,7 @@ def _reads(form: Any, data: bytes, message: object) -> bool:
 def _cost(call: Callable[[], object]) -> float:
     """Return the microseconds of processor time that a call takes; the least of some batches."""
     batches = []
-    for _ in range(4):
+    for _ in range(_BATCHES):
         began = time.process_time()
         for _ in range(_CALLS):
             call()

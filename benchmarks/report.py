@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -13,8 +14,8 @@ if TYPE_CHECKING:
 class Figure:
     """A figure that is promised.
 
-    promise: what an idle machine must reach; floor: what a noisy one must. disturbed: the instrument was not good
-    enough in this run to judge it.
+    promise: what an idle machine must reach; floor: what a run fails for. disturbed: too much else happened on the
+    machine for it to be judged. exact: it comes out the same on any machine, whatever else happens there.
     """
 
     name: str
@@ -23,6 +24,7 @@ class Figure:
     floor: float
     better: Literal["more", "less"] = "more"
     disturbed: bool = False
+    exact: bool = False
 
     @property
     def kept(self) -> bool:
@@ -35,13 +37,16 @@ class Figure:
         return self._reaches(self.floor)
 
     @property
+    def rank(self) -> int:
+        """Place among the verdicts, from good to bad; what is void says nothing, so it stands before what is known."""
+        if self.disturbed:
+            return 1
+        return 0 if self.kept else 2 if self.above_floor else 3
+
+    @property
     def verdict(self) -> str:
         """In a word or two."""
-        if self.disturbed:
-            return "not judged"
-        if self.kept:
-            return "kept"
-        return "not kept" if self.above_floor else "**floor broken**"
+        return ("kept", "void", "not kept", "**floor broken**")[self.rank]
 
     def _reaches(self, mark: float) -> bool:
         return self.value >= mark if self.better == "more" else self.value <= mark
@@ -49,7 +54,10 @@ class Figure:
 
 @dataclass(slots=True, kw_only=True)
 class Section:
-    """One table, with what one must know to read it, and the figures in it that are promised."""
+    """One table, with what one must know to read it, and the figures in it that are promised.
+
+    void: it could not be measured at all, because the machine was too busy. failed: because something went wrong.
+    """
 
     title: str
     about: str
@@ -57,7 +65,13 @@ class Section:
     rows: list[Sequence[str]] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     figures: list[Figure] = field(default_factory=list)
+    void: bool = False
     failed: bool = False
+
+    @property
+    def voids(self) -> int:
+        """How many of its figures cannot be judged."""
+        return self.void + sum(figure.disturbed for figure in self.figures)
 
     def markdown(self) -> str:
         """Return the section as Markdown."""
@@ -72,8 +86,8 @@ class Section:
 
 
 _ABOUT = (
-    "The floor is what a run fails for; the promise is for a machine with nothing else to do. Not judged: most runs of "
-    "it were disturbed by other work on the machine, as the emulator says of itself."
+    "The floor is what a run fails for; the promise is for a machine with nothing else to do. Void: most runs of it "
+    "were disturbed by other work on the machine, however often they were repeated, so it is not judged."
 )
 
 
@@ -86,16 +100,22 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     ]
 
 
-def promises(sections: Iterable[Section]) -> str:
-    """Return a section with all promised figures."""
+def promises(figures: Iterable[Figure]) -> str:
+    """Return a section with all promised figures, those that are not kept first."""
+    ordered = sorted(figures, key=lambda figure: -figure.rank)
     rows = [
-        (figure.name, f"{figure.value:.4g}", f"{figure.promise:g}", f"{figure.floor:g}", figure.verdict)
-        for section in sections
-        for figure in section.figures
+        (figure.name, f"{figure.value:.4g}", f"{figure.promise:.4g}", f"{figure.floor:.4g}", figure.verdict)
+        for figure in ordered
     ]
-    parts = [
-        "## Promises",
-        "",
-        _ABOUT,
-    ]
-    return "\n".join([*parts, "", *table(("figure", "measured", "promise", "floor", ""), rows), ""])
+    verdicts = Counter(figure.verdict for figure in ordered)
+    counts = ", ".join(f"{number} {verdict}" for verdict, number in verdicts.items())
+    return "\n".join(
+        [
+            "## Promises",
+            "",
+            f"{_ABOUT} Here: {counts}.",
+            "",
+            *table(("figure", "measured", "promise", "floor", ""), rows),
+            "",
+        ]
+    )

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from drivecomm.errors import FileFormatError, unknown_key
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
     from importlib.resources.abc import Traversable
 
 _HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
@@ -197,7 +198,7 @@ def toml_value(value: Any) -> str:
     """Return a value as TOML has it, in one line. Raises TypeError for what TOML has no form for."""
     import tomli_w  # noqa: PLC0415 - loaded by who writes a file
 
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         inside = ", ".join(toml_line(key, each) for key, each in value.items())
         return f"{{ {inside} }}" if inside else "{}"
     if isinstance(value, list | tuple):

@@ -7,6 +7,7 @@ import sys
 from contextlib import suppress
 from dataclasses import replace
 from importlib import resources
+from io import BufferedReader, BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING
 from mutation import mutate_bytes, mutate_json, mutate_toml
 from target import Target, expect
 
-from drivecomm.capture import MAGIC, Capture, JsonLines, Pcapng, Piece, Provenance, read_json_lines, read_pcapng
+from drivecomm.capture import MAGIC, Capture, JsonLines, Pcapng, Piece, Provenance, capture_in
 from drivecomm.errors import DriveCommError, FileFormatError
 from drivecomm.models import model_names, read_model
 from drivecomm.plant import read_plant
@@ -127,13 +128,13 @@ def _file_of(form: JsonLines | Pcapng, capture: Capture) -> bytes:
 
 def _check_json_lines(data: bytes) -> None:
     try:
-        capture = read_json_lines(_CAPTURE, data)
+        capture = _capture_in(data)
     except FileFormatError:
         return
     again = _written_again(JsonLines, capture)
     if again is None:
         return
-    back = read_json_lines(_CAPTURE, again)
+    back = _capture_in(again)
     expect(back.provenance == capture.provenance, "a capture is from elsewhere after it was written again")
     expect(_heard(back) == _heard(capture), "a capture holds other pieces after it was written again")
 
@@ -143,13 +144,13 @@ def _check_pcapng(data: bytes) -> None:
     if not data.startswith(MAGIC):
         return
     try:
-        capture = read_pcapng(_CAPTURE, data)
+        capture = _capture_in(data)
     except FileFormatError:
         return
     again = _written_again(Pcapng, capture)
     if again is None:
         return
-    back = read_pcapng(_CAPTURE, again)
+    back = _capture_in(again)
     expect([each.data for each in back.pieces] == [each.data for each in capture.pieces], "other bytes when rewritten")
 
 
@@ -159,6 +160,10 @@ def _written_again(form: type[JsonLines | Pcapng], capture: Capture) -> bytes | 
         return _file_of(form(capture.provenance), capture)
     except DriveCommError:
         return None
+
+
+def _capture_in(data: bytes) -> Capture:
+    return capture_in(_CAPTURE, BufferedReader(BytesIO(data)))
 
 
 def _heard(capture: Capture) -> list[Piece]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from drivecomm import models
 from drivecomm.bus.stored_writes import is_stored
 from drivecomm.errors import (
     NotSupported,
@@ -18,12 +19,12 @@ from drivecomm.errors import (
     near,
     shortened,
 )
-from drivecomm.models import CommonName, link_loss_of, not_said, parameter_at, quantities
 from drivecomm.protocol import Stop, exact, misfit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from drivecomm.models import CommonName
     from drivecomm.protocol import Capabilities, Exchange, Model, Operations, Reading, Value
 
 T = TypeVar("T")
@@ -47,7 +48,7 @@ class Exchanges:
     def to_read(self, parameter: str, options: Mapping[str, Any]) -> Exchange[Reading]:
         """Read a parameter, by its address, its name in the model or a common name."""
         self._must_name(parameter)
-        common = self._common_name(parameter)
+        common = None if self._model is None else self._common_name(parameter)
         if common is not None:
             return _told(bound(self.operations.read, common.address, **options), common)
         try:
@@ -59,7 +60,7 @@ class Exchanges:
         """Raise what `read` would raise before it sends anything, and UsageError for what can only be written."""
         self.to_read(parameter, options).close()
         common = self._common_name(parameter)
-        info = parameter_at(common.address if common else parameter, self._model) if self._model else None
+        info = models.parameter_at(common.address if common else parameter, self._model) if self._model else None
         if self._model is not None and info is not None and "r" not in info.access:
             raise NotSupported(f"{info.address} can only be written, says model {self._model.name}")
 
@@ -98,9 +99,9 @@ class Exchanges:
 
     def _unknown(self, parameter: str, error: ParameterAddressError) -> ParameterAddressError:
         """Return the error for a parameter that the protocol does not know, with what was probably meant."""
-        if parameter in quantities():
-            return not_said(parameter, self._model)
-        known = set(quantities())
+        if parameter in models.quantities():
+            return models.not_said(parameter, self._model)
+        known = set(models.quantities())
         if self._model is not None:
             names = {info.name for info in self._model.parameters.values()}
             known = {*self._model.quantities, *self._model.parameters, *names}
@@ -118,10 +119,10 @@ class Exchanges:
 
     def _common_name(self, parameter: str) -> CommonName | None:
         """Return what a common name is on this drive, None for any other word; looked up when it is asked for first."""
-        if self._model is None or parameter not in self._model.quantities or parameter not in quantities():
+        if self._model is None or parameter not in self._model.quantities or parameter not in models.quantities():
             return None
         if parameter not in self._common:
-            self._common[parameter] = CommonName(parameter, self._model)
+            self._common[parameter] = models.CommonName(parameter, self._model)
         return self._common[parameter]
 
     @property
@@ -129,7 +130,7 @@ class Exchanges:
         """What this drive can be asked to do."""
         operations = self.operations
         verbs = COMMON_VERBS.intersection(operations.extra)
-        return replace(operations.capabilities, verbs=verbs, link_loss=link_loss_of(self._model))
+        return replace(operations.capabilities, verbs=verbs, link_loss=models.link_loss_of(self._model))
 
     def stored_parameter(self, parameter: str, options: Mapping[str, Any]) -> str:
         """Return the address of what a write with these options may change in EEPROM, empty where it does not.

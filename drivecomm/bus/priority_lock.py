@@ -5,6 +5,10 @@ from __future__ import annotations
 import time
 from enum import IntEnum
 from threading import Lock, get_ident
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 class Rank(IntEnum):
@@ -28,9 +32,38 @@ class Turn:
     def __init__(self, rank: Rank) -> None:
         self.rank = rank
         self.held = Lock()
-        self.called = Lock()
+        self.called: Lock | Bell = Lock()
         self.order = 0
         self.thread = get_ident()
+
+    def overtaken(self) -> None:
+        """Be told that a stop waits, while this is whose turn it is; who blocks looks by themselves."""
+
+
+class Bell:
+    """Stands in for the lock that a thread sleeps on, for a turn whose thread does other things meanwhile.
+
+    ring: called from whatever thread when it is the turn's turn.
+    """
+
+    __slots__ = ("_ring", "_silent")
+
+    def __init__(self, ring: Callable[[], None]) -> None:
+        self._ring = ring
+        self._silent = False
+
+    def acquire(self, *, timeout: float = -1) -> None:  # noqa: ARG002 - nobody sleeps on it
+        """Be silent until the turn is called."""
+        self._silent = True
+
+    def locked(self) -> bool:
+        """Whether the turn has not been called."""
+        return self._silent
+
+    def release(self) -> None:
+        """Call the turn."""
+        self._silent = False
+        self._ring()
 
 
 class PriorityLock:
@@ -44,6 +77,19 @@ class PriorityLock:
 
     def take(self, turn: Turn, seconds: float) -> bool:
         """Wait for a turn that is held already; returns False when it has not come within this time."""
+        if self.ask(turn):
+            return True
+        until = time.monotonic() + seconds
+        while not self.has_come(turn):
+            left = until - time.monotonic()
+            if left <= 0:
+                return not self.leave(turn)
+            # Whoever was interrupted while handing on has called nobody, so everybody looks now and then.
+            turn.called.acquire(timeout=min(left, LOOK_S))
+        return True
+
+    def ask(self, turn: Turn) -> bool:
+        """Return True if a turn that is held already has come at once; it waits otherwise, until it is called."""
         with self._guard:
             if not self._waiting and not self._is_taken():
                 self._owner = turn
@@ -52,22 +98,22 @@ class PriorityLock:
             turn.order = self._order
             turn.called.acquire()
             self._waiting.append(turn)
-        until = time.monotonic() + seconds
-        while True:
-            with self._guard:
-                self._call_next()
-                if self._owner is turn:
-                    return True
-            left = until - time.monotonic()
-            if left <= 0:
-                break
-            # Whoever was interrupted while handing on has called nobody, so everybody looks now and then.
-            turn.called.acquire(timeout=min(left, _LOOK_S))
+            owner = self._owner
+        if turn.rank is Rank.STOP and owner is not None:
+            owner.overtaken()
+        return False
+
+    def has_come(self, turn: Turn) -> bool:
+        """Whether a turn that was asked for has come."""
         with self._guard:
-            if self._owner is turn:
-                return True
+            self._call_next()
+            return self._owner is turn
+
+    def leave(self, turn: Turn) -> bool:
+        """Wait no more; returns False when the turn has come meanwhile."""
+        with self._guard:
             self._waiting = [waiting for waiting in self._waiting if waiting is not turn]
-            return False
+            return self._owner is not turn
 
     def hand_on(self) -> None:
         """Call the next one, after a turn is over."""
@@ -78,6 +124,11 @@ class PriorityLock:
     def stop_waits(self) -> bool:
         """Whether somebody waits who wants to stop something."""
         return bool(self._waiting) and any(turn.rank is Rank.STOP and turn.held.locked() for turn in self._waiting)
+
+    @property
+    def wanted(self) -> bool:
+        """Whether somebody waits."""
+        return bool(self._waiting)
 
     def is_mine(self) -> bool:
         """Whether this thread has its turn."""
@@ -102,4 +153,5 @@ class PriorityLock:
             first.called.release()
 
 
-_LOOK_S = 0.02
+LOOK_S = 0.02
+"""How often who waits looks whether its turn has come, uncalled."""

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+from drivecomm import models
 from drivecomm.bus.exchanges import setting_up
 from drivecomm.bus.read_only import ReadOnly
 from drivecomm.bus.stored_writes import ALLOWED, StoredWrites
 from drivecomm.errors import NotSupported, UsageError, shortened
 from drivecomm.link import Commands, Link, Peer
-from drivecomm.models import load_model
 from drivecomm.protocol import checked_address, installed, is_duration, line_overrides, resolve_options
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ class Roster:
         if not isinstance(read_only, bool):
             raise UsageError(f"read_only cannot be {shortened(read_only)}; give True or False")
         checked_address(plugin, address)
-        known = None if model is None else load_model(plugin.package, protocol, model)
+        known = None if model is None else models.load_model(plugin.package, protocol, model)
         facts, chosen = resolve_options(plugin, known, options, for_all=self._overrides)
         name = f"{plugin.name}:{address}"
         remembered = () if plugin.memory is None else (self.commands.memory(name, plugin.memory),)
@@ -111,7 +111,7 @@ class Roster:
         plugin = installed[protocol]
         if plugin.broadcast_address is None:
             raise NotSupported(f"{protocol} has no broadcast; command its drives one by one")
-        known = None if model is None else load_model(plugin.package, protocol, model)
+        known = None if model is None else models.load_model(plugin.package, protocol, model)
         facts, chosen = resolve_options(plugin, known, options, for_all=self._overrides)
         peer = Peer(name=f"{plugin.name}:*", codec=plugin.codec(chosen), facts=facts, mismatch=plugin.mismatch)
         return Member(peer, plugin.operations(plugin.broadcast_address, chosen, known), known)

@@ -9,13 +9,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus.faces import Job
 from drivecomm.bus.likely_settings import likely_settings
 from drivecomm.errors import DriveCommError, NoReplyError, ReplyError, UsageError, shortened
-from drivecomm.models import load_model, model_names, user_folders
+from drivecomm.models import load_model, model_names
 from drivecomm.protocol import Ask, DriveConfig, installed
 
 if TYPE_CHECKING:
@@ -171,9 +170,7 @@ class Search:
 
     def _models_of(self, plugin: Protocol) -> Sequence[Model]:
         if plugin.name not in self._models:
-            files = (path for folder in user_folders(plugin.name) for path in folder.glob("*.toml"))
-            known = tuple(sorted((str(path), path.stat().st_mtime_ns) for path in files))
-            self._models[plugin.name] = _readable_models(plugin.package, plugin.name, known)
+            self._models[plugin.name] = _readable_models(plugin)
         return self._models[plugin.name]
 
     def _widely(self, plain: Sequence[tuple[Protocol, int]], choices: LineChoices) -> list[Asking]:
@@ -261,13 +258,11 @@ def identify(found: Found, operations: Operations) -> Exchange[Found]:
     return replace(found, identity=identity)
 
 
-@lru_cache(maxsize=32)
-def _readable_models(package: str, protocol: str, _files: tuple[tuple[str, int], ...]) -> Sequence[Model]:
-    """Return the models of a protocol; read once for all scans, as long as the user's files are the same."""
+def _readable_models(plugin: Protocol) -> Sequence[Model]:
     found = []
-    for name in model_names(package, protocol):
+    for name in model_names(plugin.package, plugin.name):
         try:
-            found.append(load_model(package, protocol, name))
+            found.append(load_model(plugin.package, plugin.name, name))
         except DriveCommError:
             # A file of the user's that is no model must not keep drives from being found.
             continue

@@ -15,12 +15,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
+    from drivecomm.bus.engine_line import EngineLine
     from drivecomm.bus.faces import Job
     from drivecomm.bus.roster import Member, Roster
     from drivecomm.bus.scanning import Asking, Found, Question, Search
     from drivecomm.link import CommandCall, Health, Peer, Port, Statistics, Steps
     from drivecomm.polling import PollItem
     from drivecomm.protocol import Model
+    from drivecomm.transport import Engine
 
 T = TypeVar("T")
 D = TypeVar("D")
@@ -80,6 +82,14 @@ class SharedBus(Generic[D, E]):
         """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that."""
         return self._roster.commands.called(peer.name)
 
+    def on_engine(self, engine: Engine) -> EngineLine | None:  # noqa: ARG002 - see `Bus`
+        """Return this bus's line for an engine, which serves many in one thread.
+
+        None where that cannot be: the port has no descriptor to watch, its time is not that of the world, or an event
+        loop serves it.
+        """
+        return None
+
     def watched(self, peer: Peer, silence_s: float | None) -> None:
         """Take note how long a drive's watchdog waits; None when it is off, or not known."""
         self._roster.commands.watch(peer.name, silence_s)
@@ -129,7 +139,9 @@ class SharedBus(Generic[D, E]):
 
     def _called(self, job: Job[Any]) -> float:
         """Take note of a job that is called for, of which a stop cancels commands, and return when its time is over."""
-        deadline = self.now() + job.peer.facts.timing.deadline_s
+        # Whether the bus is open is for those to say who find that it is not.
+        now = self.now() if self._closed or self._clock is None else self._clock.now()
+        deadline = now + job.peer.facts.timing.deadline_s
         if job.rank is Rank.STOP:
             self._roster.commands.stop_called(job.peer.name)
         return deadline
@@ -145,7 +157,9 @@ class SharedBus(Generic[D, E]):
 
     def _timed(self, result: T) -> T:
         """Return what a job has resulted in; a reading gets its time."""
-        return result.at(self.wall_time()) if isinstance(result, Reading) else result  # type: ignore[return-value]
+        if isinstance(result, Reading) and self._clock is not None:
+            result.at(self._clock.wall_time())
+        return result
 
     def _check_backoff(self) -> None:
         """Raise LinkDownError as long as a port that was lost is not to be opened again."""

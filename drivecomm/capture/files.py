@@ -3,28 +3,35 @@
 with CaptureWriter("pumps.jsonl", Provenance(began=datetime.now(UTC), port="/dev/ttyUSB0")) as writer:
     writer.add(Piece(time_s=0.009, data=b"...", source="master"))
 capture = read_capture("pumps.jsonl")
+with open_capture("pumps.jsonl") as reader:
+    for piece in reader: ...
 """
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Self
 
 from drivecomm.capture.growing_file import GrowingFile
-from drivecomm.capture.json_lines import JsonLines, read_json_lines
+from drivecomm.capture.json_lines import JsonLines, JsonLinesReader
 from drivecomm.capture.pcapng_fields import MAGIC
-from drivecomm.capture.pcapng_reading import read_pcapng
+from drivecomm.capture.pcapng_reading import PcapngReader
 from drivecomm.capture.pcapng_writing import Pcapng
-from drivecomm.capture.pieces import LONGEST_S
+from drivecomm.capture.pieces import LONGEST_S, Capture
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.tomlfile import no_such_file
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
+    from io import BufferedReader
 
-    from drivecomm.capture.pieces import Capture, Piece, Provenance
+    from drivecomm.capture.pieces import Piece, Provenance
 
+_HELD = 16384
+"""How many pieces are held to put them in order, and as many again while more are read."""
 _PCAP = (b"\xa1\xb2\xc3\xd4", b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\x3c\x4d", b"\x4d\x3c\xb2\xa1")
 
 
@@ -38,17 +45,102 @@ def read_capture(path: str | Path) -> Capture:
     FileFormatError that names the file, the place in it and what is wrong there.
     """
     place = Path(path)
+    with _opened(place) as file, _readable(place):
+        return capture_in(place, file)
+
+
+def capture_in(path: Path, file: BufferedReader) -> Capture:
+    """Return what an open capture file holds, as `read_capture` does. path: what messages call it."""
+    reader = _reader(path, file, None)
+    pieces = sorted(reader.pieces(), key=_time)
+    return Capture(provenance=reader.provenance, pieces=pieces, remarks=tuple(reader.remarks))
+
+
+class CaptureReader:
+    """The pieces of a capture file in the order of their times, read while they are asked for; a context manager.
+
+    However large the file is, only so many pieces are held as are needed to put neighbours in order; a file of at most
+    some ten thousand is in order whatever it was before. It can be gone through once. Raises FileFormatError as
+    `read_capture` does, and for a piece that is far from its place.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file = _opened(path)
+        try:
+            with _readable(path):
+                self._reader = _reader(path, self._file, _HELD)
+        except BaseException:
+            self._file.close()
+            raise
+
+    @property
+    def provenance(self) -> Provenance:
+        """Where the capture comes from."""
+        return self._reader.provenance
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was left out, in sentences; complete when all pieces have been read."""
+        return tuple(self._reader.remarks)
+
+    def __iter__(self) -> Iterator[Piece]:
+        with _readable(self._path):
+            held: list[Piece] = []
+            coming, latest_s = self._reader.pieces(), 0.0
+            while more := list(islice(coming, _HELD)):
+                held = sorted(held + more, key=_time)
+                if held[0].time_s < latest_s:
+                    raise FileFormatError(
+                        f"{self._path}: the piece at {held[0].time_s} s is more than {_HELD} pieces behind its place"
+                    )
+                ready, held = held[:-_HELD], held[-_HELD:]
+                yield from ready
+                latest_s = ready[-1].time_s if ready else latest_s
+            yield from held
+
+    def close(self) -> None:
+        """Close the file; may be called again."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def open_capture(path: str | Path) -> CaptureReader:
+    """Open a capture file, in either format, whatever its name, to go through it however large it is."""
+    return CaptureReader(Path(path))
+
+
+def _reader(path: Path, file: BufferedReader, ahead: int | None) -> JsonLinesReader | PcapngReader:
+    began = file.peek(len(MAGIC))[: len(MAGIC)]
+    if began == MAGIC:
+        return PcapngReader(path, file, ahead)
+    if began in _PCAP:
+        raise FileFormatError(f"{path}: is a pcap file; save it as pcapng, for example with Wireshark")
+    return JsonLinesReader(path, file)
+
+
+def _opened(path: Path) -> BufferedReader:
+    with _readable(path):
+        return path.open("rb")
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
     try:
-        content = place.read_bytes()
+        yield
     except FileNotFoundError:
-        raise FileFormatError(no_such_file(place)) from None
+        raise FileFormatError(no_such_file(path)) from None
     except OSError as error:
-        raise FileFormatError(f"{place}: cannot read the capture ({error.strerror or error})") from error
-    if content.startswith(MAGIC):
-        return read_pcapng(place, content)
-    if content.startswith(_PCAP):
-        raise FileFormatError(f"{place}: is a pcap file; save it as pcapng, for example with Wireshark")
-    return read_json_lines(place, content)
+        raise FileFormatError(f"{path}: cannot read the capture ({error.strerror or error})") from error
+
+
+def _time(piece: Piece) -> float:
+    return piece.time_s
 
 
 def check_place(path: Path) -> None:

@@ -11,19 +11,22 @@ from __future__ import annotations
 
 import json
 from datetime import datetime
+from functools import partial
 from typing import TYPE_CHECKING, Any, get_args
 
-from drivecomm.capture.pieces import LONGEST_S, Capture, Piece, Provenance, Source
+from drivecomm.capture.pieces import LONGEST_S, Piece, Provenance, Source
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.protocol import SETTING_NAMES, LineSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
+    from typing import BinaryIO
 
 
 _SOURCES: tuple[Source, ...] = get_args(Source)
 _KEYS = ("time_s", "source", "hex", "line", "settings")
+_LONGEST_LINE = 16 * 1024 * 1024
 
 
 class JsonLines:
@@ -54,28 +57,32 @@ class JsonLines:
         """Take it that the latest piece did not get into the file; no other depends on it."""
 
 
-def read_json_lines(path: Path, content: bytes) -> Capture:
-    """Return the capture that these lines hold. Raises FileFormatError with the file and the line that is wrong."""
-    lines = content.split(b"\n")
-    last = lines.pop()
-    try:
-        provenance = _provenance(_object(lines[0] if lines else last))
-    except FileFormatError as error:
-        raise FileFormatError(f"{path}: line 1: {error}") from error
-    pieces = []
-    for number, line in enumerate(lines[1:], start=2):
+class JsonLinesReader:
+    """Reads such lines one by one. remarks: what was left out, as far as the pieces have been read.
+
+    Raises FileFormatError with the file and the line that is wrong.
+    """
+
+    def __init__(self, path: Path, file: BinaryIO) -> None:
+        self._path = path
+        self._file = file
+        self.remarks: list[str] = []
         try:
-            pieces.append(_piece(_object(line)))
+            self.provenance = _provenance(_object(file.readline(_LONGEST_LINE).removesuffix(b"\n")))
         except FileFormatError as error:
-            raise FileFormatError(f"{path}: line {number}: {error}") from error
-    remarks: tuple[str, ...] = ()
-    if lines and last:
-        # Only a line that was being written when its program ended has no end.
-        try:
-            pieces.append(_piece(_object(last)))
-        except FileFormatError:
-            remarks = (f"{path}: line {len(lines) + 1} is cut off and left out",)
-    return Capture(provenance=provenance, pieces=sorted(pieces, key=_time), remarks=remarks)
+            raise FileFormatError(f"{path}: line 1: {error}") from error
+
+    def pieces(self) -> Iterator[Piece]:
+        """Yield the pieces as they stand in the file; once only."""
+        lines = iter(partial(self._file.readline, _LONGEST_LINE), b"")
+        for number, line in enumerate(lines, start=2):
+            try:
+                yield _piece(_object(line.removesuffix(b"\n")))
+            except FileFormatError as error:
+                if line.endswith(b"\n") or len(line) == _LONGEST_LINE:
+                    raise FileFormatError(f"{self._path}: line {number}: {error}") from error
+                # Only a line that was being written when its program ended has no end.
+                self.remarks.append(f"{self._path}: line {number} is cut off and left out")
 
 
 def _line(content: dict[str, Any]) -> bytes:
@@ -114,10 +121,6 @@ def _piece(content: dict[str, Any]) -> Piece:
     return Piece(
         time_s=float(time_s), data=data, source=source, line=text(content, "line"), settings=settings_in(content)
     )
-
-
-def _time(piece: Piece) -> float:
-    return piece.time_s
 
 
 FORMAT = "drivecomm-capture"

@@ -5,18 +5,21 @@ from __future__ import annotations
 import json
 import re
 import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import timedelta
+from itertools import chain, islice
 from typing import TYPE_CHECKING, Literal, TypeAlias, cast
 
 from drivecomm.capture import pcapng_fields as pcapng
 from drivecomm.capture.json_lines import is_header, provenance_of
-from drivecomm.capture.pieces import LONGEST_S, Capture, Piece, Provenance, Source
+from drivecomm.capture.pieces import LONGEST_S, Piece, Provenance, Source
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.protocol import LineSettings, Parity
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
+    from typing import BinaryIO
 
 # Events of the link type: transmitting and receiving, each begun or ended.
 _SENT_IN: dict[int, Source] = {1: "master", 3: "master", 2: "drive", 4: "drive"}
@@ -28,16 +31,6 @@ _MICROSECONDS = 6
 _FORMAT_WORDS = re.compile(r"(\d+) ([78])([NEOMS])(1|1\.5|2)(?: |$)")
 
 Order: TypeAlias = Literal["<", ">"]
-
-
-def read_pcapng(path: Path, content: bytes) -> Capture:
-    """Return the capture that these blocks hold, of this program or another; they begin with `MAGIC`.
-
-    Raises FileFormatError with the file, and where in it something is wrong.
-    """
-    reader = _Reader(path)
-    reader.read(content)
-    return reader.capture()
 
 
 @dataclass(slots=True, kw_only=True)
@@ -59,105 +52,112 @@ class _Packet:
     interface: _Interface
 
 
-@dataclass(slots=True)
-class _Reader:
-    """Takes a file apart; a file may have several sections, each with its byte order and its interfaces."""
+class PcapngReader:
+    """Reads the blocks of a file of this program or another, which begins with `MAGIC`, one by one.
 
-    path: Path
-    _order: Order = "<"
-    _interfaces: list[_Interface] = field(default_factory=list)
-    _packets: list[_Packet] = field(default_factory=list)
-    _foreign: dict[int, int] = field(default_factory=dict)
-    _timeless: int = 0
-    _remarks: list[str] = field(default_factory=list)
-    _about: Provenance | None = None
-    _tool: str = ""
-    _comments: list[str] = field(default_factory=list)
-    _sections: int = 0
+    A file may have several sections, each with its byte order and its interfaces. ahead: how many packets are read to
+    find out when the capture began, where the file does not say it; None for all. remarks: what was left out, when all
+    pieces have been read. Raises FileFormatError with the file, and where in it something is wrong.
+    """
 
-    def read(self, content: bytes) -> None:
-        """Take it apart, block by block."""
-        place = 0
-        while place < len(content):
-            try:
-                length = self._block_at(content, place)
-            except (FileFormatError, struct.error, UnicodeDecodeError) as error:
-                raise FileFormatError(f"{self.path}: block at byte {place}: {error}") from error
-            if not length:
-                if not self._sections:
-                    raise FileFormatError(f"{self.path}: the file ends in the middle of the header")
-                self._remarks.append(f"{self.path}: the block at byte {place} is cut off and left out")
-                return
-            place += length
+    def __init__(self, path: Path, file: BinaryIO, ahead: int | None) -> None:
+        self._path = path
+        self._file = file
+        self._order: Order = "<"
+        self._interfaces: list[_Interface] = []
+        self._foreign: dict[int, int] = {}
+        self._timeless = 0
+        self._about: Provenance | None = None
+        self._tool = ""
+        self._comments: list[str] = []
+        self._sections = 0
+        self.remarks: list[str] = []
+        self._packets = self._all_packets()
+        self._first = list(islice(self._packets, ahead))
+        self._began_ns = self._first_ns()
+        self.provenance = self._about or self._made_provenance()
 
-    def capture(self) -> Capture:
-        """Return what was in it."""
-        if self._foreign and not self._packets:
+    def pieces(self) -> Iterator[Piece]:
+        """Yield the pieces as they stand in the file; once only."""
+        for packet in chain(self._first, self._packets):
+            if packet.time_ns < self._began_ns:
+                raise FileFormatError(f"{self._path}: the first packet is older than the capture")
+            yield Piece(
+                time_s=(packet.time_ns - self._began_ns) / pcapng.SECOND_NS,
+                data=packet.data,
+                source=packet.source,
+                line=packet.interface.line,
+                settings=packet.interface.settings,
+            )
+        if self._foreign and not self._first:
             kinds = ", ".join(map(str, sorted(self._foreign)))
             raise FileFormatError(
-                f"{self.path}: not captured on a serial line (link type {kinds}); "
+                f"{self._path}: not captured on a serial line (link type {kinds}); "
                 f"the supported link type is {pcapng.RTAC_SERIAL}"
             )
-        self._remarks += [
-            f"{self.path}: {count} packets of link type {kind} are left out" for kind, count in self._foreign.items()
+        self.remarks += [
+            f"{self._path}: {count} packets of link type {kind} are left out" for kind, count in self._foreign.items()
         ]
         if self._timeless:
-            self._remarks.append(f"{self.path}: {self._timeless} packets without a time are left out")
-        packets = sorted(self._packets, key=lambda packet: packet.time_ns)
-        began_ns = self._began_ns(packets)
-        return Capture(
-            provenance=self._about or self._provenance(began_ns),
-            pieces=[
-                Piece(
-                    time_s=(packet.time_ns - began_ns) / pcapng.SECOND_NS,
-                    data=packet.data,
-                    source=packet.source,
-                    line=packet.interface.line,
-                    settings=packet.interface.settings,
-                )
-                for packet in packets
-            ],
-            remarks=tuple(self._remarks),
-        )
+            self.remarks.append(f"{self._path}: {self._timeless} packets without a time are left out")
 
-    def _began_ns(self, packets: list[_Packet]) -> int:
+    def _all_packets(self) -> Iterator[_Packet]:
+        place = 0
+        while head := self._file.read(12):
+            try:
+                block = self._block(head)
+                packet = block and self._packet_in(block)
+            except (FileFormatError, struct.error, UnicodeDecodeError) as error:
+                raise FileFormatError(f"{self._path}: block at byte {place}: {error}") from error
+            if not block:
+                if not self._sections:
+                    raise FileFormatError(f"{self._path}: the file ends in the middle of the header")
+                self.remarks.append(f"{self._path}: the block at byte {place} is cut off and left out")
+                return
+            if packet:
+                yield packet
+            place += len(block)
+
+    def _first_ns(self) -> int:
         if self._about is None:
             # Whole microseconds, as a time of day has them.
-            return packets[0].time_ns // 1000 * 1000 if packets else 0
-        began_ns = 0 if self._about.began is None else pcapng.nanoseconds(self._about.began)
-        if packets and packets[0].time_ns < began_ns:
-            raise FileFormatError(f"{self.path}: the first packet is older than the capture")
-        return began_ns
+            return min(packet.time_ns for packet in self._first) // 1000 * 1000 if self._first else 0
+        return 0 if self._about.began is None else pcapng.nanoseconds(self._about.began)
 
-    def _provenance(self, began_ns: int) -> Provenance:
-        began = pcapng.EPOCH + timedelta(microseconds=began_ns // 1000) if self._packets else None
+    def _made_provenance(self) -> Provenance:
+        began = pcapng.EPOCH + timedelta(microseconds=self._began_ns // 1000) if self._first else None
         return Provenance(began=began, tool=self._tool, note="\n".join(self._comments))
 
-    def _block_at(self, content: bytes, place: int) -> int:
-        """Read one block and return its length, 0 when it is cut off."""
-        left = len(content) - place
-        if left < 12:
-            return 0
-        if content[place : place + 4] == pcapng.MAGIC:
-            self._order = _byte_order(content[place + 8 : place + 12])
-        kind, length = struct.unpack_from(f"{self._order}II", content, place)
+    def _block(self, head: bytes) -> bytes:
+        """Return the whole block that begins with these 12 bytes, nothing when it is cut off."""
+        if len(head) < 12:
+            return b""
+        if head.startswith(pcapng.MAGIC):
+            self._order = _byte_order(head[8:12])
+        _, length = struct.unpack_from(f"{self._order}II", head)
         if length < 12 or length % 4 or length > _LONGEST_BLOCK:
             raise FileFormatError(f"invalid length {length}")
-        if left < length:
-            return 0
-        (again,) = struct.unpack_from(f"{self._order}I", content, place + length - 4)
+        block = head + self._file.read(length - 12)
+        if len(block) < length:
+            return b""
+        (again,) = struct.unpack_from(f"{self._order}I", block, length - 4)
         if again != length:
             raise FileFormatError(f"the length is {length} at the beginning and {again} at the end")
-        body = content[place + 8 : place + length - 4]
+        return block
+
+    def _packet_in(self, block: bytes) -> _Packet | None:
+        """Take note of what a block says; return the packet where it is one."""
+        (kind,) = struct.unpack_from(f"{self._order}I", block)
+        body = block[8:-4]
+        if kind == pcapng.PACKET:
+            return self._packet(body)
         if kind == pcapng.SECTION:
             self._section(body)
         elif kind == pcapng.INTERFACE:
             self._interface(body)
-        elif kind == pcapng.PACKET:
-            self._packet(body)
         elif kind == pcapng.SIMPLE_PACKET:
             self._timeless += 1
-        return int(length)
+        return None
 
     def _section(self, body: bytes) -> None:
         major, minor = struct.unpack_from(f"{self._order}HH", body, 4)
@@ -200,7 +200,7 @@ class _Reader:
         found.settings = _settings(baudrate, words)
         self._interfaces.append(found)
 
-    def _packet(self, body: bytes) -> None:
+    def _packet(self, body: bytes) -> _Packet | None:
         number, high, low, length, _ = struct.unpack_from(f"{self._order}IIIII", body)
         if number >= len(self._interfaces):
             raise FileFormatError(f"interface {number} is used before its description")
@@ -209,14 +209,14 @@ class _Reader:
         interface = self._interfaces[number]
         if interface.link_type != pcapng.RTAC_SERIAL:
             self._foreign[interface.link_type] = self._foreign.get(interface.link_type, 0) + 1
-            return
+            return None
         if length < pcapng.RTAC_HEADER.size:
             raise FileFormatError(f"a packet of {length} bytes is too short for its link type")
         event = body[20 + 8]
         data = body[20 + pcapng.RTAC_HEADER.size : 20 + length]
         if not data:
             # The line's state changed, and no byte came.
-            return
+            return None
         source = _SENT_IN.get(event, "unknown")
         for code, value in self._options(body, 20 + length + -length % 4):
             if code == pcapng.FLAGS:
@@ -225,7 +225,7 @@ class _Reader:
         time_ns = (high << 32 | low) * pcapng.SECOND_NS // interface.units + interface.offset_s * pcapng.SECOND_NS
         if not 0 <= time_ns <= pcapng.nanoseconds(pcapng.LATEST) + LONGEST_S * pcapng.SECOND_NS:
             raise FileFormatError("the time is not between 1970 and 2495")
-        self._packets.append(_Packet(time_ns=time_ns, data=data, source=source, interface=interface))
+        return _Packet(time_ns=time_ns, data=data, source=source, interface=interface)
 
     def _options(self, body: bytes, place: int) -> list[tuple[int, bytes]]:
         found = []

@@ -6,6 +6,7 @@ typer has pydantic make them, which takes longer to load than all else that a co
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -77,5 +78,5 @@ def _with_plain_values(parameters: list[Any]) -> list[Any]:
         about = getattr(parameter, "type_descriptor", None)
         if about is not None and not about.is_ranged:
             kind = get_args(about.annotation)[0] if about.is_list else about.annotation
-            vars(parameter)["_runtime_param"] = _PlainValue(kind)
+            parameter.get_runtime_param = partial(_PlainValue, kind)
     return parameters

@@ -14,7 +14,7 @@ from drivecomm.version import __version__
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-# Loaded when they are needed: `--version` needs none of it, and stopping everything not even typer.
+# Loaded when they are needed: `--version` needs none of it, and stopping not even typer.
 # ruff: noqa: PLC0415
 
 
@@ -52,7 +52,7 @@ def _carry_out(given: list[str]) -> int:
         # Answered before anything is loaded: scripts ask for it often.
         sys.stdout.write(f"drivecomm {__version__}\n")
         return 0
-    if given[:1] == ["stop"] and "--all" in given:
+    if given[:1] == ["stop"]:
         from drivecomm.cli.stop.command import quick_stop
 
         if stop := quick_stop(given[1:]):

@@ -6,14 +6,15 @@ import dataclasses
 import json
 import signal
 import sys
+from collections.abc import Mapping
 from contextlib import contextmanager
 from decimal import Decimal
 from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from drivecomm import link
 from drivecomm.cli import signals, streams
 from drivecomm.errors import DriveCommError
-from drivecomm.link import trace_data, trace_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -33,7 +34,7 @@ def plain(value: Any) -> Any:
         return value.value
     if isinstance(value, bytes):
         return value.hex(" ").upper()
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {str(key): plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
         return sorted(map(plain, value)) if isinstance(value, set | frozenset) else [plain(each) for each in value]
@@ -74,6 +75,14 @@ def times_ms(times: ReplyTimes, percentiles: Iterable[int]) -> dict[str, float]:
         "longest_ms": times.longest_s,
     }
     return {key: round(each * 1000, 3) for key, each in seconds.items()}
+
+
+def print_columns(rows: Iterable[tuple[str, ...]]) -> None:
+    """Print rows under each other, every column as wide as its longest text."""
+    lines = list(rows)
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        say("  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip())
 
 
 def print_table(table: Any, width: int) -> None:
@@ -119,7 +128,7 @@ def interrupted(*, as_json: bool) -> int:
 
 def show_trace(event: TraceEvent, *, as_json: bool) -> None:
     """Print a trace event on standard error: as text, or as a JSON object apart from the command's own objects."""
-    text = json.dumps(plain({"trace": event.what, **trace_data(event)})) if as_json else trace_line(event)
+    text = json.dumps(plain({"trace": event.what, **link.trace_data(event)})) if as_json else link.trace_line(event)
     sys.stderr.write(text + "\n")
     sys.stderr.flush()
 

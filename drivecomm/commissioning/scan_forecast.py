@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import Roster, Search, probe
 from drivecomm.errors import ReplyError
-from drivecomm.link import Arrival, Configure, Link, Send
+from drivecomm.link import Arrival, Configure, Link, Send, taken_apart
 from drivecomm.protocol import line_overrides
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def _silence_s(member: Member, asking: Asking, guard_s: float) -> float:
     now = 0.0
     for _ in range(2):
         exchange = probe(asking, member.operations, member.peer.facts.settings)
-        now = _unanswered(link.insist(member.peer, exchange, now), now)
+        now = _unanswered(taken_apart(link.insist(member.peer, exchange, now), now), now)
         ends.append(now)
     return ends[1] - ends[0]
 

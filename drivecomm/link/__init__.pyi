@@ -9,9 +9,11 @@ from .health import (
     Backoff as Backoff,
     Health as Health,
     ProbingTime as ProbingTime,
+    TuningWatch as TuningWatch,
     UsualDelays as UsualDelays,
 )
 from .link import Link as Link
+from .logs import LOGGER_NAME as LOGGER_NAME, log_events as log_events
 from .peer import Peer as Peer, TraceEvent as TraceEvent
 from .port import (
     Arrival as Arrival,
@@ -22,7 +24,9 @@ from .port import (
     Receive as Receive,
     Send as Send,
     Steps as Steps,
+    Talk as Talk,
     Wait as Wait,
+    taken_apart as taken_apart,
 )
 from .statistics import (
     COUNTERS as COUNTERS,
@@ -33,11 +37,9 @@ from .statistics import (
 )
 from .tracing import (
     ARROWS as ARROWS,
-    LOGGER_NAME as LOGGER_NAME,
     fields_text as fields_text,
     hex_text as hex_text,
     line_text as line_text,
-    log_events as log_events,
     tell_all as tell_all,
     trace_data as trace_data,
     trace_line as trace_line,

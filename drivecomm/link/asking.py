@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from drivecomm.errors import (
     CommandCancelledError,
@@ -15,6 +15,8 @@ from drivecomm.protocol import Ask, Pause
 
 if TYPE_CHECKING:
     from drivecomm.link.call import Call
+    from drivecomm.link.line_state import LineState
+    from drivecomm.link.peer import Peer, PeerState
     from drivecomm.link.port import Steps
     from drivecomm.protocol import Exchange, Message, Tell
 
@@ -23,39 +25,61 @@ T = TypeVar("T")
 _OPEN = "; whether the drive acted on it is not known"
 
 
+class Begun(NamedTuple):
+    """What has come of a command so far.
+
+    unasked: what came before its telegram could be sent. came: what has come since it was sent, None if it was not.
+    """
+
+    unasked: bytes = b""
+    came: bytes | None = None
+
+
 def carry_out(call: Call, exchange: Exchange[T]) -> Steps[T]:
     """Carry out an exchange and return its result; raises what it raises.
 
     One that is cut off leaves the line unclean, and whoever is next begins with draining it.
     """
     line = call.line
-    if line.settings != call.peer.facts.settings:
+    if not line.is_set_for(call.peer):
         yield from line.settle(call.peer)
     if line.unclean:
         line.heard_at = line.now
         yield from line.drain(call.peer, call.partner)
     line.unclean = True
+    return (yield from go_on(call, exchange))
+
+
+def go_on(
+    call: Call, exchange: Exchange[T], command: Ask | Tell | Pause | None = None, begun: Begun | None = None
+) -> Steps[T]:
+    """Carry out an exchange, or what is left of it from a command on that it has yielded already.
+
+    begun: what has come of this command so far.
+    """
+    line = call.line
     reply: Message | None = None
     error: ReplyError | None = None
     while True:
-        try:
-            command = exchange.send(reply) if error is None else exchange.throw(error)
-        except StopIteration as finished:
-            line.unclean = False
-            result: T = finished.value
-            return result
-        except Exception:
-            # The exchange ended by its own decision; what had to be drained was drained where it went wrong.
-            line.unclean = False
-            raise
+        if command is None:
+            try:
+                command = exchange.send(reply) if error is None else exchange.throw(error)
+            except StopIteration as finished:
+                line.unclean = False
+                result: T = finished.value
+                return result
+            except Exception:
+                # The exchange ended by its own decision; what had to be drained was drained where it went wrong.
+                line.unclean = False
+                raise
         reply = error = None
         try:
             if isinstance(command, Ask):
-                reply = yield from _ask(call, command)
+                reply = yield from _ask(call, command, begun)
             elif isinstance(command, Pause):
                 yield from call.stay(line.now + command.seconds)
             else:
-                yield from _tell(call, command)
+                yield from _tell(call, command, begun)
         except ReplyError as failed:
             error = failed
         except BaseException as failed:
@@ -63,51 +87,64 @@ def carry_out(call: Call, exchange: Exchange[T]) -> Steps[T]:
             # What was cancelled was not sent, so nothing is under way.
             line.unclean = not isinstance(failed, CommandCancelledError)
             raise
+        command = begun = None
 
 
-def _tell(call: Call, tell: Tell) -> Steps[None]:
-    call.check_cancelled()
+def _tell(call: Call, tell: Tell, begun: Begun | None) -> Steps[None]:
     line, peer = call.line, call.peer
-    yield from line.send(peer, call.partner, peer.codec.encode(tell.message), tell.message)
-    pause = peer.facts.broadcast_pause_s if tell.pause_s is None else tell.pause_s
-    line.free_at = line.sent_at + pause
+    if begun is None:
+        call.check_cancelled()
+    unasked, _ = begun or Begun()
+    yield from line.send(peer, call.partner, peer.codec.encode(tell.message), tell.message, unasked)
+    told(line, peer, tell)
 
 
-def _ask(call: Call, ask: Ask) -> Steps[Message]:
+def told(line: LineState, peer: Peer, tell: Tell) -> None:
+    """Take note that a telegram that nobody answers is out."""
+    line.free_at = line.sent_at + (peer.facts.broadcast_pause_s if tell.pause_s is None else tell.pause_s)
+
+
+def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
     line, peer, partner = call.line, call.peer, call.partner
     timing = peer.facts.timing
     data = peer.codec.encode(ask.message)
     attempts = ask.attempts or timing.attempts
-    if partner.unanswered and (partner.unanswered != data or partner.surplus):
+    if must_outwait(partner, data):
         yield from _outwait_late_reply(call, ask, data)
     attempt = 0
     while True:
         attempt += 1
-        next_at = partner.asked_at + timing.request_interval_s
-        if line.now < next_at:
-            yield from call.stay(next_at)
-        call.check_deadline()
-        call.check_overtaken()
-        call.check_cancelled()
-        if ask.command:
-            call.check_age(ask)
-        partner.asked_at = line.now
-        partner.count["requests" if attempt == 1 else "retries"] += 1
+        if begun is None:
+            next_at = partner.asked_at + timing.request_interval_s
+            if line.now < next_at:
+                yield from call.stay(next_at)
+            call.check_deadline()
+            call.check_overtaken()
+            call.check_cancelled()
+            if ask.command:
+                call.check_age(ask)
+            partner.asked_at = line.now
+            partner.count["requests" if attempt == 1 else "retries"] += 1
+        unasked, came = begun or Begun()
+        begun = None
         try:
-            yield from line.send(peer, partner, data, ask.message)
-            message = yield from await_reply(call, ask, data)
+            if came is None:
+                yield from line.send(peer, partner, data, ask.message, unasked)
+            message = yield from await_reply(call, ask, data, came)
         except ReplyError as error:
             partner.count["damaged" if isinstance(error, DamagedReplyError) else "timeouts"] += 1
+            if not isinstance(error, OvertakenError):
+                line.request_failed(peer, partner)
             if line.heard_at > partner.asked_at:
                 # Where nothing came at all there is nothing to let finish.
                 if call.listen_until is not None:
                     line.probed = partner
                 yield from line.drain(peer, partner)
-            _expect_late_reply(call, ask, data)
+            expect_late_reply(line, peer, partner, ask, data)
             if attempt == attempts or line.now >= call.deadline or isinstance(error, OvertakenError):
                 raise type(error)(f"{error}{_times(attempt)}{_OPEN if ask.acts else ''}") from None
         except BaseException:
-            _expect_late_reply(call, ask, data)
+            expect_late_reply(line, peer, partner, ask, data)
             raise
         else:
             partner.count["replies"] += 1
@@ -122,11 +159,15 @@ def _ask(call: Call, ask: Ask) -> Steps[Message]:
             return message
 
 
-def _expect_late_reply(call: Call, ask: Ask, data: bytes) -> None:
+def must_outwait(partner: PeerState, data: bytes) -> bool:
+    """Whether a late reply may still come that would be taken for that to this request."""
+    return bool(partner.unanswered) and (partner.unanswered != data or partner.surplus)
+
+
+def expect_late_reply(line: LineState, peer: Peer, partner: PeerState, ask: Ask, data: bytes) -> None:
     """Keep in mind that a reply which does not name its request may still come."""
     if ask.nameless:
-        partner = call.partner
-        partner.late_until, partner.unanswered = call.line.now + call.peer.facts.timing.late_s, data
+        partner.late_until, partner.unanswered = line.now + peer.facts.timing.late_s, data
         partner.surplus = False
 
 

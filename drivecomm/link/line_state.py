@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.link.echo import Echo, EchoFilter
-from drivecomm.link.health import LONGEST_PAUSE_S, UsualDelays
+from drivecomm.link.health import LONGEST_PAUSE_S, TuningWatch, UsualDelays
 from drivecomm.link.peer import TraceEvent
-from drivecomm.link.port import Configure, Receive, Send, Steps, Wait
+from drivecomm.link.port import Configure, Receive, Send, Steps, Talk, Wait
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,8 +21,9 @@ class LineState:
 
     now: the time of the last effect. settings: of the port, None when not known. free_at: when somebody may speak.
     sent_at: when the last request is out. heard_at: when something came last. unclean: an exchange was cut off, so
-    that the line is drained first. delays: how soon the drives answer. probed: the drive that was probed last, without
-    a whole reply time, and did not answer. trace, away: see `Link`.
+    that the line is drained first. delays: how soon the drives answer. tuning: whether their tuned turnarounds hold.
+    probed: the drive that was probed last, without a whole reply time, and did not answer. talk: filled in for each
+    request of the short way. trace, away: see `Link`.
     """
 
     def __init__(
@@ -42,7 +43,9 @@ class LineState:
         self.heard_at = float("-inf")
         self.unclean = False
         self.delays = UsualDelays()
+        self.tuning = TuningWatch()
         self.probed: PeerState | None = None
+        self.talk = Talk()
         self._guard_s = guard_s
         self._patient_at = float("-inf")
 
@@ -56,14 +59,15 @@ class LineState:
         if self.trace is not None:
             self.trace(TraceEvent(time=self.now, what=what, drive=peer.name, data=data, message=message, detail=detail))
 
-    def send(self, peer: Peer, partner: PeerState, data: bytes, message: Message) -> Steps[None]:
-        """Send a telegram as soon as the line is free and quiet."""
-        facts = peer.facts
-        if self.settings != facts.settings:
-            yield from self.settle(peer)
-        if self.now < self.free_at:
-            self.now = (yield Wait(self.free_at)).time
-        self.now, came, _ = yield Receive(self.now)
+    def send(self, peer: Peer, partner: PeerState, data: bytes, message: Message, unasked: bytes = b"") -> Steps[None]:
+        """Send a telegram as soon as the line is free and quiet. unasked: what has come since it is free."""
+        came = unasked
+        if not came:
+            if not self.is_set_for(peer):
+                yield from self.settle(peer)
+            if self.now < self.free_at:
+                self.now = (yield Wait(self.free_at)).time
+            self.now, came, _ = yield Receive(self.now)
         if came and self.echo.looking:
             # Of what was told, and not answered.
             came = self.without_echo(peer, partner, came)
@@ -73,7 +77,7 @@ class LineState:
             self._unasked(peer, partner, came, "unasked")
             yield from self.drain(peer, partner)
         # Whatever comes of it, nobody may speak, or change the line settings, before it is on the wire.
-        self.free_at = self.sent_at = self.now + facts.settings.wire_s(len(data))
+        self.free_at = self.sent_at = self.now + len(data) * peer.character_s
         self.now = (yield Send(data)).time
         if self.echo.looking:
             self.echo.sent(data)
@@ -86,13 +90,26 @@ class LineState:
             self.now = (yield Wait(self.free_at)).time
         # Whoever is interrupted in the middle of this no longer knows how the port stands.
         before, self.settings = self.settings, None
-        arrival = yield Configure(peer.facts.settings)
+        arrival = yield Configure(peer.settings)
         self.now = arrival.time
         if arrival.note:
             self.note(peer, "note", detail=arrival.note)
         if before is not None:
             self.free_at = max(self.free_at, self.now + self._guard_s)
-        self.settings = peer.facts.settings
+        self.settings = peer.settings
+
+    def is_plain_for(self, peer: Peer) -> bool:
+        """Whether nothing is odd, so that an exchange with this drive can go the short way.
+
+        Traced exchanges and those through an adapter that may echo go the long way, since more must be told of them.
+        """
+        if self.unclean or self.trace is not None or self.echo.looking:
+            return False
+        return self.settings is peer.settings or self.is_set_for(peer)
+
+    def is_set_for(self, peer: Peer) -> bool:
+        """Whether the port has the drive's line settings."""
+        return self.settings is peer.settings or self.settings == peer.settings
 
     def drain(self, peer: Peer, partner: PeerState) -> Steps[None]:
         """Read until the line has been quiet for the drive's gap, at most for one reply time."""
@@ -128,6 +145,12 @@ class LineState:
             partner.count["echo bytes"] += len(echo)
             self.note(peer, "echo", echo)
         return rest
+
+    def request_failed(self, peer: Peer, partner: PeerState) -> None:
+        """Take note that a drive did not answer soundly; too many such errors end all tuned turnarounds."""
+        if self.tuning.failed(peer.name, partner.count["requests"], partner.count["replies"]):
+            partner.count["tunings given up"] += 1
+            self.note(peer, "note", detail="errors rose; the usual turnaround is used again for all drives of the line")
 
     def heard_out_of_turn(self) -> None:
         """See whether it was the drive that was probed last, and that answers more slowly than was waited for."""

@@ -1,5 +1,9 @@
 """The sans-I/O link: it carries out exchanges with the drives of one line, as effects for a runner.
 
+Nearly all exchanges are plain, and go the short way: each request and its reply are one effect, in one generator frame.
+The short way judges nothing. Whatever is not as it mostly is goes on by the long way (`drivecomm.link.asking`), from
+the state in which the long way would be at that moment.
+
 What does not stop a motor gives way to a stop that waits for the line: it sends nothing more, and what its drive has
 not begun to answer within the time of one telegram is not waited for. It ends with OvertakenError.
 """
@@ -8,12 +12,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
-from drivecomm.errors import NoReplyError, NotAnsweringError, ReplyError
-from drivecomm.link.asking import carry_out
+from drivecomm.errors import NoReplyError, NotAnsweringError, ReplyError, TelegramError
+from drivecomm.link.asking import Begun, carry_out, expect_late_reply, go_on, must_outwait, told
 from drivecomm.link.call import Call
 from drivecomm.link.health import PROBE_S, Health, ProbingTime
 from drivecomm.link.line_state import LineState
 from drivecomm.link.peer import Peer, PeerState, TraceEvent
+from drivecomm.link.reception import answered
+from drivecomm.protocol import Ask, Tell
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -23,9 +29,11 @@ if TYPE_CHECKING:
     from drivecomm.link.echo import Echo
     from drivecomm.link.port import Steps
     from drivecomm.link.statistics import Statistics
-    from drivecomm.protocol import Exchange
+    from drivecomm.protocol import Exchange, Message
 
 T = TypeVar("T")
+
+_NEVER = float("inf")
 
 
 class Link:
@@ -88,7 +96,7 @@ class Link:
         exchange: Exchange[T],
         now: float,
         *,
-        deadline: float = float("inf"),
+        deadline: float = _NEVER,
         command: CommandCall | None = None,
     ) -> Steps[T]:
         """Carry out an exchange with a drive and return its result. Raises what the exchange raises.
@@ -100,8 +108,19 @@ class Link:
         An exchange that is cut off in the middle (by closing this generator) leaves the line unclean: the next one
         begins with draining it.
         """
-        call = self._call(peer, now, deadline, True, command)
-        health = call.partner.health
+        if peer.cautious is not None:
+            peer = self._trusted(peer)
+        partner = self._partners.get(peer.name)
+        if partner is None or partner.settings is not peer.settings:
+            partner = self._partner(peer)
+        # Who has been given up is away, too.
+        if not partner.health.away and self._line.is_plain_for(peer):
+            return self._by_short_way(peer, partner, exchange, now, deadline=deadline, gives_way=True, command=command)
+        return self._run(self._call(peer, partner, deadline, True, command), exchange, now)
+
+    def _run(self, call: Call, exchange: Exchange[T], now: float) -> Steps[T]:
+        self._line.now = now
+        peer, health = call.peer, call.partner.health
         if peer.probe is not None and health.given_up:
             yield from self._probe(call, peer.probe)
         try:
@@ -110,33 +129,147 @@ class Link:
                 health.away = False
             return (yield from carry_out(call, exchange))
         except NoReplyError:
-            self._fell_silent(call, now)
+            self._fell_silent(call.peer, call.partner, now)
             raise
 
     def insist(
-        self, peer: Peer, exchange: Exchange[T], now: float, *, deadline: float = float("inf"), gives_way: bool = True
+        self, peer: Peer, exchange: Exchange[T], now: float, *, deadline: float = _NEVER, gives_way: bool = True
     ) -> Steps[T]:
         """Carry out an exchange whatever is known of the drive: for asking whether it is there."""
-        call = self._call(peer, now, deadline, gives_way)
+        if peer.cautious is not None:
+            peer = self._trusted(peer)
+        partner = self._partner(peer)
+        if self._line.is_plain_for(peer):
+            return self._by_short_way(
+                peer, partner, exchange, now, deadline=deadline, gives_way=gives_way, command=None
+            )
+        return self._insist(self._call(peer, partner, deadline, gives_way, None), exchange, now)
+
+    def _insist(self, call: Call, exchange: Exchange[T], now: float) -> Steps[T]:
+        self._line.now = now
         try:
             return (yield from carry_out(call, exchange))
         except NoReplyError:
-            self._fell_silent(call, now)
+            self._fell_silent(call.peer, call.partner, now)
             raise
 
-    def stop(self, peer: Peer, exchange: Exchange[T], now: float, *, deadline: float = float("inf")) -> Steps[T]:
+    def stop(self, peer: Peer, exchange: Exchange[T], now: float, *, deadline: float = _NEVER) -> Steps[T]:
         """Carry out an exchange that stops a motor, whatever is known of the drive; it gives way to nothing."""
         return self.insist(peer, exchange, now, deadline=deadline, gives_way=False)
 
     def _call(
-        self, peer: Peer, now: float, deadline: float, gives_way: bool, command: CommandCall | None = None
+        self, peer: Peer, partner: PeerState, deadline: float, gives_way: bool, command: CommandCall | None
     ) -> Call:
-        self._line.now = now
-        return Call(self._line, peer, self._partner(peer), self.paced, self.stop_waits, deadline, gives_way, command)
+        return Call(self._line, peer, partner, self.paced, self.stop_waits, deadline, gives_way, command)
 
-    def _fell_silent(self, call: Call, began: float) -> None:
-        line, peer = self._line, call.peer
-        if call.partner.health.fell_silent(began, line.now, self._probing_time().least_pause_s(self._probe_took_s)):
+    def _by_short_way(
+        self,
+        peer: Peer,
+        partner: PeerState,
+        exchange: Exchange[T],
+        began: float,
+        *,
+        deadline: float,
+        gives_way: bool,
+        command: CommandCall | None,
+    ) -> Steps[T]:
+        line, codec, character_s = self._line, peer.codec, peer.character_s
+        talk = line.talk
+        line.now = now = began
+        line.unclean = True
+        reply: Message | None = None
+        begun: Begun | None = None
+        try:
+            while True:
+                try:
+                    asked = exchange.send(reply)
+                except StopIteration as finished:
+                    line.unclean = False
+                    result: T = finished.value
+                    return result
+                except Exception:
+                    line.unclean = False
+                    raise
+                if type(asked) is Ask:
+                    data = codec.encode(asked.message)
+                    timing = peer.facts.timing
+                    if (
+                        asked.command
+                        or (partner.unanswered and must_outwait(partner, data))
+                        or now < partner.asked_at + timing.request_interval_s
+                        or now >= deadline
+                        or (gives_way and self.stop_waits())
+                        or (command is not None and command.cancelled)
+                    ):
+                        break
+                    partner.asked_at = now
+                    partner.count["requests"] += 1
+                    timeout = asked.reply_timeout_s
+                    talk.reply_s = character_s + (timing.reply_timeout_s if timeout is None else timeout)
+                    talk.at_least = peer.shortest
+                elif type(asked) is Tell and not (command is not None and command.cancelled):
+                    data = codec.encode(asked.message)
+                    talk.at_least = 0
+                else:
+                    break
+                wire_s = len(data) * character_s
+                talk.free_at, talk.data, talk.wire_s, talk.begun = line.free_at, data, wire_s, None
+                talk.deadline, talk.gives_way = deadline, gives_way
+                try:
+                    line.now, came, _ = yield talk
+                    now = line.now
+                    if talk.begun is None:
+                        begun = Begun(unasked=came)
+                        break
+                    line.free_at = line.sent_at = sent_at = talk.begun + wire_s
+                    if type(asked) is Tell:
+                        told(line, peer, asked)
+                        reply = None
+                        continue
+                    begun = Begun(came=came)
+                    if (
+                        not came
+                        or codec.measure(came, "reply") != len(came)
+                        or came == data
+                        or (self.paced and now < sent_at + character_s / 2)
+                    ):
+                        break
+                    try:
+                        reply = codec.decode(came, "reply")
+                    except TelegramError:
+                        break
+                    if peer.mismatch(asked.message, reply):
+                        break
+                    line.heard_at = now
+                    answered(line, peer, partner, len(came))
+                except BaseException:
+                    if talk.begun is not None:
+                        line.now = max(line.now, talk.begun)
+                        line.sent_at = talk.begun + wire_s
+                        line.free_at = max(line.free_at, line.sent_at)
+                    if type(asked) is Ask:
+                        expect_late_reply(line, peer, partner, asked, data)
+                    raise
+                begun = None
+                partner.count["replies"] += 1
+                partner.health.answered()
+                partner.surplus = False
+            call = self._call(peer, partner, deadline, gives_way, command)
+            return (yield from go_on(call, exchange, asked, begun))
+        except NoReplyError:
+            self._fell_silent(peer, partner, began)
+            raise
+        except BaseException:
+            exchange.close()
+            raise
+
+    def _trusted(self, peer: Peer) -> Peer:
+        """Return a tuned drive without its tuned turnaround when it does not hold."""
+        return peer if self._line.tuning.holds() else peer.cautious or peer
+
+    def _fell_silent(self, peer: Peer, partner: PeerState, began: float) -> None:
+        line = self._line
+        if partner.health.fell_silent(began, line.now, self._probing_time().least_pause_s(self._probe_took_s)):
             line.note(peer, "note", detail="does not answer; it is asked again now and then")
             line.away(peer.name)
 
@@ -174,10 +307,10 @@ class Link:
     def _partner(self, peer: Peer) -> PeerState:
         partner = self._partners.get(peer.name)
         if partner is None:
-            partner = self._partners.setdefault(peer.name, PeerState(peer.facts.settings))
-        elif partner.settings is not peer.facts.settings and partner.settings != peer.facts.settings:
+            partner = self._partners.setdefault(peer.name, PeerState(peer.settings))
+        elif partner.settings is not peer.settings and partner.settings != peer.settings:
             # Silence at other line settings says nothing about these.
-            away, partner.settings, partner.health = partner.health.away, peer.facts.settings, Health()
+            away, partner.settings, partner.health = partner.health.away, peer.settings, Health()
             partner.health.away = away
         return partner
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivecomm.link.health import Health
@@ -39,7 +40,7 @@ class Peer:
 
     mismatch: names the first field in which a sound reply does not belong to the request. probe: asks whether it is
     there, moving nothing; None for all drives at once. set_up: what must be done after it was away, before anything
-    else is.
+    else is. cautious: the same drive without its tuned turnaround, None where there is none.
     """
 
     name: str
@@ -49,14 +50,29 @@ class Peer:
     probe: Callable[[], Exchange[None]] | None = None
     set_up: Callable[[], Exchange[None]] | None = None
     protocol: str = field(init=False)
+    settings: LineSettings = field(init=False)
+    character_s: float = field(init=False)
+    shortest: int = field(init=False)
     gap_s: float = field(init=False)
     turnaround_s: float = field(init=False)
+    cautious: Peer | None = field(init=False)
 
     def __post_init__(self) -> None:
         # Asked for in every exchange.
         object.__setattr__(self, "protocol", self.name.partition(":")[0])
+        object.__setattr__(self, "settings", _one_of(self.facts.settings))
+        object.__setattr__(self, "character_s", self.facts.settings.character_s)
+        object.__setattr__(self, "shortest", self.codec.measure(b"", "reply") or 1)
         object.__setattr__(self, "gap_s", self.facts.gap_s)
         object.__setattr__(self, "turnaround_s", self.facts.turnaround_s)
+        untuned = self.facts.untuned
+        object.__setattr__(self, "cautious", None if untuned is self.facts else replace(self, facts=untuned))
+
+
+@lru_cache(64)
+def _one_of(settings: LineSettings) -> LineSettings:
+    """Return the same object for equal settings, so that drives of one line need not be compared at each exchange."""
+    return settings
 
 
 class PeerState:

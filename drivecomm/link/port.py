@@ -130,11 +130,41 @@ class Wait(NamedTuple):
     gives_way: bool = False
 
 
-Effect: TypeAlias = Configure | Send | Receive | Wait
+class Talk:
+    """Send a request when the line is free, and wait for its reply: what most exchanges need, as one effect.
+
+    Wait until `free_at`, whoever else waits. See whether something has come that nobody asked for: then end with it,
+    and send nothing. Otherwise set `begun` to the time, write `data`, and receive as `Receive` does, at most until the
+    bytes have been on the wire for `wire_s` and `reply_s` more are over, and not beyond `deadline`. With an `at_least`
+    of 0 nothing is received.
+
+    begun: what came of it as far as it was carried out, also where it was interrupted: when the bytes were handed
+    over, None while they were not.
+    """
+
+    __slots__ = ("at_least", "begun", "data", "deadline", "free_at", "gives_way", "reply_s", "wire_s")
+
+    def __init__(self) -> None:
+        self.free_at = 0.0
+        self.data = b""
+        self.wire_s = 0.0
+        self.reply_s = 0.0
+        self.deadline = float("inf")
+        self.at_least = 0
+        self.gives_way = False
+        self.begun: float | None = None
+
+    @property
+    def until(self) -> float:
+        """How long its reply is waited for, once it has begun."""
+        return min((self.begun or 0.0) + self.wire_s + self.reply_s, self.deadline)
+
+
+Effect: TypeAlias = Configure | Send | Receive | Wait | Talk
 
 
 class Arrival(NamedTuple):
-    """The time, the bytes that came (for Receive), and what the port says of its settings (for Configure)."""
+    """The time, the bytes that came (for Receive and Talk), and what the port says of its settings (for Configure)."""
 
     time: float
     data: bytes = b""
@@ -142,3 +172,31 @@ class Arrival(NamedTuple):
 
 
 Steps: TypeAlias = Generator[Effect, Arrival, T]
+
+
+def taken_apart(steps: Steps[T], now: float) -> Steps[T]:
+    """Carry out steps that begin at this time with each `Talk` as the single effects that it stands for."""
+    try:
+        effect = next(steps)
+        while True:
+            arrival = (yield from _in_single_effects(effect, now)) if isinstance(effect, Talk) else (yield effect)
+            now = arrival.time
+            effect = steps.send(arrival)
+    except StopIteration as finished:
+        result: T = finished.value
+        return result
+    finally:
+        steps.close()
+
+
+def _in_single_effects(talk: Talk, now: float) -> Steps[Arrival]:
+    if now < talk.free_at:
+        now = (yield Wait(talk.free_at)).time
+    unasked = yield Receive(now)
+    if unasked.data:
+        return unasked
+    talk.begun = unasked.time
+    written = yield Send(talk.data)
+    if not talk.at_least:
+        return written
+    return (yield Receive(talk.until, talk.at_least, talk.gives_way))

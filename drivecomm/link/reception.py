@@ -11,6 +11,8 @@ from drivecomm.protocol import Damaged, Framed, Framer, Noise
 
 if TYPE_CHECKING:
     from drivecomm.link.call import Call
+    from drivecomm.link.line_state import LineState
+    from drivecomm.link.peer import Peer, PeerState
     from drivecomm.protocol import Ask, Message
 
 # The longest one that exists has 257 bytes (Danfoss FC with LGE 255); a line that never falls silent is not waited for.
@@ -19,27 +21,33 @@ _ECHO = "the adapter hands back what it sends, and no other reply came; open the
 _IN_PLACE_OF_ECHO = "what came may be a disturbed echo; if this adapter has none, open the port with echo off"
 
 
-def await_reply(call: Call, ask: Ask, data: bytes) -> Steps[Message]:
-    """Return the reply to a request that was just sent as these bytes. Raises ReplyError."""
+def await_reply(call: Call, ask: Ask, data: bytes, heard: bytes | None = None) -> Steps[Message]:
+    """Return the reply to a request that was just sent as these bytes. Raises ReplyError.
+
+    heard: what has come since then, where that was waited for already.
+    """
     line, peer, partner = call.line, call.peer, call.partner
-    settings, timing, gap_s, echo = peer.facts.settings, peer.facts.timing, peer.gap_s, line.echo
+    settings, timing, gap_s, echo = peer.settings, peer.facts.timing, peer.gap_s, line.echo
     timeout = timing.reply_timeout_s if ask.reply_timeout_s is None else ask.reply_timeout_s
     sent_at = line.sent_at
     if call.listen_until is not None:
         timeout = min(timeout, max(line.delays.least_ear_s(peer.protocol), call.listen_until - sent_at))
-    limit = deadline = sent_at + settings.character_s + timeout
+    limit = deadline = sent_at + (peer.character_s + timeout)
     if limit > call.deadline:
         limit = deadline = max(call.deadline, sent_at)
         timeout = 0.0
     latest = limit + settings.wire_s(_LONGEST_TELEGRAM) + gap_s
     # A reply's first character cannot be over before this.
-    earliest = sent_at + settings.character_s / 2 if call.paced else 0.0
+    earliest = sent_at + peer.character_s / 2 if call.paced else 0.0
     framer = Framer(peer.codec, "reply")
     damage, stray, early, first = "", "", b"", b""
     taken = 0
     in_haste, gives_way = False, call.gives_way
     while True:
-        line.now, came, _ = yield Receive(deadline, framer.missing + echo.missing, gives_way)
+        if heard is None:
+            line.now, came, _ = yield Receive(deadline, framer.missing + echo.missing, gives_way)
+        else:
+            came, heard = heard, None
         if gives_way and call.stop_waits():
             # Whoever has begun to answer is heard to the end; others have no longer than their like need to begin.
             in_haste, gives_way = True, False
@@ -69,7 +77,10 @@ def await_reply(call: Call, ask: Ask, data: bytes) -> Steps[Message]:
                 is_echo = in_place or find.data == data
                 reason = "echo" if is_echo else peer.mismatch(ask.message, find.message)
                 if not reason:
-                    _answered(call, find, alone=not place)
+                    if line.echo.looking and line.echo.answered(alone=not place):
+                        partner.count["echoes missing"] += 1
+                    answered(line, peer, partner, len(find.data))
+                    line.note(peer, "received", find.data, find.message)
                     return find.message
                 place += len(find.data)
                 _count_stray(call, find, reason)
@@ -101,16 +112,12 @@ def await_reply(call: Call, ask: Ask, data: bytes) -> Steps[Message]:
     raise NoReplyError(f"{peer.name} did not answer within {timeout * 1000:.0f} ms{why}")
 
 
-def _answered(call: Call, find: Framed, *, alone: bool) -> None:
-    line, peer = call.line, call.peer
+def answered(line: LineState, peer: Peer, partner: PeerState, length: int) -> None:
+    """Take note of the reply to the last request, which came just now and has so many characters."""
     line.free_at = line.now + peer.turnaround_s
     took_s = line.now - line.sent_at
-    call.partner.statistics.reply_times.add(took_s)
-    line.delays.answered(peer.protocol, took_s - peer.facts.settings.wire_s(len(find.data)))
-    if line.echo.looking and line.echo.answered(alone=alone):
-        call.partner.count["echoes missing"] += 1
-    if line.trace is not None:
-        line.note(peer, "received", find.data, find.message)
+    partner.statistics.reply_times.add(took_s)
+    line.delays.answered(peer.protocol, took_s - length * peer.character_s)
 
 
 def _count_stray(call: Call, find: Framed, reason: str) -> None:

@@ -1,20 +1,7 @@
-"""Trace functions for `open_bus(trace=...)`: what happens on the line as text, as data and as records of logging.
-
-`log_events` writes records of the standard library's logging. Telegrams and echo are told at DEBUG, notes about the
-line at INFO, and what should not be there (damage, strays, noise) at WARNING. Each record has these attributes besides
-its text:
-
-    drive       the drive that the exchange is with, such as "vabus:1"
-    what        sent, received, echo, stray, damaged, noise or note
-    data        the bytes, in hexadecimal
-    fields      the decoded telegram by the names of its fields, None where there is none
-    detail      why, for strays and damage; the text of a note
-    line_time   the time on the line's clock, in seconds; its beginning means nothing
-"""
+"""Trace functions for `open_bus(trace=...)`: what happens on the line as text and as data."""
 
 from __future__ import annotations
 
-import logging
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.protocol import fields_of
@@ -22,10 +9,8 @@ from drivecomm.protocol import fields_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from drivecomm.link.peer import TraceEvent, What
+    from drivecomm.link.peer import TraceEvent
     from drivecomm.protocol import Message
-
-LOGGER_NAME = "drivecomm.line"
 
 ARROWS = {
     "sent": "->",
@@ -42,16 +27,6 @@ ARROWS = {
 }
 """Signs for the events of a trace, for the direction of a telegram, and for who sent some bytes."""
 
-_LEVELS: dict[What, int] = {
-    "sent": logging.DEBUG,
-    "received": logging.DEBUG,
-    "echo": logging.DEBUG,
-    "note": logging.INFO,
-    "stray": logging.WARNING,
-    "damaged": logging.WARNING,
-    "noise": logging.WARNING,
-}
-
 
 def tell_all(*traces: Callable[[TraceEvent], None] | None) -> Callable[[TraceEvent], None] | None:
     """Return a trace function that passes everything on to these, in order; None if all of them are None."""
@@ -64,30 +39,6 @@ def tell_all(*traces: Callable[[TraceEvent], None] | None) -> Callable[[TraceEve
             trace(event)
 
     return tell
-
-
-def log_events(logger: logging.Logger | None = None) -> Callable[[TraceEvent], None]:
-    """Return a trace function that writes to this logger, "drivecomm.line" if absent.
-
-    Levels are looked up for each event, so they may be changed while the bus is open.
-    """
-    chosen = logging.getLogger(LOGGER_NAME) if logger is None else logger
-
-    def log(event: TraceEvent) -> None:
-        level = _LEVELS[event.what]
-        # Decoding the fields for nobody would cost more than the telegram itself.
-        if chosen.isEnabledFor(level):
-            kind = "" if event.message is None else event.message.kind
-            parts = (event.drive, event.what, hex_text(event.data), kind, f"({event.detail})" if event.detail else "")
-            data = trace_data(event)
-            chosen.log(
-                level,
-                "%s",
-                " ".join(part for part in parts if part),
-                extra={"what": event.what, "line_time": data.pop("time"), **data},
-            )
-
-    return log
 
 
 def trace_line(event: TraceEvent) -> str:

@@ -6,7 +6,6 @@ from .files import (
     open_model_file as open_model_file,
     packaged_models as packaged_models,
     read_model as read_model,
-    user_folders as user_folders,
 )
 from .quantities import (
     CommonName as CommonName,

@@ -1,11 +1,16 @@
-"""Models as TOML files; `docs/reference/models.md` shows one and explains every key."""
+"""Models as TOML files; `docs/reference/models.md` shows one and explains every key.
+
+A file is read once as long as it stays as it is: all drives of a model share it, and nobody can change it.
+"""
 
 from __future__ import annotations
 
 import os
+import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.errors import FileFormatError, UsageError, meant, shortened
 from drivecomm.models.schema import EXACT, PARAMETER_KEYS, PLAIN, TEXT_TYPES, Mistake, mistakes_in, number_in
@@ -18,6 +23,24 @@ if TYPE_CHECKING:
 FOLDERS_VARIABLE = "DRIVECOMM_MODELS"
 _LONGEST_NAME = 200
 """Characters of a model's name; no file system takes many more."""
+
+_EMPTY: Mapping[Any, Any] = MappingProxyType({})
+"""What most parameters have of most tables."""
+
+_SETTLED_NS = 50_000_000
+"""A file that was written this short a time ago may be written again without another time of it."""
+
+
+class _Kept(NamedTuple):
+    """A model that was read: the state of its file, the name and the model that it extends, and what came of it."""
+
+    state: tuple[int, ...]
+    extends: str | None
+    base: Model | None
+    model: Model
+
+
+_kept: dict[tuple[Path, str], _Kept] = {}
 
 
 def load_model(package: str, protocol: str, model: str | Path | Model) -> Model:
@@ -58,23 +81,12 @@ def packaged_models(package: str) -> list[Path]:
 
 
 def read_model(path: Path, protocol: str, package: str = "") -> Model:
-    """Read a model file. What it extends is looked for beside it, and then where models with names are.
+    """Return the model of a file, which is read unless it is known already and has not changed.
 
-    Raises FileFormatError with the file, the line, the key, and what is wrong there.
+    What it extends is looked for beside it, and then where models with names are. Raises FileFormatError with the file,
+    the line, the key, and what is wrong there.
     """
     return _read(path, protocol, package, ())
-
-
-def user_folders(protocol: str) -> list[Path]:
-    """Return the folders with models of the user's own, which go before those of the packages.
-
-    They are the folders `PROTOCOL` in those that DRIVECOMM_MODELS lists, and in the folder `models` of the user's
-    configuration.
-    """
-    from platformdirs import user_config_path  # noqa: PLC0415 - loaded with the first model, not with drivecomm
-
-    listed = [Path(each) for each in os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep) if each]
-    return [each / protocol for each in (*listed, user_config_path("drivecomm", appauthor=False) / "models")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,43 +118,32 @@ def base_of(file: ModelFile, protocol: str, package: str, extended_by: Sequence[
     extended_by: the files that extend this one. Raises FileFormatError for one that is not there or cannot be read, and
     for a circle.
     """
-    name = file.content.get("extends")
-    if name is None:
-        return None
-    beside = file.path.with_name(f"{name}.toml") if name == Path(name).name else None
-    found = [beside] if beside is not None and beside.is_file() else []
-    found += [path for path in _files_named(package, protocol, name) if path not in found]
-    if not found:
-        what = f"there is no model {name!r} beside this one or among those of {protocol}"
-        raise file.refusal(Mistake(key="extends", text=what))
-    # A user's model may have the name of the one that it changes.
-    circle = (*extended_by, file.path)
-    left = [path for path in found if path not in circle]
-    if not left:
-        what = f"extends itself, by way of {', '.join(path.stem for path in circle)}"
-        raise file.refusal(Mistake(key="extends", text=what))
-    return _read(left[0], protocol, package, circle)
+    return _base(file.path, file.content.get("extends"), protocol, package, extended_by)
 
 
 def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
     """Return the model that a file without mistakes and what it extends make together."""
-    quantities = {**(base.quantities if base else {}), **content.get("quantities", {})}
     parameters = [parameter_of(entry) for entry in content.get("parameter", [])]
-    watchdog = Watchdog(**content["watchdog"]) if "watchdog" in content else None
+    watchdog = Watchdog(**_frozen(content["watchdog"])) if "watchdog" in content else None
+
+    def with_base(table: str, own: Mapping[Any, Any]) -> Mapping[Any, Any]:
+        return MappingProxyType({**(getattr(base, table) if base else {}), **own})
+
+    quantities = with_base("quantities", content.get("quantities", {}))
     return Model(
         protocol=content["protocol"],
         name=content["name"],
         title=content.get("title", content["name"]),
         source=content.get("source", ""),
-        parameters={**(base.parameters if base else {}), **{known.address: known for known in parameters}},
-        faults={**(base.faults if base else {}), **_by_code(content, "faults")},
-        warnings={**(base.warnings if base else {}), **_by_code(content, "warnings")},
-        options={**(base.options if base else {}), **content.get("options", {})},
-        quantities={name: address for name, address in quantities.items() if address},
+        parameters=with_base("parameters", {known.address: known for known in parameters}),
+        faults=with_base("faults", _by_code(content, "faults")),
+        warnings=with_base("warnings", _by_code(content, "warnings")),
+        options=with_base("options", _frozen(content.get("options", {}))),
+        quantities=MappingProxyType({name: address for name, address in quantities.items() if address}),
         watchdog=watchdog or (base.watchdog if base else None),
         link_loss=content.get("link_loss", base.link_loss if base else ""),
         # A rule is about one series, so it is not taken over.
-        identified_by=dict(content.get("identified_by", {})),
+        identified_by=_frozen(content.get("identified_by", {})),
     )
 
 
@@ -155,28 +156,85 @@ def parameter_of(entry: Mapping[str, Any]) -> ParameterInfo:
         address=entry["address"],
         name=entry["name"],
         values=_by_code(entry, "values"),
-        only_with={address: tuple(codes) for address, codes in entry.get("only_with", {}).items()},
+        only_with=_frozen(entry.get("only_with", {})),
         start=start if start is None or entry.get("type") in TEXT_TYPES else number_in(start),
-        extra={key: value for key, value in entry.items() if key not in PARAMETER_KEYS},
+        extra=_frozen({key: value for key, value in entry.items() if key not in PARAMETER_KEYS}),
         **{"title": entry["name"], **plain},
         **exact,
     )
 
 
 def _read(path: Path, protocol: str, package: str, extended_by: Sequence[Path]) -> Model:
+    state = _state(path)
+    kept = _kept.get((path, protocol))
+    if kept is not None and kept.state == state:
+        base = _base(path, kept.extends, protocol, package, extended_by)
+        if base is kept.base:
+            return kept.model
     file = open_model_file(path)
     mistake = next(mistakes_in(file.content, protocol), None)
     if mistake is not None:
         raise file.refusal(mistake)
-    return assembled(file.content, base_of(file, protocol, package, extended_by))
+    base = base_of(file, protocol, package, extended_by)
+    model = assembled(file.content, base)
+    if state:
+        _kept[path, protocol] = _Kept(state, file.content.get("extends"), base, model)
+    return model
 
 
-def _by_code(table: Mapping[str, Any], name: str) -> dict[int, str]:
-    return {int(code): text for code, text in table.get(name, {}).items()}
+def _state(path: Path) -> tuple[int, ...]:
+    """Return what is another as soon as a file is; empty where that is not certain."""
+    try:
+        is_now = path.stat()
+    except OSError:
+        # Who reads the file says what is wrong with it.
+        return ()
+    if 0 <= time.time_ns() - is_now.st_mtime_ns < _SETTLED_NS:
+        return ()
+    return is_now.st_dev, is_now.st_ino, is_now.st_mtime_ns, is_now.st_ctime_ns, is_now.st_size
+
+
+def _base(path: Path, name: str | None, protocol: str, package: str, extended_by: Sequence[Path]) -> Model | None:
+    if name is None:
+        return None
+    # A user's model may have the name of the one that it changes.
+    circle = (*extended_by, path)
+    what = f"there is no model {name!r} beside this one or among those of {protocol}"
+    for found in _bases(path, name, protocol, package):
+        if found not in circle:
+            return _read(found, protocol, package, circle)
+        what = f"extends itself, by way of {', '.join(each.stem for each in circle)}"
+    raise open_model_file(path).refusal(Mistake(key="extends", text=what))
+
+
+def _bases(path: Path, name: str, protocol: str, package: str) -> Iterator[Path]:
+    beside = path.with_name(f"{name}.toml") if name == Path(name).name else None
+    if beside is not None and beside.is_file():
+        yield beside
+    yield from _files_named(package, protocol, name)
+
+
+def _by_code(table: Mapping[str, Any], name: str) -> Mapping[int, str]:
+    codes: Mapping[int, str] = _frozen({int(code): text for code, text in table.get(name, {}).items()})
+    return codes
+
+
+def _frozen(value: Any) -> Any:
+    """Return what TOML gave as what nobody can change."""
+    if value == {}:
+        return _EMPTY
+    if isinstance(value, dict):
+        return MappingProxyType({key: _frozen(each) for key, each in value.items()})
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
 def _folders(package: str, protocol: str) -> Iterator[Path]:
-    yield from user_folders(protocol)
+    """Yield where models with names are: the user's folders, which DRIVECOMM_MODELS lists, before the package."""
+    from platformdirs import user_config_path  # noqa: PLC0415 - loaded with the first model, not with drivecomm
+
+    listed = [Path(each) for each in os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep) if each]
+    for each in (*listed, user_config_path("drivecomm", appauthor=False) / "models"):
+        yield each / protocol
     if package:
         yield _packaged(package)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cache
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UsageError
@@ -35,7 +36,7 @@ def quantities() -> Mapping[str, Quantity]:
     from importlib import resources  # noqa: PLC0415 - as above
 
     content = tomllib.loads(resources.files("drivecomm.models").joinpath("quantities.toml").read_text(encoding="utf-8"))
-    return {name: Quantity(name, entry["unit"], entry["meaning"]) for name, entry in content.items()}
+    return MappingProxyType({name: Quantity(name, entry["unit"], entry["meaning"]) for name, entry in content.items()})
 
 
 class CommonName:

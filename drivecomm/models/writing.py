@@ -10,6 +10,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
+from drivecomm.models.schema import FORMAT
 from drivecomm.protocol import ParameterInfo, Watchdog
 from drivecomm.tomlfile import toml_line
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Model
 
-_FORMAT = 1
 _ALWAYS_WRITTEN = ("address", "name", "title", "access")
 _DEFAULTS = {field.name: field.default for field in fields(ParameterInfo)}
 _WATCHDOG_DEFAULTS = {field.name: field.default for field in fields(Watchdog)}
@@ -32,7 +32,7 @@ def model_text(model: Model) -> str:
 
     Raises UsageError for what no file can hold: a value of a protocol's own key that TOML has no form for.
     """
-    head = {"format": _FORMAT, "protocol": model.protocol, "name": model.name, "title": model.title}
+    head = {"format": FORMAT, "protocol": model.protocol, "name": model.name, "title": model.title}
     head |= {key: text for key in ("source", "link_loss") if (text := getattr(model, key))}
     parts = [_lines(head.items())]
     tables: dict[str, Mapping[Any, Any]] = {

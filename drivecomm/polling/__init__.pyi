@@ -1,4 +1,5 @@
-from .loops import poll as poll, poll_async as poll_async, poll_bus as poll_bus
+from .loops import poll as poll, poll_async as poll_async
+from .one_line import poll_bus as poll_bus
 from .plan import Plan as Plan
 from .schedule import (
     FIRST_ROUND_S as FIRST_ROUND_S,

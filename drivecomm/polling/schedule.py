@@ -13,7 +13,7 @@ import heapq
 import math
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from drivecomm.errors import DriveCommError, UsageError, shortened
 from drivecomm.protocol import is_duration, is_whole
@@ -95,8 +95,7 @@ class PollItem(Generic[D]):
         return STALE_PERIODS * self.period_s or UNHURRIED_S
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PollResult:
+class PollResult(NamedTuple):
     """What came of asking once.
 
     item: what was asked. drive, parameter: as it names them. reading: the value; with quality "stale" the last good
@@ -162,14 +161,15 @@ class Schedule(Generic[D]):
         self._cycles = cycles
         together = Counter(item.period_s for item in plan)
         before: Counter[float] = Counter()
-        self._entries: dict[PollItem[D], _Entry[D]] = {}
+        # By the items' identities: their hash goes through all that they hold.
+        self._entries: dict[int, _Entry[D]] = {}
         for place, item in enumerate(plan):
             share = before[item.period_s] / together[item.period_s]
             before[item.period_s] += 1
             # A long period does not keep its reader waiting for a first value.
             first = start_s + share * min(item.period_s, FIRST_ROUND_S)
             anchor = start_s + share * item.period_s
-            self._entries[item] = _Entry(item, place, anchor, first)
+            self._entries[id(item)] = _Entry(item, place, anchor, first)
         self._waiting = [(entry.due_s, entry.place, entry) for entry in self._entries.values()]
         heapq.heapify(self._waiting)
         self._overdue: list[tuple[float, int, _Entry[D]]] = []
@@ -182,27 +182,38 @@ class Schedule(Generic[D]):
 
     def due(self, now: float) -> PollItem[D] | None:
         """Return the item to ask now, None when nothing is due. It is out of the queue until it is `finished`."""
-        while self._waiting and self._waiting[0][0] <= now:
-            _, place, entry = heapq.heappop(self._waiting)
-            heapq.heappush(self._overdue, (entry.urgency, place, entry))
-        if not self._overdue:
+        waiting, overdue = self._waiting, self._overdue
+        if waiting and waiting[0][0] <= now:
+            _, place, entry = heapq.heappop(waiting)
+            if not overdue and not (waiting and waiting[0][0] <= now):
+                # Nothing else is due, as mostly.
+                entry.asked_s = now
+                return entry.item
+            heapq.heappush(overdue, (entry.urgency, place, entry))
+            while waiting and waiting[0][0] <= now:
+                _, place, entry = heapq.heappop(waiting)
+                heapq.heappush(overdue, (entry.urgency, place, entry))
+        if not overdue:
             return None
-        _, _, entry = heapq.heappop(self._overdue)
+        _, _, entry = heapq.heappop(overdue)
         entry.asked_s = now
         return entry.item
 
     def finished(
         self, item: PollItem[D], now: float, outcome: Reading | DriveCommError, *, time_s: float
     ) -> PollResult:
-        """Take what came of an item, put it back into the queue, and return the result. time_s: now, for people."""
-        entry = self._entries[item]
-        failed = isinstance(outcome, DriveCommError)
+        """Take what came of an item, put it back into the queue, and return the result.
+
+        item: the very object that `due` gave. time_s: for people, when it failed; a reading has its own time.
+        """
+        entry = self._entries[id(item)]
         result = _result(entry, now, outcome, time_s)
+        rest_s = REST_S
         if not isinstance(outcome, DriveCommError):
-            entry.good, entry.good_s = outcome, now
+            entry.good, entry.good_s, rest_s = outcome, now, 0.0
         entry.results += 1
         if self._cycles is None or entry.results < self._cycles:
-            _move_on(entry, now, rest_s=REST_S if failed else 0.0)
+            _move_on(entry, now, rest_s=rest_s)
             heapq.heappush(self._waiting, (entry.due_s, entry.place, entry))
         return result
 
@@ -237,24 +248,12 @@ def _move_on(entry: _Entry[D], now: float, *, rest_s: float) -> None:
 
 
 def _result(entry: _Entry[D], now: float, outcome: Reading | DriveCommError, time_s: float) -> PollResult:
-    item = entry.item
-    reading: Reading | None
-    error = None
-    if isinstance(outcome, DriveCommError):
-        error = outcome
-        reading = entry.good if entry.good is not None and now - entry.good_s <= item.keeps_s else None
-    else:
-        reading, time_s = outcome, outcome.time_s
-    return PollResult(
-        item=item,
-        drive=item.name or item.drive.name,
-        parameter=item.parameter,
-        reading=reading,
-        cause="" if error is None else " ".join(str(error).split()),
-        error=error,
-        time_s=time_s,
-        due_s=entry.due_s,
-        late_s=max(0.0, entry.asked_s - entry.due_s),
-        took_s=now - entry.asked_s,
-        missed=entry.missed,
-    )
+    item, due_s, asked_s = entry.item, entry.due_s, entry.asked_s
+    drive, late_s, took_s = item.name or item.drive.name, max(0.0, asked_s - due_s), now - asked_s
+    if not isinstance(outcome, DriveCommError):
+        return PollResult(
+            item, drive, item.parameter, outcome, "", None, outcome.time_s, due_s, late_s, took_s, entry.missed
+        )
+    cause = " ".join(str(outcome).split())
+    good = entry.good if entry.good is not None and now - entry.good_s <= item.keeps_s else None
+    return PollResult(item, drive, item.parameter, good, cause, outcome, time_s, due_s, late_s, took_s, entry.missed)

@@ -51,7 +51,7 @@ from .model import (
     Sureness as Sureness,
     Watchdog as Watchdog,
 )
-from .motor import MOTOR_DATA as MOTOR_DATA, Command as Command, Motor as Motor
+from .motor import Command as Command, Motor as Motor
 from .options import (
     checked_address as checked_address,
     line_overrides as line_overrides,

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ProtocolLoadError, UnknownProtocolError, UsageError, meant, shortened
 from drivecomm.protocol.contract import Protocol
+from drivecomm.protocol.entry_points import entry_points
 from drivecomm.protocol.options import protocol_options
 from drivecomm.protocol.telegram import Telegram
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
-    from importlib.metadata import EntryPoint
 
     from drivecomm.protocol.framing import Codec
     from drivecomm.protocol.telegram import Direction
@@ -44,7 +44,7 @@ class Protocols(Mapping[str, Protocol]):
             return self._loaded[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(sorted({entry.name for entry in _entries()} | set(self._added)))
+        return iter(sorted({entry.name for entry in entry_points(GROUP)} | set(self._added)))
 
     def __len__(self) -> int:
         return len(list(iter(self)))
@@ -91,37 +91,27 @@ def unknown_protocol(name: str, known: Iterable[str]) -> UnknownProtocolError:
     return UnknownProtocolError(f"no installed protocol is named {shortened(name)}; {there}")
 
 
-def _entries() -> list[EntryPoint]:
-    # Costs more than the rest of the package, and most programs name their protocols late.
-    from importlib.metadata import entry_points  # noqa: PLC0415
-
-    return list(entry_points(group=GROUP))
-
-
-def _owner(entry: EntryPoint) -> str:
-    return entry.dist.name if entry.dist else "an unknown distribution"
-
-
 def _load(name: str) -> Protocol:
-    entries = {(entry.value, _owner(entry)): entry for entry in _entries() if entry.name == name}
+    there = entry_points(GROUP)
+    entries = sorted({entry for entry in there if entry.name == name}, key=lambda entry: entry.distribution)
     if not entries:
-        raise unknown_protocol(name, {entry.name for entry in _entries()})
+        raise unknown_protocol(name, {entry.name for entry in there})
     if len(entries) > 1:
-        owners = " and ".join(sorted(owner for _, owner in entries))
+        owners = " and ".join(entry.distribution for entry in entries)
         raise ProtocolLoadError(f"the protocol name {name!r} is claimed by {owners}; uninstall one of them")
-    entry = next(iter(entries.values()))
+    entry = entries[0]
     try:
         protocol = entry.load()
     except (Exception, SystemExit) as error:
         raise ProtocolLoadError(
-            f"the protocol {name!r} of {_owner(entry)} cannot be loaded ({type(error).__name__}: {error}); "
+            f"the protocol {name!r} of {entry.distribution} cannot be loaded ({type(error).__name__}: {error}); "
             "reinstall or uninstall it"
         ) from error
     if not isinstance(protocol, Protocol):
-        raise ProtocolLoadError(f"the entry point {name!r} of {_owner(entry)} is no drivecomm.protocol.Protocol")
+        raise ProtocolLoadError(f"the entry point {name!r} of {entry.distribution} is no drivecomm.protocol.Protocol")
     if protocol.name != name:
         raise ProtocolLoadError(
-            f"the entry point {name!r} of {_owner(entry)} brings a protocol named {protocol.name!r}"
+            f"the entry point {name!r} of {entry.distribution} brings a protocol named {protocol.name!r}"
         )
     return protocol
 

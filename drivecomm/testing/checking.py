@@ -23,7 +23,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, fields as dataclass_fields
-from functools import lru_cache
 from inspect import getdoc
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -169,10 +168,5 @@ def codec_for(plugin: Protocol, options: Mapping[str, Any]) -> Codec:
 
 
 def known_model(plugin: Protocol, name: str) -> Model:
-    """Return a model of the protocol's package, read once: checks need it many times. Raises as `load_model` does."""
-    return _loaded(plugin.package, plugin.name, name)
-
-
-@lru_cache
-def _loaded(package: str, protocol: str, name: str) -> Model:
-    return load_model(package, protocol, name)
+    """Return a model of the protocol. Raises as `load_model` does."""
+    return load_model(plugin.package, plugin.name, name)

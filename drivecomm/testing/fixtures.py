@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict, deque
 from contextlib import ExitStack, closing
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
@@ -20,7 +20,6 @@ from drivecomm.virtual import PlantServer, Server, VirtualLine, VirtualPlant, pa
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
-    from types import TracebackType
 
     from drivecomm.protocol import Model
 
@@ -51,8 +50,6 @@ class LineMaker:
         self._made = 0
         self._last: deque[tuple[str, WatchedLine, str]] = deque(maxlen=_MOST_TRACES)
         self._open = ExitStack()
-        # A property test makes the same drive a hundred times.
-        self._load_model = lru_cache(load_model)
 
     def line(
         self,
@@ -127,9 +124,7 @@ class LineMaker:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._open.close()
 
     def _line(
@@ -167,8 +162,7 @@ class LineMaker:
     def _model(self, name: DriveConfig) -> Model:
         plugin = installed[name.protocol]
         chosen = name.options.get("model", plugin.default_model)
-        load = self._load_model if isinstance(chosen, str) else load_model
-        return load(plugin.package, name.protocol, chosen)
+        return load_model(plugin.package, name.protocol, chosen)
 
     def _place(self, listen: str) -> str:
         """Return a new place of a kind; any other text is a place itself."""
@@ -200,15 +194,11 @@ class WatchedPlant:
 
     def line(self, name: str) -> WatchedLine:
         """Return the line with this name. Raises UsageError."""
-        if name not in self.lines:
-            raise UsageError(f"there is no line {name!r} in this plant; it has {', '.join(self.lines)}")
-        return self.lines[name]
+        return self.lines[self._plant.plant.line(name).name]
 
     def drive(self, name: str) -> WatchedDrive:
         """Return the drive with this name. Raises UsageError."""
-        if name not in self.drives:
-            raise UsageError(f"there is no drive {name!r} in this plant; it has {', '.join(self.drives) or 'none'}")
-        return self.drives[name]
+        return self.drives[self._plant.plant.drive(name).name]
 
     def close(self) -> None:
         """Stop serving; what was received can still be looked at. The end of the test does it anyway."""

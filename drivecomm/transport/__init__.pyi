@@ -8,7 +8,9 @@ from .async_runner import (
 )
 from .blocking_runner import run as run
 from .channel import ChannelGoneError as ChannelGoneError, SettingsRefusedError as SettingsRefusedError
+from .engine import Engine as Engine
 from .holders import Holder as Holder, holder_of_port as holder_of_port, server_of_terminal as server_of_terminal
+from .line_runner import LineRunner as LineRunner
 from .listening import (
     ListeningPort as ListeningPort,
     MarkedCharacters as MarkedCharacters,

@@ -12,9 +12,10 @@ from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import LinkDownError
-from drivecomm.link import Arrival, PortProxy, Receive, Wait
+from drivecomm.link import PortProxy, taken_apart
 from drivecomm.transport.alarm import open_alarm
 from drivecomm.transport.blocking_runner import carry_out, run as run_blocking
+from drivecomm.transport.line_runner import LineRunner
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,12 +24,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-# Less than it costs to go to sleep and be woken.
-_NOT_WORTH_SLEEPING_S = 0.00003
 # About what passes between an alarm and its being heard.
 _LEAD_S = 0.000025
-# More than a line can leave behind between two exchanges; who talks without end is not kept.
-_MOST_UNASKED = 4096
 _SLICE_S = 0.05
 
 
@@ -76,7 +73,8 @@ class VirtualTimeRunner:
         """Run the steps of a link to their end."""
         # Others run before the first telegram, too, so that a stop of theirs goes before it.
         await asyncio.sleep(0)
-        steps = begin(self._port.now())
+        now = self._port.now()
+        steps = taken_apart(begin(now), now)
         try:
             effect = next(steps)
             while True:
@@ -168,14 +166,12 @@ class ReadinessRunner:
         self._port = port
         self._descriptor = descriptor
         self._loop = asyncio.get_running_loop()
-        self._steps: Steps[Any] | None = None
-        self._stop_waits: Callable[[], bool] = _never
+        self._runner = LineRunner(port, self._wake_at, self._wake_precisely, self._ended, self._port_lost)
         self._result: asyncio.Future[Any] | None = None
-        self._inbox = b""
-        self._waiting: Receive | Wait | None = None
         self._lost: LinkDownError | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._alarm = open_alarm()
+        self._alarm_set = False
         if self._alarm is not None:
             self._loop.add_reader(self._alarm.descriptor, self._alarmed)
         self._loop.add_reader(descriptor, self._readable)
@@ -185,31 +181,26 @@ class ReadinessRunner:
         """Run the steps of a link to their end."""
         if self._lost is not None:
             raise self._lost
-        steps = begin(self._port.now())
-        self._steps, self._stop_waits = steps, stop_waits
         self._result = result = self._loop.create_future()
-        self._go_on(None)
+        self._runner.begin(begin(self._port.now()), stop_waits)
         try:
             answer: T = await result
             return answer
         finally:
-            self._steps = self._waiting = self._result = None
-            steps.close()
+            self._result = None
+            self._runner.cut_off()
 
     def look(self) -> None:
         """Look whether a stop waits for the line, as soon as whoever calls this does."""
         self._loop.call_soon(self._give_way)
 
     def _give_way(self) -> None:
-        waiting = self._waiting
-        if waiting is not None and waiting.gives_way and self._stop_waits():
-            self._go_on(self._arrival() if isinstance(waiting, Receive) else Arrival(self._port.now()))
+        self._look_whether_cancelled()
+        self._runner.give_way()
 
     def close(self) -> None:
         """Watch the port no more."""
-        if self._watched:
-            self._loop.remove_reader(self._descriptor)
-            self._watched = False
+        self._watch_no_more()
         if self._timer is not None:
             self._timer.cancel()
         if self._alarm is not None:
@@ -217,68 +208,34 @@ class ReadinessRunner:
             self._alarm.close()
             self._alarm = None
 
-    def _go_on(self, arrival: Arrival | None) -> None:
-        """Carry out effects until one must wait."""
-        steps, result, port = self._steps, self._result, self._port
-        if steps is None or result is None or result.done():
+    def _ended(self, result: Any, error: Exception | None) -> None:
+        if isinstance(error, LinkDownError):
+            self._lost = error
+        waiting = self._result
+        if waiting is None or waiting.done():
             return
-        self._waiting = None
-        try:
-            while True:
-                effect = steps.send(arrival)  # type: ignore[arg-type]
-                if isinstance(effect, Receive):
-                    until, at_least, gives_way = effect
-                    if port.now() >= until:
-                        # Mostly there is nothing, and `read` finds that out without an exception.
-                        self._inbox += port.read(until, 1)
-                    elif len(self._inbox) < at_least and not (gives_way and self._stop_waits()):
-                        port.hold_back(at_least - len(self._inbox))
-                        self._waiting = effect
-                        self._wake_at(until)
-                        return
-                    arrival = self._arrival()
-                elif not isinstance(effect, Wait):
-                    arrival = carry_out(effect, port)
-                else:
-                    until = effect.until
-                    left = until - port.now()
-                    if effect.gives_way and self._stop_waits():
-                        arrival = Arrival(port.now())
-                        continue
-                    if left > _NOT_WORTH_SLEEPING_S:
-                        self._waiting = effect
-                        self._wake_precisely(until)
-                        return
-                    while port.now() < until:
-                        pass
-                    arrival = Arrival(port.now())
-        except StopIteration as finished:
-            result.set_result(finished.value)
-        except Exception as error:  # noqa: BLE001 - it belongs to the task that waits for the result
-            if isinstance(error, LinkDownError):
-                self._lost = error
-            result.set_exception(error)
+        if error is None:
+            waiting.set_result(result)
+        else:
+            waiting.set_exception(error)
 
-    def _arrival(self) -> Arrival:
-        data, self._inbox = self._inbox, b""
-        return Arrival(self._port.now(), data)
+    def _look_whether_cancelled(self) -> None:
+        # The task that was cancelled says so itself only when it is its turn; nothing more is sent for it.
+        if self._result is not None and self._result.cancelled():
+            self._runner.cut_off()
 
     def _readable(self) -> None:
-        try:
-            self._inbox += self._port.take()
-        except LinkDownError as error:
+        self._look_whether_cancelled()
+        self._runner.readable()
+
+    def _port_lost(self, error: LinkDownError) -> None:
+        self._watch_no_more()
+        self._lost = error
+
+    def _watch_no_more(self) -> None:
+        if self._watched:
             self._loop.remove_reader(self._descriptor)
             self._watched = False
-            self._lost = error
-            if self._result is not None and not self._result.done():
-                self._result.set_exception(error)
-            return
-        waiting = self._waiting
-        if isinstance(waiting, Receive):
-            if len(self._inbox) >= waiting.at_least:
-                self._go_on(self._arrival())
-        elif len(self._inbox) > _MOST_UNASKED:
-            self._inbox = self._inbox[-_MOST_UNASKED:]
 
     def _wake_at(self, until: float) -> None:
         # An earlier timer is left to fire and then set anew: most replies come long before it.
@@ -290,43 +247,20 @@ class ReadinessRunner:
 
     def _timed(self) -> None:
         self._timer = None
-        waiting = self._waiting
-        if waiting is None:
-            return
-        if self._port.now() < waiting.until:
-            self._wake_at(waiting.until)
-        elif isinstance(waiting, Receive):
-            try:
-                # What is there may be less than was waited for.
-                self._inbox += self._port.take()
-            except LinkDownError:
-                self._readable()
-                return
-            self._go_on(self._arrival())
-        else:
-            self._go_on(Arrival(self._port.now()))
+        self._look_whether_cancelled()
+        self._runner.timed()
 
     def _wake_precisely(self, until: float) -> None:
         if self._alarm is None:
             self._wake_at(until)
         else:
+            self._alarm_set = True
             self._alarm.set(until - _LEAD_S)
 
     def _alarmed(self) -> None:
-        if self._alarm is None:
-            return
-        waiting = self._waiting
-        if isinstance(waiting, Wait):
-            now = self._port.now()
-            if waiting.until - now > _NOT_WORTH_SLEEPING_S:
-                self._alarm.set(waiting.until - _LEAD_S)
-                return
-            # On a busy loop, whose time is precious, the alarm is heard too late for this to go round even once.
-            while now < waiting.until:
-                now = self._port.now()
-            self._go_on(Arrival(now))
-            if isinstance(self._waiting, Wait):
-                # It has been set anew.
-                return
-        if self._alarm is not None:
+        self._alarm_set = False
+        self._look_whether_cancelled()
+        self._runner.timed()
+        if self._alarm is not None and not self._alarm_set:
+            # It rings until it is set anew.
             self._alarm.clear()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
-from drivecomm.link import Arrival, Configure, Receive, Send, Wait
+from drivecomm.link import Arrival, Configure, Receive, Send, Talk, Wait
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+
+# A NamedTuple's own constructor is a function of Python's.
+_new = tuple.__new__
 
 _LOOK_S = 0.01
 """How often a wait that gives way looks whether a stop waits for the line."""
@@ -34,13 +37,10 @@ def run(begin: Callable[[float], Steps[T]], port: Port, stop_waits: Callable[[],
     try:
         effect = next(steps)
         while True:
-            # What nearly all effects are is carried out here: a processor that has just been woken takes several times
-            # as long for each call as one that is at it, and most of this lies between a reply and the next request.
-            if isinstance(effect, Receive):
-                if looks and effect.gives_way and effect.until - port.now() > _LOOK_S:
-                    data = _receive(effect, port, stop_waits)
-                else:
-                    data = port.read(effect.until, effect.at_least)
+            if type(effect) is Talk:
+                effect = go_on(_talk(effect, port, stop_waits if looks else None))
+            elif looks and isinstance(effect, Receive) and effect.gives_way:
+                data = _receive(effect, port.now(), port, stop_waits)
                 effect = go_on(Arrival(port.now(), data))
             elif looks and isinstance(effect, Wait) and effect.gives_way:
                 effect = go_on(_stay(effect.until, port, stop_waits))
@@ -53,11 +53,29 @@ def run(begin: Callable[[float], Steps[T]], port: Port, stop_waits: Callable[[],
         steps.close()
 
 
-def _receive(effect: Receive, port: Port, stop_waits: Callable[[], bool]) -> bytes:
-    data = b""
+def _talk(talk: Talk, port: Port, stop_waits: Callable[[], bool] | None = None) -> Arrival:
+    now = port.now()
+    if now < talk.free_at:
+        port.wait(talk.free_at)
+        now = port.now()
+    data = port.read(now, 1)
+    if not data:
+        talk.begun = now = port.now()
+        port.write(talk.data)
+        if talk.at_least:
+            if stop_waits is not None and talk.gives_way:
+                data = _receive(talk, now, port, stop_waits)
+            else:
+                data = port.read(talk.until, talk.at_least)
+    return _new(Arrival, (port.now(), data, ""))
+
+
+def _receive(effect: Receive | Talk, now: float, port: Port, stop_waits: Callable[[], bool]) -> bytes:
+    data, until, at_least = b"", effect.until, effect.at_least
     while True:
-        data += port.read(min(effect.until, port.now() + _LOOK_S), effect.at_least - len(data))
-        if len(data) >= effect.at_least or port.now() >= effect.until or stop_waits():
+        data += port.read(min(until, now + _LOOK_S), at_least - len(data))
+        now = port.now()
+        if len(data) >= at_least or now >= until or stop_waits():
             return data
 
 
@@ -69,6 +87,8 @@ def _stay(until: float, port: Port, stop_waits: Callable[[], bool]) -> Arrival:
 
 def carry_out(effect: Effect, port: Port) -> Arrival:
     """Carry out one effect, waiting as long as it says, and return what came of it."""
+    if isinstance(effect, Talk):
+        return _talk(effect, port)
     if isinstance(effect, Receive):
         data = port.read(effect.until, effect.at_least)
         return Arrival(port.now(), data)

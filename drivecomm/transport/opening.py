@@ -9,8 +9,6 @@ import socket
 import stat
 from urllib.parse import urlsplit
 
-from serial.tools import list_ports
-
 from drivecomm.errors import PortError
 
 _ABSENT = frozenset({errno.ENOENT, errno.ENOTDIR})
@@ -81,6 +79,8 @@ def _holder(url: str) -> str:
 
 
 def _present() -> str:
+    from serial.tools import list_ports  # noqa: PLC0415 - for those who find no port
+
     try:
         names = sorted(port.device for port in list_ports.comports())
     except OSError:

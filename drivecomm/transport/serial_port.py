@@ -23,8 +23,6 @@ from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
 from drivecomm.transport.opening import cannot_open
 from drivecomm.transport.port_names import stable_name
 from drivecomm.transport.pyserial_channel import POLL_S, PyserialChannel, release
-from drivecomm.transport.rfc2217_client import Rfc2217Client
-from drivecomm.transport.socket_channel import SocketChannel
 
 if TYPE_CHECKING:
     from drivecomm.transport.alarm import Alarm
@@ -162,11 +160,15 @@ class SerialPort:
 def _open(url: str, *, rs485: bool, low_latency: bool | None) -> tuple[Any, Channel]:
     """Return pyserial's port, None for a socket, and the channel to it."""
     if url.lower().startswith("socket://"):
+        from drivecomm.transport.socket_channel import SocketChannel  # noqa: PLC0415 - for ports of the network only
+
         return None, SocketChannel(url)
     # A port of Windows has no other limit for a write than its own.
     write_timeout = _STUCK_S if os.name == "nt" and "://" not in url else None
     try:
         if url.lower().startswith("rfc2217://"):
+            from drivecomm.transport.rfc2217_client import Rfc2217Client  # noqa: PLC0415 - as above
+
             port: Any = Rfc2217Client(None, timeout=POLL_S)
             port.port = url
         else:

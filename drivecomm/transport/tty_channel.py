@@ -56,6 +56,10 @@ class TtyChannel:
         self._readable = Readable(self.descriptor)
         # Longer than it must be: for a short one Python lets other threads run meanwhile, and gets its turn back late.
         self._waiting = array.array("i", [0] * 512)
+        # The kernel's own record of the attributes, as long for the same reason, and where in it VMIN stands. Setting
+        # this is one system call, and `tcsetattr` four.
+        self._record = bytearray(2048)
+        self._vmin_at = -1
         # pyserial then sets VMIN to 1 whenever it configures the port, instead of 0, with which a read of nothing
         # could not be told from the end.
         self._port.inter_byte_timeout = 0.0
@@ -139,8 +143,8 @@ class TtyChannel:
             return
         try:
             self._hold(at_least)
-        except termios.error as error:
-            raise _gone(OSError(*error.args)) from error
+        except OSError as error:
+            raise _gone(error) from error
 
     def close(self) -> None:
         """Give the port back; what was sent still goes out."""
@@ -158,9 +162,9 @@ class TtyChannel:
         return self._waiting[0]
 
     def _hold(self, number: int) -> None:
-        self._attributes[6][termios.VMIN] = number
-        termios.tcsetattr(self.descriptor, termios.TCSANOW, self._attributes)
-        self._held = number
+        self._record[self._vmin_at] = number
+        fcntl.ioctl(self.descriptor, termios.TCSETS, self._record)
+        self._attributes[6][termios.VMIN] = self._held = number
 
     def _set_input_flags(self, flags: int) -> None:
         if self._pseudo or flags == self._attributes[0]:
@@ -168,6 +172,7 @@ class TtyChannel:
         self._attributes[0] = flags
         with contextlib.suppress(termios.error):
             termios.tcsetattr(self.descriptor, termios.TCSANOW, self._attributes)
+        self._reread_record()
 
     def _reread_attributes(self) -> None:
         try:
@@ -175,14 +180,26 @@ class TtyChannel:
         except termios.error as error:
             raise _gone(OSError(*error.args)) from error
         self._held = self._attributes[6][termios.VMIN]
+        self._reread_record()
+
+    def _reread_record(self) -> None:
+        if self._vmin_at >= 0:
+            with contextlib.suppress(OSError):
+                fcntl.ioctl(self.descriptor, termios.TCGETS, self._record)
 
     def _changes_quickly(self) -> bool:
-        quickest = _DEAR_S
+        quickest, records = _DEAR_S, []
         for number in (2, 3, 1):
             began = _monotonic()
-            self._hold(number)
+            self._attributes[6][termios.VMIN] = number
+            termios.tcsetattr(self.descriptor, termios.TCSANOW, self._attributes)
             quickest = min(quickest, _monotonic() - began)
-        return quickest < _DEAR_S
+            fcntl.ioctl(self.descriptor, termios.TCGETS, self._record)
+            records.append(bytes(self._record))
+        # Systems differ in where it stands; it is what differs between a record with 2 and one with 3.
+        places = (place for place, (two, three) in enumerate(zip(*records[:2], strict=True)) if (two, three) == (2, 3))
+        self._vmin_at = next(places, -1)
+        return quickest < _DEAR_S and self._vmin_at >= 0
 
 
 def _gone(error: OSError) -> ChannelGoneError:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
-from drivecomm.virtual.station import PassesOver
-from drivecomm.virtual.uart import heard
+from drivecomm.virtual.station import PassesOver, one_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -55,5 +54,5 @@ class Audience:
 
 
 def _is_passed_over(station: Station, sound: bytes, sent: Transmission) -> bool:
-    spoken = station.agreed if sent.agreed else sent.settings
-    return station.passes_over(heard(sound, spoken, station.drive.settings))
+    spoken = station.agreed if sent.agreed else one_of(sent.settings)
+    return station.passes_over(station.received(sound, spoken))

@@ -69,7 +69,7 @@ class DriveProxy:
             self.inner.follow(self.time_of(now))
 
     def overhear(self, now: float) -> None:
-        """Let the drive take note of a sound telegram to another one, if that matters to it."""
+        """Let the drive take note of a valid telegram to another one, if it uses that."""
         # Asked for each telegram, and a check for `Overhears` takes longer than what follows.
         if (overhear := getattr(self.inner, "overhear", None)) is not None:
             overhear(self.time_of(now))

@@ -17,8 +17,7 @@ from drivecomm.protocol import LineSettings
 from drivecomm.virtual.audience import Audience
 from drivecomm.virtual.medium import Medium, Receiver, Transmission
 from drivecomm.virtual.port import VirtualPort
-from drivecomm.virtual.station import Answer, Station
-from drivecomm.virtual.uart import heard
+from drivecomm.virtual.station import Answer, Station, one_of, stations_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -80,7 +79,7 @@ class VirtualLine:
         """Set it to make the port fail as an unplugged adapter does."""
         self.monitor: Callable[[Transmission], None] | None = None
         """Told of everything that was on the wire, echoes left out, when its last character is out."""
-        self._stations = [Station(drive) for drive in self.drives]
+        self._stations = stations_of(self.drives)
         self._audience = Audience(self._stations)
         self._medium = Medium()
         self._events: list[_Event] = []
@@ -247,6 +246,8 @@ class VirtualLine:
         )
         self._free_at[who] = ended
         self._medium.begin(sent)
+        if isinstance(who, Station):
+            who.spoke(ended)
         if source != "master":
             self._master.add(sent, self.time)
         if source != "echo":
@@ -256,20 +257,20 @@ class VirtualLine:
         """Let the drives hear a transmission that is out."""
         if self.monitor is not None:
             self.monitor(sent)
-        sound = sent.sound(0, len(sent.data))
+        sound, settings = sent.sound(0, len(sent.data)), one_of(sent.settings)
         told = self._audience.of(sound, sent)
         for station in told:
             drive = station.drive
             if drive is not sent.sender and station.powered:
-                spoken = station.agreed if sent.agreed else sent.settings
-                for answer in station.hear(heard(sound, spoken, drive.settings), sent.began, sent.ended):
+                spoken = station.agreed if sent.agreed else settings
+                for answer in station.hear(station.received(sound, spoken), sent.began, sent.ended):
                     station.answering += 1
                     station.answer = Answer(sent.ended + answer.delay_s, answer.data, station.answering)
                     self._wake_to_answer(station, station.answer.time)
         self._audience.has_half_heard = any(station.pending for station in told)
 
     def _wake_to_answer(self, station: Station, time: float) -> None:
-        """Come back to a drive's answer then; one visit serves all answers that take each other's place before it."""
+        """Schedule a drive's answer; one wake-up serves all answers that replace each other before it."""
         if time < station.wakes_at:
             station.wakes_at = time
             self._call_at(time, partial(self._visit, station, time), station)
@@ -327,5 +328,5 @@ class VirtualLine:
 def _then(
     arrivals: Sequence[tuple[float, bytes]], disturb: Callable[[bytes], Sequence[tuple[float, bytes]]]
 ) -> list[tuple[float, bytes]]:
-    """Return what is left when another disturbance has had its turn."""
+    """Return what arrives after a further disturbance."""
     return [(delay + more, left) for delay, data in arrivals for more, left in disturb(data)]

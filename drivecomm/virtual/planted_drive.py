@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, DriveError, NoReplyError, ValueRefusedError
 from drivecomm.protocol import Framed
-from drivecomm.virtual.direct import carry_out
 from drivecomm.virtual.drive_proxy import DriveProxy
-from drivecomm.virtual.drives import drive_type
+from drivecomm.virtual.drives import carry_out, drive_type
 from drivecomm.virtual.station import Overhears
 from drivecomm.virtual.stuck_answer import StuckAnswer
 
@@ -39,6 +38,7 @@ class PlantedDrive(DriveProxy):
     ) -> None:
         options = {name: value for name, value in planned.options.items() if name != "model"}
         self.planned = planned
+        self.needs_pause_s = planned.needs_pause_s
         self.type = drive_type(planned.protocol, planned.address, model=model, options=options, for_all=for_all)
         self.asked: Message | None = None
         self._around = around
@@ -88,7 +88,7 @@ class PlantedDrive(DriveProxy):
 
     @property
     def purpose(self) -> str:
-        """What the last request that it answered was for: read, write or command; empty where nobody tells."""
+        """Intent of the last request that it answered: read, write or command; empty if its protocol does not say."""
         tell = self.type.plugin.intent
         return "" if tell is None or self.asked is None else tell(self.asked).access or "command"
 

@@ -1,17 +1,24 @@
-"""A virtual drive's place on a line: its ear, its mains switch, bytes in, its replies out."""
+"""A virtual drive on its line: its framer, its mains switch, bytes in, its replies out."""
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import inf
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 from drivecomm.protocol import Command, Framed, Framer, Noise
+from drivecomm.virtual.uart import heard
 
 if TYPE_CHECKING:
+    from collections.abc import Hashable, Iterable
+    from typing import TypeAlias
+
     from drivecomm.protocol import Damaged, Find, LineSettings, VirtualDrive, VirtualReply
 
-_Telegrams: TypeAlias = "list[tuple[Framed | Damaged, int | None]]"
-"""Telegrams, each with its address if it is sound and has one."""
+    # Telegrams, each with its address if it is valid and has one.
+    Telegrams: TypeAlias = list[tuple[Framed | Damaged, int | None]]
+    # What is certain of bytes, and those of them that are pending.
+    Known: TypeAlias = dict[bytes, tuple[Telegrams, bytes]]
 
 # What a drive has heard before is not looked at again: so many pieces, none longer than this.
 _MOST_KNOWN = 512
@@ -29,7 +36,7 @@ class Restarts(Protocol):
 
 @runtime_checkable
 class Follows(Protocol):
-    """A virtual drive that does something by itself, such as noticing that nobody speaks to it any more."""
+    """A virtual drive that acts by itself, such as one with a watchdog."""
 
     def follow(self, now: float) -> None:
         """Let time pass."""
@@ -38,16 +45,16 @@ class Follows(Protocol):
 
 @runtime_checkable
 class Overhears(Protocol):
-    """A virtual drive to which it matters that others on its line are spoken to."""
+    """A virtual drive that takes note of telegrams to other drives."""
 
     def overhear(self, now: float) -> None:
-        """Take note of a sound telegram to another drive."""
+        """Take note of a valid telegram to another drive."""
         ...
 
 
 @runtime_checkable
 class PassesOver(Protocol):
-    """A virtual drive that takes no notice of sound telegrams to others, beyond overhearing them.
+    """A virtual drive that takes no notice of valid telegrams to others, beyond overhearing them.
 
     inner: the drive itself, that has the address and the settings. broadcast_address: the one that is meant for all;
     None where a protocol has none. overhears: see `Overhears`.
@@ -59,8 +66,15 @@ class PassesOver(Protocol):
     overhears: bool
 
     def overhear(self, now: float) -> None:
-        """Take note of a sound telegram to another drive."""
+        """Take note of a valid telegram to another drive."""
         ...
+
+
+@runtime_checkable
+class NeedsPause(Protocol):
+    """A virtual drive that does not hear a request which begins sooner than this after its reply."""
+
+    needs_pause_s: float
 
 
 class Answer(NamedTuple):
@@ -77,27 +91,40 @@ class Station:
     powered: a drive without power neither hears nor answers. pending: what has been heard of a telegram that is not
     whole. answering: the number of the answer that the drive has in mind; an answer with a lower number is dropped.
     answer: that answer; wakes_at: when the line comes back to it. agreed: the settings that the drive had when the line
-    was made. right_settings: those that it gets back after a power cut that changed them.
+    was made. right_settings: those that it gets back after a power cut that changed them. deaf_until: when it hears
+    again after its own reply. known: what has been made of bytes before, by drives that read alike.
     """
 
-    def __init__(self, drive: VirtualDrive) -> None:
+    def __init__(self, drive: VirtualDrive, known: Known | None = None) -> None:
         self.drive = drive
         self.powered = True
         self.pending = b""
         self.answering = 0
         self.answer: Answer | None = None
         self.wakes_at = inf
-        self.agreed = drive.settings
+        self.agreed = one_of(drive.settings)
         self.right_settings: LineSettings | None = None
+        self.deaf_until = 0.0
+        self._needs_pause_s = drive.needs_pause_s if isinstance(drive, NeedsPause) else 0.0
         self._heard_at = 0.0
         self._passer = drive if isinstance(drive, PassesOver) else None
-        self._known: dict[bytes, tuple[_Telegrams, bytes]] = {}
+        self.known: Known = {} if known is None else known
+        self._settings, self._own = drive.settings, one_of(drive.settings)
+
+    def received(self, data: bytes, spoken: LineSettings) -> bytes:
+        """Return what the drive reads of characters that are sent with these settings, `one_of` their equals."""
+        settings = self.drive.settings
+        if settings is not self._settings:
+            self._settings, self._own = settings, one_of(settings)
+        return heard(data, spoken, self._own)
 
     def hear(self, data: bytes, began: float, ended: float) -> list[VirtualReply]:
         """Take bytes that were on the line between two times; return what the drive answers to them."""
+        if began < self.deaf_until:
+            return []
         telegrams = self._cut_short() if self.pending and began - self._heard_at > self.drive.gap_s else []
         self._heard_at = ended
-        known = self._known.get(data) if not self.pending else None
+        known = self.known.get(data) if not self.pending else None
         if known is None:
             known = self._telegrams(self.pending + data)
         more, self.pending = known
@@ -119,6 +146,10 @@ class Station:
         ours = (None, passer.address, passer.broadcast_address)
         return all(address not in ours for _, address in telegrams)
 
+    def spoke(self, ended: float) -> None:
+        """Take note of its own reply, which ends then."""
+        self.deaf_until = ended + self._needs_pause_s
+
     def power_off(self, now: float) -> None:
         """Take its power away: the motor coasts, and what is half heard or not yet answered is forgotten."""
         self.powered = False
@@ -136,30 +167,47 @@ class Station:
         """Give the drive its line settings back."""
         self.drive.settings, self.right_settings = self.right_settings or self.drive.settings, None
 
-    def _telegrams(self, data: bytes) -> tuple[_Telegrams, bytes]:
-        """Return what is certain of these bytes, and the rest, which is pending."""
-        known = self._known.get(data)
+    def _telegrams(self, data: bytes) -> tuple[Telegrams, bytes]:
+        """Return the complete telegrams of these bytes, and the rest, which is pending."""
+        known = self.known.get(data)
         if known is None:
             finds = Framer(self.drive.codec, "request").feed(data)
             # A damaged telegram is looked at again byte by byte, so its bytes are among the others.
             done = sum(len(find.data) for find in finds if isinstance(find, Framed | Noise))
-            known = self._addressed(finds), data[done:]
-            if len(self._known) >= _MOST_KNOWN:
-                self._known.clear()
+            known = _addressed(finds), data[done:]
+            if len(self.known) >= _MOST_KNOWN:
+                self.known.clear()
             if len(data) <= _LONGEST_KNOWN:
-                self._known[data] = known
+                self.known[data] = known
         return known
 
-    def _cut_short(self) -> _Telegrams:
+    def _cut_short(self) -> Telegrams:
         """Return what the pending bytes amount to, now that nothing follows them."""
         framer = Framer(self.drive.codec, "request")
         finds = [*framer.feed(self.pending), *framer.flush()]
         self.pending = b""
-        return self._addressed(finds)
+        return _addressed(finds)
 
-    def _addressed(self, finds: list[Find]) -> _Telegrams:
-        return [
-            (find, getattr(find.message, "address", None) if isinstance(find, Framed) else None)
-            for find in finds
-            if not isinstance(find, Noise)
-        ]
+
+@lru_cache(maxsize=256)
+def one_of(settings: LineSettings) -> LineSettings:
+    """Return always the same of equal settings, so that comparing them costs nothing."""
+    return settings
+
+
+def stations_of(drives: Iterable[VirtualDrive]) -> list[Station]:
+    """Return a station for each drive of a line.
+
+    A codec may have an attribute `alike`, anything hashable: those with equal ones make the same of the same bytes, so
+    that it is found out once for all of their drives.
+    """
+    known: dict[Hashable, Known] = {}
+    return [Station(drive, known.setdefault(getattr(drive.codec, "alike", id(drive)), {})) for drive in drives]
+
+
+def _addressed(finds: list[Find]) -> Telegrams:
+    return [
+        (find, getattr(find.message, "address", None) if isinstance(find, Framed) else None)
+        for find in finds
+        if not isinstance(find, Noise)
+    ]

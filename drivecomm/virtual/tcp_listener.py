@@ -22,7 +22,7 @@ _MOST_THROWN_AWAY = 64_000_000
 
 
 class TcpListener:
-    """Raw bytes over TCP, for one master at a time: who comes meanwhile finds the connection closed at once."""
+    """Raw bytes over TCP, for one master at a time: the connection of a second one is closed at once."""
 
     scheme = "socket"
 
@@ -123,7 +123,7 @@ class TcpListener:
             self._server = None
 
     def _accept_next(self) -> None:
-        """Let the next master in, or turn it away; while the present one's bytes hide whether it has gone, do neither.
+        """Accept the next master, or refuse it; neither while unread bytes hide whether the present one has gone.
 
         A flood is thrown away: on a line with a speed its end would come minutes after the master has gone.
         """

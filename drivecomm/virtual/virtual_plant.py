@@ -164,12 +164,10 @@ class VirtualPlant:
     def _planted(self) -> dict[str, PlantedDrive]:
         drives = {}
         settings = {line.name: line.settings for line in self.plant.lines}
-        models: dict[tuple[str, str], Model] = {}
         for planned in self.plant.drives:
             try:
-                model = _model_of(planned, models)
                 drives[planned.name] = PlantedDrive(
-                    planned, model, for_all=settings[planned.line], speed=self.speed, around=self._around
+                    planned, _model_of(planned), for_all=settings[planned.line], speed=self.speed, around=self._around
                 )
             except DriveCommError as error:
                 raise UsageError(f"drive {planned.name}: {error}") from error
@@ -207,13 +205,6 @@ class VirtualPlant:
             ConditionWatch(self.line_of(step.drive), self.drive(step.drive), step.when, step.code, speed=self.speed)
 
 
-def _model_of(planned: DriveConfig, known: dict[tuple[str, str], Model]) -> Model:
-    """Return a drive's model; hundreds of drives share what was read once."""
+def _model_of(planned: DriveConfig) -> Model:
     plugin = installed[planned.protocol]
-    name = planned.options.get("model", plugin.default_model)
-    if isinstance(name, Model):
-        return name
-    key = (planned.protocol, str(name))
-    if key not in known:
-        known[key] = load_model(plugin.package, planned.protocol, name)
-    return known[key]
+    return load_model(plugin.package, plugin.name, planned.options.get("model", plugin.default_model))

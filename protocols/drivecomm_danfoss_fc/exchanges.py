@@ -70,7 +70,11 @@ class DanfossFcOperations:
         )
         self._range = span("reference", options.reference_minimum_hz, options.reference_maximum_hz)
         self._limits = span("output", options.output_minimum_hz, options.output_maximum_hz)
-        self.extra: Mapping[str, Callable[..., Exchange[Any]]] = {
+
+    @property
+    def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
+        """The verbs beyond those that every protocol has."""
+        return {
             "jog": self.jog,
             "hold": self.hold,
             "select_setup": self.select_setup,

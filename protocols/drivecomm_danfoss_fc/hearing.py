@@ -26,6 +26,7 @@ class DriveCodec:
 
     def __init__(self, codec: DanfossFcCodec) -> None:
         self._codec = codec
+        self.alike = ("danfoss-fc", codec.pnu_bits)
 
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""

@@ -250,6 +250,7 @@ class DanfossFcCodec:
     """
 
     def __init__(self, pnu_bits: int = 12) -> None:
+        self.pnu_bits = pnu_bits
         self._forms = _FORMS_11 if pnu_bits == 11 else _FORMS_12
         self._written = Written(self._write)
 

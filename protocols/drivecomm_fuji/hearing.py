@@ -27,6 +27,7 @@ class Ear(FujiCodec):
 
     def __init__(self, profile: Profile) -> None:
         super().__init__(profile, number_check=False)
+        self.alike = ("fuji", profile.nak_filler)
         self._echo = _echo_form(profile.nak_filler)
 
     def _form(self, message: Standard | Select | Poll) -> Form[Any]:

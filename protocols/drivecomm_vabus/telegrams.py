@@ -211,6 +211,7 @@ class VabusCodec:
     """
 
     def __init__(self, type: ValueType = "", *, lower_case_hex: bool = False) -> None:
+        self.alike = ("vabus", type, lower_case_hex)
         self._type = type
         self._digits = type in ("uint", "int", "long")
         self._lower_case_hex = lower_case_hex

@@ -42,6 +42,7 @@ class VltCodec:
         strict = (telegrams.VALUE, telegrams.REFUSAL, telegrams.STATUS)
         lenient = (telegrams.LENIENT_VALUE, telegrams.LENIENT_REFUSAL, telegrams.LENIENT_STATUS)
         self._value, self._refusal, self._status = lenient if lenient_status else strict
+        self.alike = ("vlt3500", lenient_status)
         self._written = Written(self._write)
 
     def measure(self, head: bytes, direction: Direction) -> int:  # noqa: ARG002 - the same both ways

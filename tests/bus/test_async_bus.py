@@ -40,6 +40,8 @@ AT_ONCE = {
     "capabilities",
     "check_read",
     "check_write",
+    "on_engine",
+    "to_poll",
     "watched",
 }
 """What returns at once on both faces; all else waits for the line."""

@@ -7,7 +7,7 @@ from benches import ADDRESS, PROTOCOLS, READABLE, WRITABLE, Mortal, Port, model_
 
 import drivecomm
 from drivecomm.errors import NoReplyError
-from drivecomm.link import Arrival, Configure, Link, Peer, Receive, Send
+from drivecomm.link import Arrival, Configure, Link, Peer, Receive, Send, taken_apart
 from drivecomm.protocol import LineFacts, LineSettings, Timing
 from drivecomm.virtual import VirtualLine
 from drivecomm_vabus.telegrams import Ack, Select, VabusCodec, mismatch
@@ -283,7 +283,7 @@ class Clock:
 
     def walk(self, exchange, stop=lambda _: False):
         """Carry out the steps; returns the result, or closes them at the first effect to stop at and returns None."""
-        steps = self.link.run(PEER, exchange, self.time)
+        steps = taken_apart(self.link.run(PEER, exchange, self.time), self.time)
         effect = next(steps)
         try:
             while not stop(effect):

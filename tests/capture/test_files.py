@@ -6,14 +6,16 @@ import signal
 import struct
 import subprocess
 import sys
+import tracemalloc
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
 import pytest
+from extents import extents
 from hypothesis import given, settings, strategies as st
 from pcapng_reader import packets_of
 
-from drivecomm.capture import Capture, CaptureWriter, Piece, Provenance, read_capture
+from drivecomm.capture import Capture, CaptureWriter, Piece, Provenance, open_capture, read_capture
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.protocol import LineSettings
 
@@ -73,12 +75,15 @@ def written(path, provenance, pieces):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-@given(provenance=provenances, pieces=st.lists(pieces, max_size=8))
-@settings(max_examples=150, deadline=None)
-def test_what_was_written_is_read(tmp_path_factory, suffix, provenance, pieces):
-    path = written(tmp_path_factory.getbasetemp() / f"round{suffix}", provenance, pieces)
-    found = read_capture(path)
-    assert found == Capture(provenance=provenance, pieces=sorted(pieces, key=lambda piece: piece.time_s))
+@extents(50, 150)
+def test_what_was_written_is_read(tmp_path, suffix, extent):
+    @settings(max_examples=extent, deadline=None)
+    @given(provenance=provenances, pieces=st.lists(pieces, max_size=8))
+    def read_as_written(provenance, pieces):
+        found = read_capture(written(tmp_path / f"round{suffix}", provenance, pieces))
+        assert found == Capture(provenance=provenance, pieces=sorted(pieces, key=lambda piece: piece.time_s))
+
+    read_as_written()
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -413,19 +418,78 @@ def _sample(kind):
 
 
 @pytest.mark.parametrize("kind", [*SUFFIXES, "foreign"])
-@given(data=st.data())
-@settings(max_examples=200, deadline=None)
-def test_damage_raises_nothing_else(tmp_path_factory, kind, data):
+@extents(70, 200)
+def test_damage_raises_nothing_else(tmp_path, kind, extent):
     """Whatever is in a file, it is a capture or a FileFormatError."""
-    path = tmp_path_factory.getbasetemp() / f"damaged{kind if kind in SUFFIXES else '.pcapng'}"
-    content = bytearray(_sample(kind) or written(path, ABOUT, PIECES).read_bytes())
-    for place in data.draw(st.lists(st.integers(0, len(content) - 1), min_size=1, max_size=4)):
-        content[place] = data.draw(st.integers(0, 255))
-    path.write_bytes(content)
+    path = tmp_path / f"damaged{kind if kind in SUFFIXES else '.pcapng'}"
+    whole = _sample(kind) or written(path, ABOUT, PIECES).read_bytes()
+
+    @settings(max_examples=extent, deadline=None)
+    @given(data=st.data())
+    def read_or_refused(data):
+        content = bytearray(whole)
+        for place in data.draw(st.lists(st.integers(0, len(content) - 1), min_size=1, max_size=4)):
+            content[place] = data.draw(st.integers(0, 255))
+        path.write_bytes(content)
+        try:
+            found = read_capture(path)
+        except FileFormatError as error:
+            complaint = str(error)
+        else:
+            complaint = f"{path}: {len(found.pieces)} pieces"
+        assert complaint.startswith(f"{path}: ")
+
+    read_or_refused()
+
+
+# Captures too large to be held
+
+
+def _long(number, order=lambda number: number):
+    return (Piece(time_s=order(each) / 100, data=b"%08d" % each, source="master") for each in range(number))
+
+
+def _grown_while_read(path):
+    """Return how many pieces a capture has, and the most memory that going through it took."""
+    tracemalloc.start()
     try:
-        found = read_capture(path)
-    except FileFormatError as error:
-        complaint = str(error)
-    else:
-        complaint = f"{path}: {len(found.pieces)} pieces"
-    assert complaint.startswith(f"{path}: ")
+        with open_capture(path) as reader:
+            number = sum(1 for _ in reader)
+        return number, tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_larger_capture_takes_no_more_memory(tmp_path, monkeypatch, suffix):
+    monkeypatch.setattr("drivecomm.capture.files._HELD", 500)
+    few, many = (written(tmp_path / f"{number}{suffix}", ABOUT, _long(number)) for number in (2_000, 20_000))
+    (number, little), (larger, most) = _grown_while_read(few), _grown_while_read(many)
+    assert (number, larger) == (2_000, 20_000)
+    assert most < 1.2 * little
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_neighbours_are_put_in_order_while_a_capture_is_read(tmp_path, monkeypatch, suffix):
+    monkeypatch.setattr("drivecomm.capture.files._HELD", 8)
+    path = written(tmp_path / f"a{suffix}", ABOUT, _long(200, order=lambda number: number ^ 7))
+    with open_capture(path) as reader:
+        assert reader.provenance == ABOUT
+        assert list(reader) == read_capture(path).pieces
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_piece_far_from_its_place_is_not_told_out_of_order(tmp_path, monkeypatch, suffix):
+    monkeypatch.setattr("drivecomm.capture.files._HELD", 8)
+    path = written(tmp_path / f"a{suffix}", ABOUT, _long(200, order=lambda number: number if number < 100 else 0))
+    with open_capture(path) as reader, pytest.raises(FileFormatError, match="more than 8 pieces behind"):
+        list(reader)
+    assert read_capture(path).pieces[1].time_s == 0
+
+
+def test_what_a_reader_left_out_is_known_at_the_end(tmp_path):
+    path = written(tmp_path / "a.jsonl", ABOUT, PIECES)
+    path.write_bytes(path.read_bytes()[:-5])
+    with open_capture(path) as reader:
+        assert list(reader) == PIECES[:-1]
+        assert reader.remarks == read_capture(path).remarks != ()

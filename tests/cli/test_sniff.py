@@ -369,3 +369,10 @@ def test_what_is_not_understood_is_shown_as_bytes(run, written):
     _, output = run(path, "--json")
     ambiguous = next(one for one in objects(output) if one["what"] == "ambiguous")
     assert ambiguous["readings"] == [{"protocol": "vabus", "direction": "request", "fields": {"kind": "eot"}}]
+
+
+def test_a_capture_that_is_read_is_not_written_to(run, capture):
+    code, output = run(capture, "--write", capture)
+    assert code == 2
+    assert "is the capture that is read; write to another file" in output.err
+    assert [piece.data for piece in read_capture(capture).pieces] == [data for _, data in TALK]

@@ -260,7 +260,7 @@ def test_a_mistake_of_ours_in_a_thread_is_not_swallowed(shell, plant, monkeypatc
 # The short way and the usual way are one
 
 LONG = ["--all", "--json", "--port", "--plant", "--how", "--how=coast", "--port=line", "--plant=x.toml", "--port="]
-SHORT = ["-p", "-pline", "--al", "--", "-", "--help", "--trace", "--timeout"]
+SHORT = ["-p", "-pline", "-m", "--model=act", "--al", "--", "-", "--help", "--trace", "--timeout"]
 WORDS = st.sampled_from([*LONG, *SHORT, "quick", "ramp", "dc-brake", "line", "vabus:1", "1"])
 
 
@@ -274,11 +274,16 @@ def test_what_is_understood_in_haste_is_understood_the_same_way_otherwise(words)
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("DRIVECOMM_PORT", raising=False)
         patch.setattr(
+            "drivecomm.cli.stop.one_drive.stop_one",
+            lambda line, drive, model, how: came.append(((line.port, (line.plant, drive, model), how), line.json)),
+        )
+        patch.setattr(
             "drivecomm.cli.stop.everything.stop_all",
             lambda line, plant, how: came.append(((line.port, plant, how), line.json)) or 0,
         )
         assert entry.main(["stop", *words]) == 0
         assert entry.run(["stop", *words]) == 0
+    assert len(came) == 2
     assert came[0] == came[1]
     assert came[0][0][2] is Stop(understood.get("how", "ramp"))
 

@@ -226,7 +226,7 @@ UNHURRIED = settings(
 
 @pytest.mark.parametrize("direction", ["request", "reply"])
 @pytest.mark.parametrize("name", ["vabus", "danfoss-fc", "vlt3500", "fuji"])
-@extents(30, 100)
+@extents(15, 100)
 def test_nothing_is_found_otherwise_than_byte_by_byte(name, direction, extent):
     plugin = installed[name]
 

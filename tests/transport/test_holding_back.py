@@ -222,6 +222,16 @@ class TestTerminals:
         thread.join()
         assert len(reads) == 1
 
+    def test_a_change_is_one_system_call(self, port, monkeypatch):
+        """It is made several times in each exchange, and `tcsetattr` is four."""
+        calls = []
+        call = fcntl.ioctl
+        monkeypatch.setattr(tty_channel.fcntl, "ioctl", lambda *given: calls.append(given[1]) or call(*given))
+        monkeypatch.setattr(termios, "tcsetattr", None)
+        port.hold_back(14)
+        assert calls == [termios.TCSETS]
+        assert termios.tcgetattr(port.descriptor)[6][termios.VMIN] == 14
+
     def test_where_a_change_is_dear_any_byte_wakes(self, peer, monkeypatch):
         """With ftdi_sio each change of a terminal's settings is a message on the USB."""
         set_attributes = termios.tcsetattr

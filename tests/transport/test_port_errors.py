@@ -77,7 +77,7 @@ def test_the_group_of_a_port_is_named(monkeypatch):
 
 def test_the_ports_that_exist_are_named(monkeypatch):
     found = [types.SimpleNamespace(device="/dev/ttyUSB1"), types.SimpleNamespace(device="/dev/ttyUSB0")]
-    monkeypatch.setattr(opening.list_ports, "comports", lambda: found)
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
     missing = serial.SerialException(errno.ENOENT, "no")
     assert "this machine has /dev/ttyUSB0, /dev/ttyUSB1" in str(cannot_open("/dev/ttyUSB9", missing))
     found.clear()

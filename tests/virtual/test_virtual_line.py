@@ -8,8 +8,9 @@ import drivecomm
 from drivecomm.errors import AddressError, LinkDownError, NoReplyError, UsageError
 from drivecomm.models import load_model
 from drivecomm.plant import Fault, FaultPlan, Plant, PlantLine
-from drivecomm.protocol import DriveConfig, Framed, LineSettings, Motor, VirtualReply, installed
+from drivecomm.protocol import DriveConfig, Framed, Framer, LineSettings, Motor, VirtualReply, installed
 from drivecomm.virtual import Station, VirtualLine, VirtualPlant, heard, virtual_drive
+from drivecomm.virtual.station import stations_of
 from drivecomm_vabus.telegrams import Ack, Enquiry, Select, VabusCodec
 
 ENQUIRY = bytes.fromhex("0441303034383105")
@@ -449,3 +450,18 @@ def test_a_line_of_a_plant_that_sets_what_no_line_has():
     plant = Plant(lines=(line,), drives=(DriveConfig(protocol="vabus", address=1, line="hall"),))
     with pytest.raises(UsageError, match=r"unknown line setting 'baud'; did you mean 'baudrate'\?"):
         VirtualPlant(plant)
+
+
+def test_what_is_on_the_line_is_taken_apart_once_for_drives_that_read_alike(monkeypatch):
+    fed = []
+    monkeypatch.setattr("drivecomm.virtual.station.Framer", lambda *of: fed.append(of) or Framer(*of))
+    line = VirtualLine([virtual_drive("vlt3500", address) for address in range(1, 31)])
+    with drivecomm.open_bus(line.port) as bus:
+        assert bus.drive("vlt3500", 30).read("516").raw is not None
+    assert len(fed) == 2
+
+
+def test_drives_that_read_differently_share_nothing():
+    line = VirtualLine([virtual_drive("danfoss-fc", 1, pnu_bits=bits) for bits in (12, 11)])
+    heard_by = [station.known for station in stations_of(line.drives)]
+    assert heard_by[0] is not heard_by[1]

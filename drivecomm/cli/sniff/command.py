@@ -7,11 +7,12 @@ from contextlib import closing, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivecomm.capture import CaptureWriter, Provenance, read_capture
+from drivecomm.capture import CaptureWriter, Provenance, open_capture
 from drivecomm.cli.output import complain, tell
 from drivecomm.cli.sniff.lines import LiveTable, emit_event, emit_summary, print_summary, say_event
 from drivecomm.cli.sniff.naming import Naming
@@ -139,12 +140,15 @@ class Job:
 
     def read(self, place: str, write: str | None, output: Output) -> None:
         """Show what a capture holds."""
-        capture = read_capture(place)
-        settings = self._settings(None) if self.given or capture.provenance.settings is None else None
-        for remark in capture.remarks:
-            sys.stderr.write(f"drivecomm: {remark}\n")
-        pieces = (piece if settings is None else replace(piece, settings=settings) for piece in capture.pieces)
-        self._show(pieces, settings or capture.provenance.settings, write, capture.provenance, output)
+        if write and Path(write).exists() and Path(write).samefile(place):
+            raise UsageError(f"{write}: is the capture that is read; write to another file")
+        with open_capture(place) as capture:
+            about = capture.provenance
+            settings = self._settings(None) if self.given or about.settings is None else None
+            pieces = capture if settings is None else (replace(piece, settings=settings) for piece in capture)
+            self._show(pieces, settings or about.settings, write, about, output)
+            for remark in capture.remarks:
+                sys.stderr.write(f"drivecomm: {remark}\n")
 
     def listen(
         self,

@@ -1,4 +1,4 @@
-"""The stop command, also without typer, whose loading takes longer than stopping a plant.
+"""The stop command, also without typer, whose loading takes longer than stopping a motor.
 
 Only the plain options are understood without it. Any other, and any mistake, is left to typer, which understands these
 the same way.
@@ -22,7 +22,14 @@ if TYPE_CHECKING:
     import typer
 
 
-_WITH_A_VALUE = {"--port": "port", "-p": "port", "--plant": "plant", "--how": "how"}
+_WITH_A_VALUE = {
+    "--port": "port",
+    "-p": "port",
+    "--plant": "plant",
+    "--how": "how",
+    "--model": "model",
+    "-m": "model",
+}
 
 
 def stop(
@@ -74,25 +81,29 @@ def quick_stop(arguments: list[str]) -> Callable[[], int] | None:
         port=given.get("port") or os.environ.get("DRIVECOMM_PORT") or None,
         plant=Path(plant) if plant else None,
         json="--json" in arguments,
-        given=frozenset(given),
+        given=frozenset({"port", "plant"} & given.keys()),
     )
-    return partial(stop, line, everything=True, how=given.get("how", "ramp"))
+    how, drive, model = given.get("how", "ramp"), given.get("drive"), given.get("model")
+    return partial(stop, line, drive, everything="--all" in arguments, how=how, model=model)
 
 
 def quick_arguments(arguments: list[str]) -> dict[str, str] | None:
-    """Return the values of the options, None where there is anything else than them, --all and --json."""
+    """Return the drive and the values of the options; None where there is anything but these, --all and --json."""
     given: dict[str, str] = {}
     left = iter(arguments)
     for word in left:
         if word in ("--all", "--json"):
             continue
         name, equals, value = word.partition("=")
+        if word and not word.startswith("-") and "drive" not in given:
+            given["drive"] = word
+            continue
         if name not in _WITH_A_VALUE or (equals and not name.startswith("--")):
             return None
         found = value if equals else next(left, "")
         if not found or found.startswith("-"):
             return None
         given[_WITH_A_VALUE[name]] = found
-    if "--all" not in arguments or given.get("how", "ramp") not in {stop.value for stop in Stop}:
+    if ("--all" in arguments) == ("drive" in given) or given.get("how", "ramp") not in {stop.value for stop in Stop}:
         return None
     return given

@@ -12,7 +12,7 @@ from construct import Container, Struct
 
 from drivecomm.errors import Category, TelegramError
 from drivecomm.protocol.schema import compiled
-from drivecomm.protocol.schema.leaves import Fault, Leaf
+from drivecomm.protocol.schema.leaves import KINDS, Fault, Leaf
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -87,20 +87,75 @@ class Form(Generic[M]):
 
     def parse_declared(self, data: bytes) -> M:
         """Parse by the schema as it is declared, which alone decides what is wrong. Raises TelegramError."""
-        stream, faults = BytesIO(data), list[Fault]()
-        container = self.schema.parse_stream(stream, faults=faults)
-        left = len(data) - stream.tell()
-        if left and not faults:
-            faults.append(Fault("length", f"{left} characters too many"))
+        faults = self._grave_faults(data)
         if not faults:
-            try:
-                return self._message(container)
-            except ValueError as error:
-                faults.append(Fault("field", str(error)))
+            stream = BytesIO(data)
+            container = self._taken(stream, faults)
+            left = len(data) - stream.tell()
+            if left and not faults:
+                faults.append(Fault("length", f"{left} characters too many"))
+            if not faults:
+                try:
+                    return self._message(container)
+                except ValueError as error:
+                    faults.append(Fault("field", str(error)))
         # The gravest of all faults is named.
         fault = min(faults, key=lambda found: _RANK[found.category])
         where = f"{self.message.__name__.lower()} telegram" + (f", {fault.field}" if fault.field else "")
         raise TelegramError(fault.category, f"{where}: {fault}", field=fault.field)
+
+    @cached_property
+    def _leaves(self) -> list[tuple[str, Leaf]] | None:
+        """The leaves by name, None where one reads in its own way."""
+        named: list[tuple[str, Any]] = [
+            (each.name or "", getattr(each, "subcon", each)) for each in self.schema.subcons
+        ]
+        return named if all(type(leaf) in KINDS for _, leaf in named) else None
+
+    @cached_property
+    def _grave_leaves(self) -> tuple[int, list[tuple[str, Leaf, int]]]:
+        """The size of the telegram, and those leaves that are judged before fields, with names and places.
+
+        The size is 0 where it is not fixed.
+        """
+        place, grave = 0, []
+        for name, leaf in self._leaves or ():
+            if not isinstance(leaf.size, int):
+                return 0, []
+            if leaf.category != "field":
+                grave.append((name, leaf, place))
+            place += leaf.size
+        return place, grave
+
+    def _grave_faults(self, data: bytes) -> list[Fault]:
+        """Return what is wrong with constants and checks in a telegram of the right, fixed size: the usual damage."""
+        size, leaves = self._grave_leaves
+        faults = list[Fault]()
+        if len(data) == size:
+            for name, leaf, place in leaves:
+                try:
+                    leaf.take_at(place, leaf.size, data)
+                except Fault as fault:
+                    fault.field = name
+                    faults.append(fault)
+        return faults
+
+    def _taken(self, stream: BytesIO, faults: list[Fault]) -> Mapping[str, Any]:
+        """Return what the leaves hold, None for those that are at fault."""
+        if self._leaves is None:
+            container: Mapping[str, Any] = self.schema.parse_stream(stream, faults=faults)
+            return container
+        found: dict[str, Any] = {}
+        for name, leaf in self._leaves:
+            try:
+                value = leaf.take(stream, found)
+            except Fault as fault:
+                fault.field = name
+                faults.append(fault)
+                value = None
+            if name:
+                found[name] = value
+        return found
 
     def build_declared(self, message: M) -> bytes:
         """Build by the schema as it is declared, which alone decides what does not fit. Raises TelegramError."""

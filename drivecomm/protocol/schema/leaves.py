@@ -79,12 +79,17 @@ class Leaf(_Construct):
 
     def take(self, stream: Any, context: Any) -> Any:
         """Read this leaf from the stream."""
-        size = self._size_in(context)
-        data = stream.read(size)
-        if len(data) < size:
-            raise Fault("length", f"{size} characters expected, {len(data)} left")
+        size, place = self._size_in(context), stream.tell()
+        stream.read(size)
+        return self.take_at(place, size, stream.getvalue())
+
+    def take_at(self, place: int, size: int, data: bytes) -> Any:
+        """Read this leaf, of this size, at a place of a telegram."""
+        found = data[place : place + size]
+        if len(found) < size:
+            raise Fault("length", f"{size} characters expected, {len(found)} left")
         try:
-            return self._parse_found(data)
+            return self._parse_found(found)
         except ValueError as error:
             raise Fault(self.category, str(error)) from None
 
@@ -304,10 +309,10 @@ class Check(Leaf):
         self.off = off
         self.compute = compute
 
-    def take(self, stream: Any, context: Any) -> bytes:
+    def take_at(self, place: int, size: int, data: bytes) -> bytes:
         """Read the check characters and compare them; returns them as found."""
-        covered = stream.getvalue()[self.start : stream.tell()]
-        found: bytes = super().take(stream, context)
+        covered = data[self.start : place]
+        found: bytes = super().take_at(place, size, data)
         if found != self.off and found != self._write(covered):
             raise Fault("checksum", f"check characters {found!r} found, {self._write(covered)!r} computed")
         return found

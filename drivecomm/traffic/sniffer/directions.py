@@ -22,10 +22,10 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field, replace
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from drivecomm.protocol import Direction, Message, Parity, Protocol
     from drivecomm.traffic.sniffer.readings import Reading
@@ -57,8 +57,7 @@ def is_broadcast(protocol: Protocol, message: Message) -> bool:
     return address is not None and address == protocol.broadcast_address
 
 
-@dataclass(frozen=True, slots=True)
-class Observation:
+class Observation(NamedTuple):
     """What was on the line: the ways to read it, one for each direction that it may have, and when.
 
     behind_others: whether the telegram before it was one of another protocol.
@@ -72,15 +71,41 @@ class Observation:
 
     def reading(self, direction: Direction) -> Reading | None:
         """Return how it reads in this direction."""
-        return next((reading for reading in self.readings if reading.direction == direction), None)
+        for reading in self.readings:
+            if reading.direction == direction:
+                return reading
+        return None
 
 
-@dataclass(frozen=True, slots=True)
-class _Asked:
+class _Asked(NamedTuple):
     message: Message
     data: bytes
     ended_s: float
     answered: bool = False
+
+
+class _Examples:
+    """The latest different telegrams of one length from or to one drive."""
+
+    def __init__(self, kept: Iterable[bytes] = ()) -> None:
+        self.kept = deque(kept, maxlen=_KEPT_EXAMPLES)
+        self._columns: list[frozenset[int]] | None = None
+
+    def add(self, data: bytes) -> None:
+        """Keep one, unless it is kept."""
+        if data not in self.kept:
+            self.kept.append(data)
+            self._columns = None
+
+    @property
+    def columns(self) -> list[frozenset[int]]:
+        """What has stood in each place."""
+        if self._columns is None:
+            self._columns = [frozenset(column) for column in zip(*self.kept, strict=True)]
+        return self._columns
+
+
+_NONE_KNOWN = _Examples()
 
 
 @dataclass(slots=True)
@@ -89,7 +114,7 @@ class DirectionEstimator:
 
     protocol: Protocol
     _asked: deque[_Asked] = field(default_factory=lambda: deque(maxlen=_KEPT_REQUESTS))
-    _examples: dict[tuple[object, int, Direction], deque[bytes]] = field(default_factory=dict)
+    _examples: dict[tuple[object, int, Direction], _Examples] = field(default_factory=dict)
     _ends: dict[type[Message], deque[bool]] = field(default_factory=dict)
     certain: bool = False
     """Whether it is known who speaks when."""
@@ -107,7 +132,7 @@ class DirectionEstimator:
         return replace(
             self,
             _asked=self._asked.copy(),
-            _examples={key: known.copy() for key, known in self._examples.items()},
+            _examples={key: _Examples(known.kept) for key, known in self._examples.items()},
             _ends={kind: known.copy() for kind, known in self._ends.items()},
             _doubts=self._doubts.copy(),
             _delays=self._delays.copy(),
@@ -118,9 +143,10 @@ class DirectionEstimator:
         request, reply = heard.reading("request"), heard.reading("reply")
         if request is None or reply is None:
             return "reply" if request is None else "request"
-        if (told := self._by_its_time(heard, reply)) is not None:
+        answered = reply.data in self._known(reply, "reply")
+        if (told := self._by_its_time(heard, reply, answered=answered)) is not None:
             return told
-        balance = _REPEATED * (reply.data in self._known(reply)) - _REPEATED * (request.data in self._known(request))
+        balance = _REPEATED * answered - _REPEATED * (request.data in self._known(request, "request"))
         balance -= self._likeness(request)
         if not self._may_be_late(heard, reply):
             balance += self._timeliness(heard, reply)
@@ -141,22 +167,25 @@ class DirectionEstimator:
         if not reading.short:
             self.parity = reading.parity
         address = getattr(reading.message, "address", None)
-        examples = self._examples.setdefault(
-            (address, len(reading.data), reading.direction), deque(maxlen=_KEPT_EXAMPLES)
-        )
-        if reading.data not in examples:
-            examples.append(reading.data)
-        if reading.direction == "request":
-            # What is asked again has one answer, not two.
-            kept = [asked for asked in self._asked if asked.answered or asked.data != reading.data]
-            self._asked = deque([*kept, _Asked(reading.message, reading.data, ended_s)], maxlen=_KEPT_REQUESTS)
+        data, direction = reading.data, reading.direction
+        examples = self._examples.get((address, len(data), direction))
+        if examples is None:
+            examples = self._examples[address, len(data), direction] = _Examples()
+        examples.add(data)
+        if direction == "request":
+            for number, earlier in enumerate(self._asked):
+                if not earlier.answered and earlier.data == data:
+                    # What is asked again has one answer, not two.
+                    del self._asked[number]
+                    break
+            self._asked.append(_Asked(reading.message, data, ended_s))
             self._end(closed=False)
             return
         self._doubts.pop(address, None)
         self._just_answered = type(self._asked[-1].message) if self._asked else None
         if (place := self._answered_by(reading.message, ended_s)) is not None:
             asked = self._asked[place]
-            self._asked[place] = replace(asked, answered=True)
+            self._asked[place] = asked._replace(answered=True)
             if place == len(self._asked) - 1 and asked.data != reading.data:
                 self._delays.append(began_s - asked.ended_s)
 
@@ -171,7 +200,7 @@ class DirectionEstimator:
         if began_s - self._misheard_s <= timeout_s and self._knows(reading.message):
             return True
         return any(
-            (not asked.answered or reading.data in self._known(reading))
+            (not asked.answered or reading.data in self._known(reading, reading.direction))
             and self._may_answer(asked, reading.message, began_s)
             for asked in self._asked
         )
@@ -231,22 +260,27 @@ class DirectionEstimator:
             return False
         timeout_s = self.protocol.facts.timing.reply_timeout_s
         for asked in reversed(self._asked):
+            if asked.answered:
+                continue
             passed_s = heard.began_s - asked.ended_s
             if passed_s > self._latest_s:
                 return False
-            if asked.answered or asked.data == reply.data or self.protocol.mismatch(asked.message, reply.message):
+            if asked.data == reply.data or self.protocol.mismatch(asked.message, reply.message):
                 continue
             return passed_s > timeout_s or asked is not self._asked[-1]
         return False
 
-    def _by_its_time(self, heard: Observation, reply: Reading) -> Direction | None:
+    def _by_its_time(self, heard: Observation, reply: Reading, *, answered: bool) -> Direction | None:
         """Return the direction of a telegram whose bytes say nothing; None when they do, or no usual time is known."""
         last = self._asked[-1] if self._asked else None
-        repeats = last is not None and not last.answered and last.data == reply.data
-        both_ways = reply.data in self._known(reply) and reply.data in self._known(replace(reply, direction="request"))
-        usual_s = sorted(self._delays)[len(self._delays) // 2] if self._delays else 0.0
+        if last is None or not self._delays:
+            return None
+        both_ways = answered and reply.data in self._known(reply, "request")
+        if not both_ways and (last.answered or last.data != reply.data):
+            return None
+        usual_s = sorted(self._delays)[len(self._delays) // 2]
         # Without any time in between, a telegram is one that was sent twice, or all of it came in one step.
-        if last is None or usual_s <= 0 or not (repeats or both_ways):
+        if usual_s <= 0:
             return None
         if usual_s / _AS_USUAL <= heard.began_s - last.ended_s <= _AS_USUAL * usual_s + _STEP_S:
             return "reply" if self.awaits(reply.message, heard.began_s) else "request"
@@ -277,26 +311,28 @@ class DirectionEstimator:
         in_time = now_s - asked.ended_s <= timing.reply_timeout_s + timing.late_s
         return in_time and not self.protocol.mismatch(asked.message, reply)
 
-    def _known(self, reading: Reading) -> deque[bytes]:
+    def _known(self, reading: Reading, direction: Direction) -> deque[bytes]:
         address = getattr(reading.message, "address", None)
-        return self._examples.get((address, len(reading.data), reading.direction)) or deque()
+        return self._examples.get((address, len(reading.data), direction), _NONE_KNOWN).kept
 
     def _likeness(self, reading: Reading) -> int:
         """Return how much it is like this drive's requests, below 0 like its replies, 0 when that does not show."""
         address, length = getattr(reading.message, "address", None), len(reading.data)
         requests = self._examples.get((address, length, "request"))
         replies = self._examples.get((address, length, "reply"))
-        if not requests or not replies:
+        if requests is None or replies is None:
             return 0
         like_requests = like_replies = 0
         # The check says nothing of its own.
+        # Requests are the same again and again, so their sets are kept; replies seldom are.
         for byte, asked, answered in zip(
-            reading.data[:-1], zip(*requests, strict=True), zip(*replies, strict=True), strict=False
+            reading.data[:-1], requests.columns, zip(*replies.kept, strict=True), strict=False
         ):
-            if set(asked).isdisjoint(answered):
-                like_requests += byte in asked
-                like_replies += byte in answered
+            if byte in asked:
+                like_requests += asked.isdisjoint(answered)
+            elif byte in answered:
+                like_replies += asked.isdisjoint(answered)
         # In a few examples bytes differ by chance, which says little about a telegram that is none of them.
-        is_new = reading.data not in requests and reading.data not in replies
-        most = min(_MOST_ALIKE, len(requests), len(replies)) if is_new else _MOST_ALIKE
+        is_new = reading.data not in requests.kept and reading.data not in replies.kept
+        most = min(_MOST_ALIKE, len(requests.kept), len(replies.kept)) if is_new else _MOST_ALIKE
         return max(-most, min(most, _ALIKE * (like_requests - like_replies)))

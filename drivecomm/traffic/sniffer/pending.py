@@ -61,6 +61,8 @@ class PendingItems:
     def certain(self) -> list[TrafficItem]:
         """Return the items before the first whose direction is still open, and keep the others."""
         certain: list[TrafficItem] = []
+        if not self._found:
+            return certain
         for each in self._found:
             item = each.item if isinstance(each, _Slot) else each
             if item is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from drivecomm.errors import TelegramError
 
@@ -22,8 +22,7 @@ _REMEMBERED = 256
 _SHORT = 4
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(NamedTuple):
     """A sound telegram from `start` up to `end`.
 
     data: without the parity bits, where the line has seven data bits. parity: what those were, N where there are none.
@@ -54,14 +53,13 @@ class Broken:
     error: TelegramError
 
 
-@dataclass(frozen=True, slots=True)
 class Unfinished:
     """What may become a telegram when more bytes come."""
 
-    needed: int
-
 
 Look: TypeAlias = Reading | Broken | Unfinished | None
+_UNFINISHED = Unfinished()
+_made = tuple.__new__
 
 
 class Reader:
@@ -79,22 +77,28 @@ class Reader:
         """Whether a telegram can begin with this byte."""
         return self._codec.measure(bytes([byte]), self.direction) != 0
 
+    def goes_beyond(self, pair: bytes) -> bool:
+        """Whether a telegram of more than two characters can begin with these two, or with the only one of them."""
+        text = self._text(pair, 0, 2)
+        return len(text) == len(pair) and self._codec.measure(text, self.direction) > len(pair)
+
     def ends_with_first(self, byte: int) -> bool:
         """Whether what begins with this byte twice is no telegram, or one of a single character."""
         return self._codec.measure(self._text(bytes([byte, byte]), 0, 2), self.direction) <= 1
 
     def look(self, data: bytes, start: int, limit: int) -> Look:
         """Return what begins at `start` when nothing from `limit` on can belong to it, but more may come there."""
-        head = self._text(data, start, min(limit, start + _HEAD))
-        over = start + len(head) < min(limit, start + _HEAD)
+        end = min(limit, start + _HEAD)
+        head = self._text(data, start, end)
+        over = start + len(head) < end
         needed = self._codec.measure(head, self.direction)
         if not needed:
             return None
         if needed <= len(head) or over:
-            return self._read(head[:needed], start)
+            return self._read(head if needed == len(head) else head[:needed], start)
         if needed <= limit - start:
             return self._read(self._text(data, start, start + needed), start)
-        return Unfinished(needed)
+        return _UNFINISHED
 
     def look_at_rest(self, data: bytes, start: int, limit: int) -> Look:
         """Return what begins at `start` when nothing comes after `limit`: a whole telegram or a broken one."""
@@ -110,7 +114,7 @@ class Reader:
         end = start + len(taken)
         if isinstance(message, TelegramError):
             return Broken(start, end, self.protocol, self.direction, message)
-        return Reading(start, end, self.protocol, self.direction, taken, message, self.parity)
+        return _made(Reading, (start, end, self.protocol, self.direction, taken, message, self.parity))
 
     def _decode(self, data: bytes) -> Message | TelegramError:
         try:

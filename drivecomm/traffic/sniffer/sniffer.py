@@ -10,6 +10,8 @@ telegrams, and are what a request waits for; a request of one character where su
 
 from __future__ import annotations
 
+import re
+from functools import cached_property
 from math import inf
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -21,9 +23,9 @@ from drivecomm.traffic.sniffer.stretch import Stretch
 from drivecomm.traffic.sniffer.traffic_items import AmbiguousTelegram, ways_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
-    from drivecomm.capture import Piece
+    from drivecomm.capture import Piece, Source
     from drivecomm.protocol import Direction, LineSettings, Protocol
     from drivecomm.traffic.sniffer.traffic_items import TrafficItem
 
@@ -38,6 +40,9 @@ _TOGETHER = 16
 _TORN = 6
 # So often in a row a single character is noise.
 _MANY = 4
+# Pieces that are a whole telegram are known again: so many, none longer than this.
+_MOST_KNOWN = 512
+_LONGEST_KNOWN = 300
 
 
 class Sniffer:
@@ -65,6 +70,8 @@ class Sniffer:
         options = options or {}
         self._readers = [reader for each in known for reader in readers_of(each, options.get(each.name))]
         self._by_first_byte: dict[int, list[Reader]] = {}
+        self._by_first_pair: dict[bytes, list[Reader]] = {}
+        self._whole: dict[bytes, tuple[Reading, ...]] = {}
         self._single: dict[int, bool] = {}
         self._longest_gap_s = max((protocol.facts.gap_s for protocol in known), default=0.0)
         self._place = 0
@@ -76,8 +83,14 @@ class Sniffer:
         if not piece.data:
             return self.flush(piece.time_s)
         self._silence_s = 0.0
-        self._stretch.append(piece)
-        self._search()
+        if self._stretch.data or not (readings := self._readings_of_whole(piece.data, piece.source)):
+            self._stretch.append(piece)
+            self._search()
+        else:
+            # One whole telegram and nothing else, as nearly always.
+            name, before = readings[0].protocol.name, self._spoken_last
+            self._spoken_last = name
+            self._pending.hear(Observation(readings, *self._stretch.pass_by(piece), before not in ("", name)))
         return self._pending.certain()
 
     def flush(self, now: float) -> list[TrafficItem]:
@@ -100,10 +113,63 @@ class Sniffer:
         if over or self._place > _LONGEST_UNKNOWN:
             self._report(self._place)
 
+    def _readings_of_whole(self, data: bytes, source: Source) -> Sequence[Reading]:
+        """Return the ways to read a piece that is one telegram of one protocol for certain, none for any other."""
+        readings = self._whole.get(data)
+        if readings is None:
+            readings = self._read_whole(data)
+            if len(self._whole) >= _MOST_KNOWN:
+                self._whole.clear()
+            if len(data) <= _LONGEST_KNOWN:
+                self._whole[data] = readings
+        if source == "unknown":
+            return readings
+        return [reading for reading in readings if _SENDERS[source] == reading.direction]
+
+    def _read_whole(self, data: bytes) -> tuple[Reading, ...]:
+        looks = [reader.look(data, 0, len(data)) for reader in self._readers_for(data[0])]
+        readings = tuple(look for look in looks if isinstance(look, Reading))
+        if not readings or self._next_beginning(data, 1, len(data)) < len(data):
+            return ()
+        name, directions = readings[0].protocol.name, {reading.direction for reading in readings}
+        plain = len(directions) == len(readings) and all(
+            reading.end == len(data) and reading.protocol.name == name and not reading.short for reading in readings
+        )
+        return readings if plain else ()
+
+    @cached_property
+    def _beginnings(self) -> re.Pattern[bytes]:
+        """The bytes that a telegram can begin with."""
+        found = bytes(byte for byte in range(256) if self._readers_for(byte))
+        return re.compile(b"[" + re.escape(found) + b"]" if found else b"(?!)")
+
+    def _next_beginning(self, data: bytes, place: int, end: int) -> int:
+        """Return the next place at which more than a few characters can begin, `end` where there is none."""
+        search = self._beginnings.search
+        while match := search(data, place, end):
+            place = match.start()
+            if self._readers_for_pair(data[place : place + 2]):
+                return place
+            place += 1
+        return end
+
+    def _readers_for_pair(self, pair: bytes) -> list[Reader]:
+        """Return those for whom more than a few characters can begin with these two, or with the last one."""
+        found = self._by_first_pair.get(pair)
+        if found is None:
+            found = [reader for reader in self._readers_for(pair[0]) if reader.goes_beyond(pair)]
+            self._by_first_pair[pair] = found
+        return found
+
     def _step(self) -> bool:
         """Decide about one place; returns whether it could be decided."""
         place, stretch = self._place, self._stretch
-        if place and stretch.silence_before(place) > self._longest_gap_s:
+        if not place:
+            source = None if self._silence_s else stretch.source_of_only_piece
+            if source is not None and (whole := self._readings_of_whole(stretch.data, source)):
+                self._take(whole)
+                return True
+        elif stretch.silence_before(place) > self._longest_gap_s:
             self._report(place)
             return True
         if not self._readers_for(stretch.data[place]):
@@ -112,7 +178,7 @@ class Sniffer:
         if place and (behind := self._behind_repetitions(place)) > place:
             self._place = behind
             return True
-        readings, waiting = self._readings_at(place)
+        readings, waiting = self._readings_at(place, self._readers_for(stretch.data[place]))
         if long := [reading for reading in readings if not reading.short and self._may_begin_here(reading, readings)]:
             self._take_first_of(self._sharing_bytes(long))
         elif waiting:
@@ -152,20 +218,22 @@ class Sniffer:
         pause_s = min(stretch.quiet_s(place), self._longest_gap_s)
         return min(same, stretch.unbroken_until(place, pause_s) - 1)
 
-    def _readings_at(self, place: int) -> tuple[list[Reading], bool]:
+    def _readings_at(self, place: int, readers: Iterable[Reader]) -> tuple[list[Reading], bool]:
         """Return the sound telegrams that begin at a place, and whether there may be more when more bytes come."""
         stretch = self._stretch
         found, waiting = list[Reading](), False
-        for reader in self._readers_for(stretch.data[place]):
+        data, silence_s = stretch.data, self._silence_s
+        for reader in readers:
             limit = stretch.unbroken_until(place, reader.gap_s)
-            if limit == len(stretch) and self._silence_s <= reader.gap_s:
-                look = reader.look(stretch.data, place, limit)
+            if limit == len(data) and silence_s <= reader.gap_s:
+                look = reader.look(data, place, limit)
             else:
-                look = reader.look_at_rest(stretch.data, place, limit)
-            if isinstance(look, Unfinished):
+                look = reader.look_at_rest(data, place, limit)
+            if type(look) is Reading:
+                if self._may_be_sent(look):
+                    found.append(look)
+            elif type(look) is Unfinished:
                 waiting = True
-            elif isinstance(look, Reading) and self._may_be_sent(look):
-                found.append(look)
         return self._in_one_format(found) if found else found, waiting
 
     def _in_one_format(self, readings: list[Reading]) -> list[Reading]:
@@ -202,13 +270,13 @@ class Sniffer:
         """Return these readings and all others that share bytes with them, or with those that do."""
         found = list(first)
         end = max(reading.end for reading in first)
-        place = first[0].start + 1
+        data, place = self._stretch.data, self._next_beginning(self._stretch.data, first[0].start + 1, end)
         while place < end and len(found) < _TOGETHER:
-            if self._readers_for(self._stretch.data[place]):
-                inside = [reading for reading in self._readings_at(place)[0] if not reading.short]
-                found += inside
-                end = max([end, *(reading.end for reading in inside)])
-            place += 1
+            readings, _ = self._readings_at(place, self._readers_for_pair(data[place : place + 2]))
+            inside = [reading for reading in readings if not reading.short]
+            found += inside
+            end = max([end, *(reading.end for reading in inside)])
+            place = self._next_beginning(data, place + 1, end)
         return found
 
     def _take_first_of(self, readings: list[Reading]) -> None:
@@ -257,27 +325,24 @@ class Sniffer:
             return "yes" if self._silence_s > stretch.quiet_s(end) else "wait"
         if stretch.silence_before(end) > stretch.quiet_s(end):
             return "yes"
-        following, waiting = self._readings_at(end)
+        following, waiting = self._readings_at(end, self._readers_for(stretch.data[end]))
         if following:
             # The same again and again is no telegram after another.
             same = stretch.data[end - 1 : end] * _MANY == stretch.data[end - 1 : end - 1 + _MANY]
             return "no" if same and all(reading.short for reading in following) else "yes"
         return "wait" if waiting else "no"
 
-    def _heard(self, readings: list[Reading]) -> Observation:
+    def _heard(self, readings: Sequence[Reading]) -> Observation:
         start, end = readings[0].start, readings[0].end
-        return Observation(
-            readings=tuple(readings),
-            began_s=self._stretch.began_s(start),
-            ended_s=self._stretch.ended_s(end - 1),
-            silence_s=self._stretch.silence_before(start),
-            behind_others=self._spoken_last not in ("", readings[0].protocol.name),
-        )
+        behind_others = self._spoken_last not in ("", readings[0].protocol.name)
+        times = self._stretch.began_s(start), self._stretch.ended_s(end - 1), self._stretch.silence_before(start)
+        return Observation(readings, *times, behind_others)
 
-    def _take(self, readings: list[Reading]) -> None:
+    def _take(self, readings: Sequence[Reading]) -> None:
         heard = self._heard(readings)
         self._spoken_last = readings[0].protocol.name
-        self._report(self._place)
+        if self._place:
+            self._report(self._place)
         self._forget(readings[0].end - readings[0].start)
         self._pending.hear(heard)
 

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from dataclasses import dataclass
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from drivecomm.capture import Piece, Source
+    from drivecomm.protocol import LineSettings
 
 # Of a line whose settings are unknown: a character at 9600 baud.
 _UNKNOWN_CHARACTER_S = 10 / 9600
 
 
-@dataclass(frozen=True, slots=True)
-class _Part:
+class _Part(NamedTuple):
     """A piece in its place; places count from the first byte that ever came. silence_s: nothing was heard before it."""
 
     start: int
@@ -40,6 +39,8 @@ class Stretch:
     def __init__(self, character_s: float | None = None) -> None:
         self.data = b""
         self.character_s = character_s or _UNKNOWN_CHARACTER_S
+        self._settings: LineSettings | None = None
+        self._settings_character_s = 0.0
         self._dropped = 0
         self._parts: list[_Part] = []
         self._starts: list[int] = []
@@ -51,7 +52,7 @@ class Stretch:
 
     def append(self, piece: Piece) -> None:
         """Take a piece that came later than all before."""
-        character_s = piece.settings.character_s if piece.settings else self.character_s
+        character_s = self._character_s_of(piece)
         start = self._dropped + len(self.data)
         self.data += piece.data
         silence_s = max(0.0, piece.time_s - len(piece.data) * character_s - self._last_s)
@@ -62,12 +63,27 @@ class Stretch:
                 pauses.append(start)
         self._last_s = max(self._last_s, piece.time_s)
 
+    def pass_by(self, piece: Piece) -> tuple[float, float, float]:
+        """Take a piece and forget it, where nothing is kept; return when it began and ended, and the silence before."""
+        character_s = self._character_s_of(piece)
+        time_s, length = piece.time_s, len(piece.data)
+        silence_s = time_s - length * character_s - self._last_s
+        self._dropped += length
+        self._last_s = max(self._last_s, time_s)
+        return time_s - (length - 1) * character_s - character_s, time_s, max(0.0, silence_s)
+
     def drop(self, number: int) -> None:
         """Forget the first bytes."""
-        self.data = self.data[number:]
         self._dropped += number
-        gone = self._number_of(0) if self.data else len(self._parts)
-        if gone:
+        if number == len(self.data):
+            self.data = b""
+            self._parts.clear()
+            self._starts.clear()
+            for pauses in self._pauses.values():
+                pauses.clear()
+            return
+        self.data = self.data[number:]
+        if gone := self._number_of(0):
             del self._parts[:gone], self._starts[:gone]
             for pauses in self._pauses.values():
                 del pauses[: bisect_right(pauses, self._dropped - 1)]
@@ -85,6 +101,8 @@ class Stretch:
 
     def unbroken_until(self, place: int, gap_s: float) -> int:
         """Return where the bytes from this place on are first interrupted for longer than this."""
+        if len(self._parts) == 1:
+            return len(self.data)
         pauses = self._pauses.get(gap_s)
         if pauses is None:
             pauses = self._pauses[gap_s] = [part.start for part in self._parts if part.silence_s > gap_s]
@@ -104,10 +122,27 @@ class Stretch:
         part = self._part(place)
         return part.end_of(self._dropped + place) - part.character_s
 
+    @property
+    def source_of_only_piece(self) -> Source | None:
+        """Who sent all of it, where it is one piece to its end; None for several."""
+        return self._parts[0].source if len(self._parts) == 1 and self._starts[0] == self._dropped else None
+
     def source_of(self, start: int, end: int) -> Source | None:
         """Return who sent these bytes; None when it was more than one."""
-        sources = {part.source for part in self._parts[self._number_of(start) : self._number_of(end - 1) + 1]}
-        return sources.pop() if len(sources) == 1 else None
+        first, last = self._number_of(start), self._number_of(end - 1)
+        source = self._parts[first].source
+        for part in self._parts[first + 1 : last + 1]:
+            if part.source != source:
+                return None
+        return source
+
+    def _character_s_of(self, piece: Piece) -> float:
+        settings = piece.settings
+        if settings is None:
+            return self.character_s
+        if settings is not self._settings:
+            self._settings, self._settings_character_s = settings, settings.character_s
+        return self._settings_character_s
 
     def _part(self, place: int) -> _Part:
         if not self._parts:
@@ -115,4 +150,5 @@ class Stretch:
         return self._parts[self._number_of(place)]
 
     def _number_of(self, place: int) -> int:
-        return max(0, bisect_right(self._starts, self._dropped + place) - 1)
+        starts = self._starts
+        return bisect_right(starts, self._dropped + place, 1) - 1 if len(starts) > 1 else 0

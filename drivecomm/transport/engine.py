@@ -1,0 +1,124 @@
+"""Many lines in one thread: one selector for their ports, one alarm for their pauses."""
+
+from __future__ import annotations
+
+import contextlib
+import heapq
+import selectors
+import socket
+import time
+from collections import deque
+from threading import Thread
+from typing import TYPE_CHECKING
+
+from drivecomm.transport.alarm import open_alarm
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+# About what passes between an alarm and its being heard.
+_LEAD_S = 25e-6
+
+_monotonic = time.monotonic
+
+
+class Engine:
+    """Calls those whose descriptor is readable or whose time has come, in the thread that is in `run`.
+
+    Nobody who is called may wait: what must is done `aside`. Only `call_soon` may be used from other threads.
+    """
+
+    def __init__(self) -> None:
+        self._selector = selectors.DefaultSelector()
+        self._soon: deque[Callable[[], None]] = deque()
+        self._timers: list[tuple[float, int, Callable[[], None]]] = []
+        self._number = 0
+        self._woken, self._waker = socket.socketpair()
+        self._woken.setblocking(False)
+        self._waker.setblocking(False)
+        self._asleep = False
+        self._selector.register(self._woken, selectors.EVENT_READ, self._empty_pipe)
+        self._alarm = open_alarm()
+        self._alarm_at = float("inf")
+        if self._alarm is not None:
+            self._selector.register(self._alarm.descriptor, selectors.EVENT_READ, _nothing)
+
+    # The monotonic clock, in seconds; not a method of its own, which would cost as much again.
+    now = staticmethod(_monotonic)
+
+    def watch(self, descriptor: int, readable: Callable[[], None]) -> None:
+        """Call this whenever a descriptor is readable."""
+        self._selector.register(descriptor, selectors.EVENT_READ, readable)
+
+    def unwatch(self, descriptor: int) -> None:
+        """Do not call for this descriptor any more."""
+        self._selector.unregister(descriptor)
+
+    def call_at(self, when: float, timed: Callable[[], None]) -> None:
+        """Call this at a time of the monotonic clock, or a fraction of a millisecond before it."""
+        self._number += 1
+        heapq.heappush(self._timers, (when, self._number, timed))
+
+    def call_soon(self, called: Callable[[], None]) -> None:
+        """Call this in the engine's thread; may be used from any thread."""
+        self._soon.append(called)
+        if self._asleep:
+            self._asleep = False
+            # One that takes no more wakes us all the same, and one that is closed has nobody to wake.
+            with contextlib.suppress(OSError):
+                self._waker.send(b"\0")
+
+    def aside(self, work: Callable[[], None]) -> None:
+        """Do in a thread of its own what may take long, such as opening a port."""
+        Thread(target=work, name="drivecomm open", daemon=True).start()
+
+    def run(self, over: Callable[[], bool], after_round: Callable[[], None]) -> None:
+        """Call those that are to be called until it is over; after_round: called after each round of them."""
+        select, soon, timers = self._selector.select, self._soon, self._timers
+        while True:
+            while soon:
+                soon.popleft()()
+            if timers and timers[0][0] <= _monotonic() + _LEAD_S:
+                self._call_those_whose_time_has_come()
+            after_round()
+            if over():
+                return
+            self._asleep = True
+            # Whoever came before this was said is seen here, and whoever comes after it wakes us.
+            for key, _ in select(0 if soon else self._longest_sleep_s()):
+                key.data()
+            self._asleep = False
+
+    def close(self) -> None:
+        """Give the descriptors back."""
+        self._selector.close()
+        self._woken.close()
+        self._waker.close()
+        if self._alarm is not None:
+            self._alarm.close()
+
+    def _call_those_whose_time_has_come(self) -> None:
+        timers, now, number = self._timers, _monotonic() + _LEAD_S, self._number
+        # Who asks for the same time again is called in the next round.
+        while timers and timers[0][0] <= now and timers[0][1] <= number:
+            heapq.heappop(timers)[2]()
+
+    def _longest_sleep_s(self) -> float | None:
+        """Return how long to sleep at most; where there is an alarm, that wakes us, and more exactly."""
+        first = self._timers[0][0] if self._timers else float("inf")
+        if self._alarm is None:
+            return None if first == float("inf") else max(0.0, first - _monotonic())
+        if first != self._alarm_at:
+            self._alarm_at = first
+            if first == float("inf"):
+                self._alarm.clear()
+            else:
+                self._alarm.set(first - _LEAD_S)
+        return None
+
+    def _empty_pipe(self) -> None:
+        self._woken.recv(4096)
+
+
+def _nothing() -> None:
+    pass

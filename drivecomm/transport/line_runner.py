@@ -1,0 +1,185 @@
+"""Carries out the steps of a link while its port becomes readable and time passes; it never waits itself.
+
+An event loop tells it what happens: that of asyncio, or the engine that runs many lines in one thread.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import LinkDownError
+from drivecomm.link import Arrival, Receive, Talk, Wait
+from drivecomm.transport.blocking_runner import carry_out
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.link import Effect, Port, Steps
+
+# Less than it costs to go to sleep and be woken.
+_NOT_WORTH_SLEEPING_S = 0.00003
+# More than a line can leave behind between two exchanges; who talks without end is not kept.
+_MOST_UNASKED = 4096
+
+
+class LineRunner:
+    """One exchange after the other on one open port.
+
+    wake_at: asks for a call of `timed` at a time; an earlier one does no harm. wake_precisely: the same for the
+    pauses between telegrams, as exactly as can be. ended: told what came of an exchange, its result or its error; it
+    may begin the next one. lost: told when the port is found lost on reading, before `ended`.
+    """
+
+    def __init__(
+        self,
+        port: Port,
+        wake_at: Callable[[float], None],
+        wake_precisely: Callable[[float], None],
+        ended: Callable[[Any, Exception | None], None],
+        lost: Callable[[LinkDownError], None],
+    ) -> None:
+        self._port = port
+        self._now = port.now
+        self._wake_at = wake_at
+        self._wake_precisely = wake_precisely
+        self._ended = ended
+        self._lost = lost
+        self._steps: Steps[Any] | None = None
+        self._stop_waits: Callable[[], bool] = _never
+        self._waiting: Receive | Talk | Wait | None = None
+        self._paused: Talk | None = None
+        """What is sent when a pause is over."""
+        self._inbox = b""
+
+    def begin(self, steps: Steps[Any], stop_waits: Callable[[], bool]) -> None:
+        """Begin to carry out the steps of a link. stop_waits: tells whether a stop waits for the line."""
+        self._steps, self._stop_waits = steps, stop_waits
+        self._go_on(None)
+
+    def cut_off(self) -> None:
+        """End the exchange that is under way; nothing is told of it."""
+        steps, self._steps, self._waiting, self._paused = self._steps, None, None, None
+        if steps is not None:
+            steps.close()
+
+    def give_way(self) -> None:
+        """Look whether a stop waits for the line."""
+        waiting = self._waiting
+        if waiting is not None and waiting.gives_way and self._stop_waits():
+            self._go_on(Arrival(self._now()) if isinstance(waiting, Wait) else self._arrival())
+
+    def readable(self) -> None:
+        """Take what has come."""
+        try:
+            data = self._inbox + self._port.take()
+        except LinkDownError as error:
+            self._lost(error)
+            self._end(None, error)
+            return
+        waiting = self._waiting
+        if waiting is not None and not isinstance(waiting, Wait) and len(data) >= waiting.at_least:
+            self._inbox = b""
+            self._go_on(Arrival(self._now(), data))
+        else:
+            self._inbox = data[-_MOST_UNASKED:]
+
+    def timed(self) -> None:
+        """Look whether what was waited for is over."""
+        waiting = self._waiting
+        if waiting is None:
+            return
+        until, now = waiting.until, self._now()
+        if not isinstance(waiting, Wait):
+            if now < until:
+                self._wake_at(until)
+                return
+            try:
+                # What is there may be less than was waited for.
+                self._inbox += self._port.take()
+            except LinkDownError as error:
+                self._lost(error)
+                self._end(None, error)
+                return
+            self._go_on(self._arrival())
+        elif until - now > _NOT_WORTH_SLEEPING_S:
+            self._wake_precisely(until)
+        else:
+            # On a busy loop, whose time is precious, an alarm is heard too late for this to go round even once.
+            while now < until:
+                now = self._now()
+            paused, self._paused = self._paused, None
+            self._go_on(Arrival(now), paused)
+
+    def _go_on(self, arrival: Arrival | None, effect: Effect | None = None) -> None:
+        """Carry out effects until one must wait: the given one first, or that with which the steps answer."""
+        steps, port, now = self._steps, self._port, self._now
+        if steps is None:
+            return
+        self._waiting = None
+        try:
+            while True:
+                if effect is None:
+                    effect = steps.send(arrival)  # type: ignore[arg-type]
+                if isinstance(effect, Talk):
+                    free_at, began = effect.free_at, now()
+                    if free_at - began > _NOT_WORTH_SLEEPING_S:
+                        self._paused, self._waiting = effect, Wait(free_at)
+                        self._wake_precisely(free_at)
+                        return
+                    while began < free_at:
+                        began = now()
+                    self._inbox += port.read(began, 1)
+                    if not self._inbox:
+                        effect.begun = now()
+                        port.write(effect.data)
+                        if effect.at_least:
+                            port.hold_back(effect.at_least)
+                            self._waiting = effect
+                            self._wake_at(effect.until)
+                            return
+                    arrival = self._arrival()
+                elif isinstance(effect, Receive):
+                    until, at_least, gives_way = effect
+                    if now() >= until:
+                        # Mostly there is nothing, and `read` finds that out without an exception.
+                        self._inbox += port.read(until, 1)
+                    elif len(self._inbox) < at_least and not (gives_way and self._stop_waits()):
+                        port.hold_back(at_least - len(self._inbox))
+                        self._waiting = effect
+                        self._wake_at(until)
+                        return
+                    arrival = self._arrival()
+                elif not isinstance(effect, Wait):
+                    arrival = carry_out(effect, port)
+                else:
+                    until = effect.until
+                    if not (effect.gives_way and self._stop_waits()):
+                        if until - now() > _NOT_WORTH_SLEEPING_S:
+                            self._waiting = effect
+                            self._wake_precisely(until)
+                            return
+                        while now() < until:
+                            pass
+                    arrival = Arrival(now())
+                effect = None
+        except StopIteration as finished:
+            result = finished.value
+        except Exception as error:  # noqa: BLE001 - it belongs to whoever waits for the result
+            self._end(None, error)
+            return
+        self._end(result, None)
+
+    def _end(self, result: Any, error: Exception | None) -> None:
+        steps, self._steps, self._waiting, self._paused = self._steps, None, None, None
+        if steps is not None:
+            if error is not None:
+                steps.close()
+            self._ended(result, error)
+
+    def _arrival(self) -> Arrival:
+        data, self._inbox = self._inbox, b""
+        return Arrival(self._now(), data)
+
+
+def _never() -> bool:
+    return False

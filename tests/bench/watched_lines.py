@@ -1,0 +1,65 @@
+"""Virtual lines for the runner that event loops drive: their clock is the loop, and each character is an event."""
+
+from __future__ import annotations
+
+from drivecomm.link import PortProxy
+from drivecomm.transport import LineRunner
+
+
+class WatchedPort(PortProxy):
+    """A port of a virtual line that has bytes to take before anybody reads."""
+
+    def __init__(self, port):
+        super().__init__(port)
+        self.came = b""
+
+    def take(self):
+        came, self.came = self.came, b""
+        return came + self._port.take()
+
+    def read(self, until, at_least):
+        came, self.came = self.came, b""
+        return came + self._port.read(until, at_least - len(came)) if len(came) < at_least else came
+
+
+class EventLoop:
+    """One virtual port and its runner; runs the steps of a link as the blocking runner does."""
+
+    def __init__(self, port):
+        self._port = port
+        self._watched = WatchedPort(port)
+        self._times = []
+        self._results = []
+        self._runner = LineRunner(
+            self._watched, self._times.append, self._times.append, lambda *came: self._results.append(came), print
+        )
+
+    def run(self, begin, stop_waits):
+        self._results.clear()
+        self._times.clear()
+        self._runner.begin(begin(self._port.now()), stop_waits)
+        while not self._results:
+            until = min(self._times)
+            self._watched.came += self._port.read(until, 1)
+            if self._watched.came:
+                self._runner.readable()
+            else:
+                # All that wait until now are told; who waits longer asks again.
+                self._times[:] = [time for time in self._times if time > until]
+                self._runner.timed()
+        ((result, error),) = self._results
+        if error is not None:
+            raise error
+        return result
+
+
+def on_event_loops():
+    """Return what runs the steps of a link on virtual ports, each with an event loop of its own."""
+    loops = {}
+
+    def run(begin, port, stop_waits=lambda: False):
+        if port not in loops:
+            loops[port] = EventLoop(port)
+        return loops[port].run(begin, stop_waits)
+
+    return run

@@ -1,0 +1,115 @@
+"""A command loads what it needs, and no other command: loading is most of what a short one takes."""
+
+import os
+import subprocess
+import sys
+import threading
+from tempfile import gettempdir
+
+import pytest
+
+from drivecomm.virtual import Server, parse_listen, virtual_drive
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
+
+COMMAND = """
+import sys
+from drivecomm_command import main
+sys.argv[0] = "drivecomm"
+code = main()
+print("loaded", *sorted(sys.modules))
+sys.exit(code)
+"""
+PROGRAM = """
+import sys, drivecomm
+with drivecomm.open_bus(sys.argv[1]) as bus:
+    bus.drive("vabus", address=1).read("481")
+print("loaded", *sorted(sys.modules))
+"""
+NOBODYS = {
+    *("asyncio", "email", "importlib.metadata", "logging", "pydantic", "pyarrow", "rich", "serial.rfc2217", "textual"),
+    *("drivecomm.bus.async_bus", "drivecomm.bus.scanning", "drivecomm.bus.watchdog", "drivecomm.capture.files"),
+    *("drivecomm.commissioning", "drivecomm.models.files", "drivecomm.plant.plant", "drivecomm.polling.schedule"),
+    *("drivecomm.testing", "drivecomm.traffic.sniffer", "drivecomm.transport.rfc2217_client", "drivecomm.virtual"),
+    *("drivecomm.transport.socket_channel", "drivecomm_danfoss_fc", "drivecomm_fuji", "drivecomm_vlt3500"),
+    *("serial.tools.list_ports",),
+}
+"""What neither a program that reads needs, nor a command that reads or stops."""
+
+SHARED = (
+    *("app", "argument_values", "drive_names", "entry", "lazy_commands", "line_command", "line_options", "options"),
+    *("output", "signals", "streams"),
+)
+
+
+@pytest.fixture
+def port(tmp_path):
+    """A pseudo-terminal with a VABus drive."""
+    stop = threading.Event()
+    with Server([virtual_drive("vabus", 1, reply_delay_s=0.0)], parse_listen(f"pty:{tmp_path / 'line'}")) as server:
+        serving = threading.Thread(target=server.run, args=(stop,))
+        serving.start()
+        yield server.address
+        stop.set()
+        serving.join()
+
+
+def loaded_by(program, *arguments, code=0):
+    done = subprocess.run(
+        [sys.executable, "-c", program, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+        # A login session says where sockets are, so that nobody has to look for the folder.
+        env={**os.environ, "XDG_RUNTIME_DIR": gettempdir()},
+    )
+    assert done.returncode == code, done.stderr
+    last = done.stdout.splitlines()[-1].split()
+    assert last[0] == "loaded"
+    return set(last[1:])
+
+
+def commands_in(loaded):
+    """The modules of the command line that stand for one command, or a group."""
+    return {name for name in loaded if name.startswith("drivecomm.cli.")} - {f"drivecomm.cli.{name}" for name in SHARED}
+
+
+def test_a_program_that_reads(port):
+    loaded = loaded_by(PROGRAM, port)
+    assert not loaded & {*NOBODYS, "typer", "drivecomm.cli", "platformdirs", "tomllib", "json"}
+
+
+def test_read(port):
+    loaded = loaded_by(COMMAND, "read", "vabus:1", "481", "--port", port)
+    assert not loaded & {*NOBODYS, "platformdirs", "tomllib"}
+    assert commands_in(loaded) == {"drivecomm.cli.one_drive"}
+
+
+def test_stop_loads_least(port):
+    loaded = loaded_by(COMMAND, "stop", "vabus:1", "--port", port)
+    assert not loaded & {*NOBODYS, "typer", "platformdirs", "tomllib"}
+    assert commands_in(loaded) == {
+        *("drivecomm.cli.control", "drivecomm.cli.control.client", "drivecomm.cli.control.sockets"),
+        *("drivecomm.cli.stop", "drivecomm.cli.stop.command", "drivecomm.cli.stop.one_drive"),
+    }
+    assert len(loaded) < len(loaded_by(COMMAND, "read", "vabus:1", "481", "--port", port))
+
+
+def test_status(port):
+    loaded = loaded_by(COMMAND, "status", "vabus:1", "--port", port)
+    assert not loaded & NOBODYS
+    assert commands_in(loaded) == {"drivecomm.cli.one_drive", "drivecomm.cli.status"}
+
+
+def test_the_version():
+    loaded = loaded_by(COMMAND, "--version")
+    assert not loaded & {*NOBODYS, "typer", "drivecomm.bus", "drivecomm.link", "drivecomm.protocol", "json"}
+    assert commands_in(loaded) == set()
+
+
+def test_the_list_of_commands_loads_none_of_them():
+    loaded = loaded_by(COMMAND, "--help")
+    assert not {name.partition(".")[0] for name in loaded} & {"serial", "construct", "drivecomm_vabus", "pydantic"}
+    assert not {name for name in loaded if name.startswith(("drivecomm.bus", "drivecomm.link.", "drivecomm.protocol."))}
+    assert commands_in(loaded) == set()
