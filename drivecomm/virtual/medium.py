@@ -136,7 +136,7 @@ class Receiver:
     @property
     def due(self) -> float:
         """When the next transmission has been heard whole; infinite if nothing is coming."""
-        return min((sent.ended for sent in self._audible), default=math.inf)
+        return min([sent.ended for sent in self._audible]) if self._audible else math.inf
 
     def add(self, sent: Transmission, now: float) -> None:
         """Hear a transmission that begins."""

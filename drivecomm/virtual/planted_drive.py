@@ -45,9 +45,9 @@ class PlantedDrive(DriveProxy):
         super().__init__(around(planned.name, self.type.new()))
         planned.fit(self.inner.motor)
         self._speed = speed
-        self._overhears = isinstance(self.inner, Overhears)
         self._stuck: list[StuckAnswer] = []
-        self._broadcast = self.type.plugin.broadcast_address
+        self.overhears = isinstance(self.inner, Overhears)
+        self.broadcast_address = self.type.plugin.broadcast_address
         self._codec = self.type.plugin.codec(self.type.options)
         self._operations = self.type.plugin.operations(planned.address, self.type.options, self.type.model)
         spare = self.type.new() if planned.values else self.inner
@@ -67,14 +67,8 @@ class PlantedDrive(DriveProxy):
         return now * self._speed
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Act on a request; a valid one for another drive is passed over quickly."""
-        if isinstance(find, Framed):
-            address = getattr(find.message, "address", None)
-            if address is not None and address not in (self.inner.address, self._broadcast):
-                if self._overhears:
-                    self.overhear(now)
-                return None
-        reply = super().hear(find, now)
+        """Act on a request."""
+        reply = self.inner.hear(find, self.time_of(now))
         if reply is None:
             return None
         if self.planned.reply_delay_s is not None:
