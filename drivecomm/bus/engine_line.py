@@ -42,6 +42,7 @@ class EngineLine:
         self._parts = parts
         self._lock = parts.lock
         self._engine = engine
+        self._now = engine.now
         self._turn: _EngineTurn | None = None
         self._has_turn = False
         self._port: Port | None = None
@@ -63,10 +64,11 @@ class EngineLine:
         except Exception as error:  # noqa: BLE001 - whoever wants the job is told
             self._end(None, error)
             return
-        if self._has_turn:
+        if self._has_turn and self._runner is not None:
             # Nobody else can have opened or lost the port meanwhile.
-            self._carry_out(job)
-        elif self._ask(job.rank):
+            steps = self._parts.begin(job, self._deadline)(self._now())
+            self._runner.begin(steps, self._lock.stop_waits)
+        elif self._has_turn or self._ask(job.rank):
             self._begin()
 
     def rest(self) -> None:
@@ -92,7 +94,7 @@ class EngineLine:
         turn.held.acquire()
         self._has_turn = self._lock.ask(turn)
         if not self._has_turn:
-            self._engine.call_at(self._engine.now() + LOOK_S, self._called)
+            self._engine.call_at(self._now() + LOOK_S, self._called)
         return self._has_turn
 
     def _called(self) -> None:
@@ -101,7 +103,7 @@ class EngineLine:
         if turn is None or self._has_turn or job is None:
             return
         if not self._lock.has_come(turn):
-            if (now := self._engine.now()) < self._deadline:
+            if (now := self._now()) < self._deadline:
                 # Whoever was interrupted while handing on has called nobody, so everybody looks now and then.
                 self._engine.call_at(min(now + LOOK_S, self._deadline), self._called)
                 return
@@ -128,18 +130,12 @@ class EngineLine:
             if port is not self._port:
                 self._port, self._woken_at = port, float("inf")
                 self._runner = LineRunner(port, self._wake_at, self._wake_precisely, self._end, self._lose_port)
-            if self._runner is not None and port.descriptor is not None:
-                self._engine.watch(port.descriptor, self._runner.readable)
-                self._watched = port.descriptor
-            self._carry_out(job)
-
-    def _carry_out(self, job: Job[Any]) -> None:
-        runner, port = self._runner, self._port
-        if runner is None or port is None:
-            # The job before this one has found the port lost.
-            self._begin()
-        else:
-            runner.begin(self._parts.begin(job, self._deadline)(port.now()), self._lock.stop_waits)
+            runner = self._runner
+            if runner is not None and port.descriptor is not None:
+                if self._watched is None:
+                    self._engine.watch(port.descriptor, runner.readable)
+                    self._watched = port.descriptor
+                runner.begin(self._parts.begin(job, self._deadline)(self._now()), self._lock.stop_waits)
 
     def _open(self) -> None:
         """Open the port again, in a thread of its own."""

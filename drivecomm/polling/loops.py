@@ -67,18 +67,19 @@ async def _poll_bus_async(
     items: Sequence[PollItem[D]], duration_s: float, cycles: int | None
 ) -> AsyncGenerator[PollResult, None]:
     polling = Polling(items, duration_s, cycles)
-    while (due := polling.next()) is not None:
+    bus = polling.bus
+    while (due := polling.next(bus.now())) is not None:
         if isinstance(due, PollItem):
             outcome: Reading | DriveCommError
             try:
                 outcome = await due.drive.polled(due.parameter, **due.options)
             except DriveCommError as error:
                 outcome = error
-            yield polling.finished(due, outcome)
+            yield polling.finished(due, outcome, bus.now())
         elif isinstance(due, PollResult):
             yield due
         else:
-            await polling.bus.sleep_until(due)
+            await bus.sleep_until(due)
 
 
 async def _poll_buses_async(

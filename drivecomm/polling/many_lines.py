@@ -111,8 +111,8 @@ class _Served:
         self.engine = engine
         self.lines: list[_PolledLine] = []
         self.stopped = False
-        self.reader_is_slow = False
-        """Whether the lines wait, until the reader has taken more of the results."""
+        self.begins_nothing = False
+        """Whether the lines look what holds them up: the plan was given up, or its reader is slow."""
         self._results = results
         self._batch: list[PollResult] = []
         self.give = self._batch.append
@@ -137,13 +137,15 @@ class _Served:
 
     def stop(self) -> None:
         """Begin nothing any more; what is under way is brought to its end."""
-        self.stopped = True
+        self.stopped = self.begins_nothing = True
         for line in self.lines:
             line.wake()
 
-    def look_at_reader(self) -> None:
-        """See whether the reader is slow."""
-        self.reader_is_slow = self._results.qsize() >= _WAITING_BATCHES
+    def reader_is_slow(self) -> bool:
+        """Whether the lines wait until the reader has taken more of the results."""
+        slow = self._results.qsize() >= _WAITING_BATCHES
+        self.begins_nothing = slow or self.stopped
+        return slow
 
     def is_over(self) -> None:
         """Take note that a line is at the end of its plan."""
@@ -160,7 +162,7 @@ class _Served:
             self._results.put(self._batch.copy())
             self._batch.clear()
             self._next_batch_at = now + _BATCH_S
-            self.look_at_reader()
+            self.reader_is_slow()
         elif not self._woken:
             self._woken = True
             self.engine.call_at(self._next_batch_at, self._wake)
@@ -176,6 +178,8 @@ class _PolledLine:
         self._polling = polling
         self._line = line
         self._served = served
+        self._now = served.engine.now
+        self._give = served.give
         self._item: PollItem[Any] | None = None
         self._asleep = False
         self._over = False
@@ -189,7 +193,18 @@ class _PolledLine:
         self._at_it = True
         try:
             while self._item is None and not self._asleep and not self._over:
-                self._do_next()
+                if self._served.begins_nothing:
+                    self._hold_up()
+                    continue
+                due = self._polling.next(self._now())
+                if isinstance(due, PollItem):
+                    self._read(due)
+                elif isinstance(due, PollResult):
+                    self._give(due)
+                elif due is None:
+                    self._end()
+                else:
+                    self._sleep_until(due)
         finally:
             self._at_it = False
 
@@ -203,43 +218,41 @@ class _PolledLine:
         """Let go of the line."""
         self._line.close()
 
-    def _do_next(self) -> None:
-        if self._served.reader_is_slow and not self._served.stopped:
-            self._served.look_at_reader()
-            if self._served.reader_is_slow:
-                self._sleep_until(self._served.engine.now() + NAP_S)
-                return
-        due = None if self._served.stopped else self._polling.next()
-        if isinstance(due, PollItem):
-            self._item = due
-            try:
-                job = due.drive.to_poll(due.parameter, **due.options)
-            except DriveCommError as error:
-                self._ended(None, error)
-            else:
-                self._line.run(job, self._ended)
-        elif isinstance(due, PollResult):
-            self._served.give(due)
-        elif due is None:
-            self._line.rest()
-            self._over = True
-            self._served.is_over()
+    def _read(self, item: PollItem[Any]) -> None:
+        self._item = item
+        try:
+            job = item.drive.to_poll(item.parameter, **item.options)
+        except DriveCommError as error:
+            self._ended(None, error)
         else:
-            self._sleep_until(due)
+            self._line.run(job, self._ended)
+
+    def _ended(self, result: Any, error: Exception | None) -> None:
+        item, self._item = self._item, None
+        if item is None:
+            return
+        if error is None:
+            self._give(self._polling.finished(item, result, self._now()))
+        elif isinstance(error, DriveCommError):
+            # A bus that has been closed ends the plan.
+            self._give(self._polling.finished(item, error, self._polling.bus.now()))
+        else:
+            raise error
+        self.go_on()
+
+    def _hold_up(self) -> None:
+        """Begin nothing, since the plan is given up or its reader has enough to do."""
+        if self._served.stopped:
+            self._end()
+        elif self._served.reader_is_slow():
+            self._sleep_until(self._now() + NAP_S)
+
+    def _end(self) -> None:
+        self._line.rest()
+        self._over = True
+        self._served.is_over()
 
     def _sleep_until(self, until: float) -> None:
         self._line.rest()
         self._asleep = True
         self._served.engine.call_at(until, self.wake)
-
-    def _ended(self, result: Any, error: BaseException | None) -> None:
-        item, self._item = self._item, None
-        if item is None:
-            return
-        if error is None:
-            self._served.give(self._polling.finished(item, result))
-        elif isinstance(error, DriveCommError):
-            self._served.give(self._polling.finished(item, error))
-        else:
-            raise error
-        self.go_on()

@@ -63,12 +63,11 @@ class Polling(Generic[D]):
         self._backoff = Backoff(REOPEN_FIRST_S, REOPEN_FIRST_S)
         self._down: LinkError | None = None
 
-    def next(self) -> PollItem[D] | PollResult | float | None:
+    def next(self, now: float) -> PollItem[D] | PollResult | float | None:
         """Return the item to read, or the time until which none is due; None when the plan is over.
 
-        While the line is down, an item is not worth trying and its result is returned instead.
+        now: on the bus's clock. While the line is down, an item is not worth trying and its result is returned instead.
         """
-        now = self.bus.now()
         if now - self._start_s >= self._duration_s:
             return None
         item = self._schedule.due(now)
@@ -76,19 +75,17 @@ class Polling(Generic[D]):
             due_s = self._schedule.next_due()
             return None if due_s == math.inf or due_s - self._start_s >= self._duration_s else due_s
         if self._down is not None and now < self._backoff.over_at:
-            return self._result(item, self._down)
+            return self._schedule.finished(item, now, self._down, time_s=self.bus.wall_time())
         return item
 
-    def finished(self, item: PollItem[D], outcome: Reading | DriveCommError) -> PollResult:
+    def finished(self, item: PollItem[D], outcome: Reading | DriveCommError, now: float) -> PollResult:
         """Return the result of an item that was read."""
+        if not isinstance(outcome, DriveCommError):
+            return self._schedule.finished(item, now, outcome, time_s=outcome.time_s)
         if isinstance(outcome, LinkError):
             self._down = outcome
-            self._backoff.failed(self.bus.now())
-        return self._result(item, outcome)
-
-    def _result(self, item: PollItem[D], outcome: Reading | DriveCommError) -> PollResult:
-        time_s = self.bus.wall_time() if isinstance(outcome, DriveCommError) else outcome.time_s
-        return self._schedule.finished(item, self.bus.now(), outcome, time_s=time_s)
+            self._backoff.failed(now)
+        return self._schedule.finished(item, now, outcome, time_s=self.bus.wall_time())
 
 
 def _never() -> bool:
@@ -100,15 +97,16 @@ def poll_bus(
 ) -> Generator[PollResult, None, None]:
     """Yield the results of items that are all on one bus; what can never be read is a failure each time."""
     polling = Polling(items, duration_s, cycles)
-    while not stopped() and (due := polling.next()) is not None:
+    bus = polling.bus
+    while not stopped() and (due := polling.next(bus.now())) is not None:
         if isinstance(due, PollItem):
             outcome: Reading | DriveCommError
             try:
                 outcome = due.drive.polled(due.parameter, **due.options)
             except DriveCommError as error:
                 outcome = error
-            yield polling.finished(due, outcome)
+            yield polling.finished(due, outcome, bus.now())
         elif isinstance(due, PollResult):
             yield due
         else:
-            polling.bus.sleep_until(min(due, polling.bus.now() + NAP_S))
+            bus.sleep_until(min(due, bus.now() + NAP_S))
