@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict, deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 from drivecomm.link import Statistics
 from drivecomm.traffic.sniffer.sniffer import Sniffer
@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from drivecomm.traffic.sniffer.traffic_items import TrafficItem
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LineEvent:
+class LineEvent(NamedTuple):
     """What happened on a line.
 
     item: what was heard; None when a request was given up without an answer. pair: for a reply, what it answers; for
@@ -114,8 +113,7 @@ PairOutcome: TypeAlias = Literal["answered", "late", "unanswered", "stray"]
 _KEPT_UNANSWERED = 8
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pair:
+class Pair(NamedTuple):
     """A request and its reply.
 
     outcome: answered; late: the master had gone on already; unanswered: it went on, and no reply came; stray: a reply

@@ -65,12 +65,17 @@ class Stretch:
 
     def pass_by(self, piece: Piece) -> tuple[float, float, float]:
         """Take a piece and forget it, where nothing is kept; return when it began and ended, and the silence before."""
+        times = self.times_of(piece)
+        self._dropped += len(piece.data)
+        self._last_s = max(self._last_s, piece.time_s)
+        return times
+
+    def times_of(self, piece: Piece) -> tuple[float, float, float]:
+        """Return when a piece that comes next begins and ends, and the silence before."""
         character_s = self._character_s_of(piece)
         time_s, length = piece.time_s, len(piece.data)
         silence_s = time_s - length * character_s - self._last_s
-        self._dropped += length
-        self._last_s = max(self._last_s, time_s)
-        return time_s - (length - 1) * character_s - character_s, time_s, max(0.0, silence_s)
+        return time_s - (length - 1) * character_s - character_s, time_s, silence_s if silence_s > 0 else 0.0
 
     def drop(self, number: int) -> None:
         """Forget the first bytes."""
