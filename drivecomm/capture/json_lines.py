@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 _SOURCES: tuple[Source, ...] = get_args(Source)
-_KEYS = ("time_s", "source", "hex", "line", "settings")
+_KEYS = frozenset(("time_s", "source", "hex", "line", "settings"))
 _LONGEST_LINE = 16 * 1024 * 1024
 
 
@@ -91,7 +91,7 @@ def _line(content: dict[str, Any]) -> bytes:
 
 def _object(line: bytes) -> dict[str, Any]:
     try:
-        content = json.loads(line)
+        content = json.loads(line.decode("ascii") if line.isascii() else line)
     except (ValueError, RecursionError) as error:
         raise FileFormatError(f"not valid JSON ({error})") from error
     if not isinstance(content, dict):
@@ -190,15 +190,15 @@ def text(content: Mapping[str, Any], key: str) -> str:
     value = content.get(key, "")
     if not isinstance(value, str):
         raise FileFormatError(f"{key} is not a text")
-    if any("\ud800" <= character <= "\udfff" for character in value):
+    if not value.isascii() and any("\ud800" <= character <= "\udfff" for character in value):
         raise FileFormatError(f"{key} contains an unpaired surrogate")
     return value
 
 
 def only(content: Mapping[str, Any], known: Iterable[str]) -> None:
     """Reject unknown keys, so that a misspelt one is not read as absent. Raises FileFormatError."""
-    if unknown := sorted(set(content) - set(known)):
-        raise FileFormatError(f"unknown key {unknown[0]!r}")
+    if unknown := content.keys() - known:
+        raise FileFormatError(f"unknown key {min(unknown)!r}")
 
 
 def _time_of_day(written: str) -> datetime:
