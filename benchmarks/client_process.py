@@ -15,6 +15,7 @@ from bare_reader import LostReplyError, read_bare
 from counting import WARM_UP, count_awaited, in_threads, in_turn
 
 import drivecomm
+from drivecomm.commissioning import tune
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,6 +28,18 @@ def blocking(job: Job) -> tuple[Counts, float]:
     (path,) = job["paths"]
     with drivecomm.open_bus(path, baudrate=job["baudrate"], **job["options"]) as bus:
         drive = bus.drive(job["protocol"], 1)
+        parameter = job["parameter"]
+        return in_turn(lambda: drive.read(parameter), job["seconds"])
+
+
+def tuned(job: Job) -> tuple[Counts, float]:
+    """Tune the drive of a line, and read with the blocking face then."""
+    (path,) = job["paths"]
+    with drivecomm.open_bus(path, baudrate=job["baudrate"], **job["options"]) as bus:
+        found = tune(bus.drive(job["protocol"], 1))
+        if found.error:
+            raise drivecomm.NoReplyError(found.error)
+        drive = bus.drive(job["protocol"], 1, **found.options)
         parameter = job["parameter"]
         return in_turn(lambda: drive.read(parameter), job["seconds"])
 
@@ -139,6 +152,7 @@ WAYS = {
     "bare Python": read_bare,
     "bare selectors": read_bare_lines,
     "blocking": blocking,
+    "tuned": tuned,
     "threads": threads,
     "asyncio": tasks,
     "poll plan": poll_plan,

@@ -40,7 +40,8 @@ class EmulatedLine:
 
     bits: of one character, on the wire. delay_s: from the end of a request to its reply, evenly spread between the two.
     whole: replies arrive as a whole when their last character has passed, otherwise character by character. answers:
-    request to reply; an empty reply for a telegram that nobody answers.
+    request to reply; an empty reply for a telegram that nobody answers. deaf_s: after its reply, the drive does not
+    hear what begins sooner.
     """
 
     bits: float
@@ -48,11 +49,15 @@ class EmulatedLine:
     delay_s: tuple[float, float]
     answers: Mapping[bytes, bytes]
     whole: bool = False
+    deaf_s: float = 0.0
 
     def described(self, seed: int) -> str:
         """Return the line as the emulator reads it."""
         low, high = self.delay_s
-        rows = [f"line {self.bits} {self.baudrate} {low} {high} {seed} {'telegram' if self.whole else 'byte'}"]
+        rows = [
+            f"line {self.bits} {self.baudrate} {low} {high} {seed} {'telegram' if self.whole else 'byte'}",
+            f"deaf {self.deaf_s}",
+        ]
         rows += [f"answer {request.hex()} {reply.hex() or '-'}" for request, reply in self.answers.items()]
         return "\n".join(rows) + "\n"
 

@@ -44,6 +44,7 @@ MEASUREMENTS = (
     "scale",
     "efficiency",
     "processor_time",
+    "tuned_drives",
     "neighbour",
     "dead_drives",
     "scan_time",

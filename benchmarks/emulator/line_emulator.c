@@ -5,13 +5,14 @@
    Standard input describes the lines, one fact a line of text, all times in seconds:
 
        line BITS BAUD DELAY_FROM DELAY_TO SEED byte|telegram
+       deaf SECONDS                  after its reply, the drive does not hear characters that begin sooner
        answer REQUEST REPLY          both in hexadecimal; "-" for a telegram that nobody answers
        go
 
    BITS is what one character takes, start, parity and stop bits included. A drive answers after a delay between the two
    (evenly spread, from the seed). "byte": the master gets each character when its last bit has passed; "telegram": all
-   of a reply when the last bit of its last character has passed, as an adapter with a buffer does. "answer" belongs to
-   the line before it.
+   of a reply when the last bit of its last character has passed, as an adapter with a buffer does. "answer" and "deaf"
+   belong to the line before them.
 
    After "go" the paths of the lines come out as one line of JSON. Then it serves, until standard input ends or SIGTERM
    comes, and prints what it saw as one line of JSON:
@@ -55,7 +56,7 @@ typedef struct {
 typedef struct {
     int ours, theirs;
     char path[64];
-    double character_s, delay_from, delay_to;
+    double character_s, delay_from, delay_to, deaf_s;
     unsigned long long random;
     int whole;
     answer answers[MOST_ANSWERS];
@@ -160,6 +161,8 @@ static void read_description(void) {
             one->random = one->random * 2862933555777941757ULL + 3037000493ULL;
             open_line(one);
             lines[line_count++] = one;
+        } else if (!strcmp(word, "deaf") && line_count) {
+            if (scanf("%lf", &lines[line_count - 1]->deaf_s) != 1) die("deaf");
         } else if (!strcmp(word, "answer") && line_count) {
             line *one = lines[line_count - 1];
             answer *known = &one->answers[one->answer_count++];
@@ -241,6 +244,7 @@ static void hear(line *one) {
         if (one->heard_length == LONGEST) forget(one, 1);
         one->began[one->heard_length] = one->free_at > at ? one->free_at : at;
         one->free_at = one->began[one->heard_length] + one->character_s;
+        if (one->began[one->heard_length] < one->reply_ended + one->deaf_s) continue;
         one->heard[one->heard_length++] = came[i];
     }
     understand(one);

@@ -5,11 +5,12 @@ from .async_bus import (
     AsyncPriorityLock as AsyncPriorityLock,
     open_bus_async as open_bus_async,
 )
-from .bus import Broadcast as Broadcast, Bus as Bus, Drive as Drive, open_bus as open_bus, port_opener as port_opener
+from .bus import Broadcast as Broadcast, Bus as Bus, Drive as Drive, open_bus as open_bus
 from .exchanges import Exchanges as Exchanges
 from .faces import Job as Job
 from .keeping import keep as keep, keep_async as keep_async
 from .likely_settings import LineChoices as LineChoices, likely_settings as likely_settings
+from .opening import LineOptions as LineOptions, port_opener as port_opener
 from .priority_lock import PriorityLock as PriorityLock, Rank as Rank, Turn as Turn
 from .procedures import (
     Goal as Goal,

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from bisect import insort
-from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar, Unpack
 
-from drivecomm.bus.bus import port_opener, recorded
 from drivecomm.bus.faces import Awaited
+from drivecomm.bus.opening import opened_with
 from drivecomm.bus.priority_lock import Rank
 from drivecomm.bus.procedures import carry_out_async, reaching
-from drivecomm.bus.roster import Roster
 from drivecomm.bus.scanning import Found, Search
 from drivecomm.bus.shared_bus import SharedBus
-from drivecomm.bus.stored_writes import ALLOWED
 from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
 from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError
 from drivecomm.polling import poll_async
@@ -21,15 +19,15 @@ from drivecomm.transport import runner_for
 
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterable
-    from types import TracebackType
 
     from drivecomm.bus.faces import Job
     from drivecomm.bus.likely_settings import LineChoices
+    from drivecomm.bus.opening import LineOptions
     from drivecomm.bus.procedures import Goal
-    from drivecomm.capture import Record
-    from drivecomm.link import Echo, Port, TraceEvent
+    from drivecomm.bus.roster import Roster
+    from drivecomm.link import Port
     from drivecomm.polling import PollItem, PollResult
-    from drivecomm.protocol import DriveStatus, Parity
+    from drivecomm.protocol import DriveStatus
     from drivecomm.transport import Runner
 
 T = TypeVar("T")
@@ -143,9 +141,7 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         await self._opened()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.close()
 
     async def _take_turn(self, rank: Rank, seconds: float, who: str) -> None:
@@ -197,38 +193,12 @@ def _close_port(opening: asyncio.Future[Port]) -> None:
         opening.result().close()
 
 
-def open_bus_async(
-    port: str | Callable[[], Port],
-    *,
-    baudrate: int | None = None,
-    bytesize: int | None = None,
-    parity: Parity | None = None,
-    stopbits: float | None = None,
-    reply_timeout_s: float | None = None,
-    attempts: int | None = None,
-    echo: bool | Echo = "off",
-    guard_s: float = 0.005,
-    rs485: bool = False,
-    low_latency: bool | None = None,
-    trace: Callable[[TraceEvent], None] | None = None,
-    record: Record | None = None,
-    stored_writes_per_hour: int = ALLOWED,
-    **facts: float | None,
-) -> AsyncBus:
+def open_bus_async(port: str | Callable[[], Port], **options: Unpack[LineOptions]) -> AsyncBus:
     """Return the bus of a line for `async with`, which opens it; the arguments are those of `open_bus`.
 
     Entering raises PortError when the port does not exist or is in use.
     """
-    given = {
-        "baudrate": baudrate,
-        "bytesize": bytesize,
-        "parity": parity,
-        "stopbits": stopbits,
-        "reply_timeout_s": reply_timeout_s,
-        "attempts": attempts,
-    }
-    roster = Roster({**given, **facts}, trace, echo, guard_s, stored_writes_per_hour)
-    return AsyncBus(*recorded(port_opener(port, rs485=rs485, low_latency=low_latency), roster, record, port))
+    return AsyncBus(*opened_with(port, options))
 
 
 _Place: TypeAlias = tuple[Rank, int, "asyncio.Future[None]"]

@@ -3,31 +3,30 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
 from drivecomm.bus.faces import Blocking
+from drivecomm.bus.opening import opened_with
 from drivecomm.bus.priority_lock import PriorityLock, Rank, Turn
 from drivecomm.bus.procedures import carry_out, reaching
-from drivecomm.bus.roster import Roster
 from drivecomm.bus.shared_bus import SharedBus
-from drivecomm.bus.stored_writes import ALLOWED
 from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
-from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError, shortened
+from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError
 from drivecomm.transport import run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator
-    from types import TracebackType
 
     from drivecomm.bus.engine_line import EngineLine
     from drivecomm.bus.faces import Job
     from drivecomm.bus.likely_settings import LineChoices
+    from drivecomm.bus.opening import LineOptions
     from drivecomm.bus.procedures import Goal
+    from drivecomm.bus.roster import Roster
     from drivecomm.bus.scanning import Found
-    from drivecomm.capture import Record
-    from drivecomm.link import Echo, Port, TraceEvent
+    from drivecomm.link import Port
     from drivecomm.polling import PollItem, PollResult
-    from drivecomm.protocol import DriveStatus, Parity
+    from drivecomm.protocol import DriveStatus
     from drivecomm.transport import Engine
 
 T = TypeVar("T")
@@ -121,11 +120,12 @@ class Bus(SharedBus[Drive, Broadcast]):
         command that a stop has cancelled, NotAnsweringError for a drive that is known not to answer.
         """
         deadline = self._called(job)
-        turn = Turn(job.rank)
+        peer, turn = job.peer, Turn(job.rank)
         try:
             with turn.held:
-                self._wait_for(turn, job.peer.facts.timing.deadline_s, job.peer.name)
-                port = self._opened()
+                if not self._lock.ask(turn):
+                    self._wait_for(turn, peer.facts.timing.deadline_s, peer.name)
+                port = self._port or self._opened()
                 try:
                     return self._timed(run(self._begin(job, deadline), port, self._lock.stop_waits))
                 except LinkDownError:
@@ -160,7 +160,8 @@ class Bus(SharedBus[Drive, Broadcast]):
         turn = Turn(Rank.POLL)
         try:
             with turn.held:
-                self._wait_for(turn, float("inf"), "the bus")
+                if not self._lock.ask(turn):
+                    self._wait_for(turn, float("inf"), "the bus")
                 self._clock.wait(until)
         finally:
             self._lock.hand_on()
@@ -170,7 +171,8 @@ class Bus(SharedBus[Drive, Broadcast]):
         turn = Turn(Rank.COMMAND)
         try:
             with turn.held:
-                self._wait_for(turn, float("inf"), "the bus")
+                if not self._lock.ask(turn):
+                    self._wait_for(turn, float("inf"), "the bus")
                 self._closed = True
                 if self._port is not None:
                     self._port.close()
@@ -183,15 +185,14 @@ class Bus(SharedBus[Drive, Broadcast]):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _wait_for(self, turn: Turn, seconds: float, who: str) -> None:
         if self._lock.is_mine():
+            self._lock.leave(turn)
             raise UsageError("a trace function cannot use the bus that calls it")
-        if not self._lock.take(turn, seconds):
+        if not self._lock.wait(turn, seconds):
             raise DeadlineError(f"{who}: the line was busy with others for {seconds:g} s")
 
     def _lost(self, port: Port) -> None:
@@ -199,8 +200,6 @@ class Bus(SharedBus[Drive, Broadcast]):
         port.close()
 
     def _opened(self) -> Port:
-        if self._port is not None:
-            return self._port
         self._check_backoff()
         try:
             port = self._open_port()
@@ -211,81 +210,13 @@ class Bus(SharedBus[Drive, Broadcast]):
         return port
 
 
-def open_bus(
-    port: str | Callable[[], Port],
-    *,
-    baudrate: int | None = None,
-    bytesize: int | None = None,
-    parity: Parity | None = None,
-    stopbits: float | None = None,
-    reply_timeout_s: float | None = None,
-    attempts: int | None = None,
-    echo: bool | Echo = "off",
-    guard_s: float = 0.005,
-    rs485: bool = False,
-    low_latency: bool | None = None,
-    trace: Callable[[TraceEvent], None] | None = None,
-    record: Record | None = None,
-    stored_writes_per_hour: int = ALLOWED,
-    **facts: float | None,
-) -> Bus:
+def open_bus(port: str | Callable[[], Port], **options: Unpack[LineOptions]) -> Bus:
     """Open a line and return its bus, a context manager.
 
     port: what pyserial opens ("/dev/ttyUSB0", "COM3", "socket://host:4001", "rfc2217://host:4001", "loop://"), or a
-    function that returns a port, such as `VirtualLine.port`. baudrate, bytesize, parity, stopbits, reply_timeout_s,
-    attempts: for all drives, instead of their protocols' defaults. echo: whether the adapter hands back what it sends:
-    "off", "expect" (also True), or "auto" to see by itself. guard_s: quiet time after a change of line settings. rs485:
-    let the driver of the port switch the transmitter. low_latency: whether a USB adapter shall hand bytes over at once;
-    None does so where it can be set. trace: called for everything that happens on the line. record: a file that gets
-    every byte sent and received, .jsonl or .pcapng, or an object with `add(piece)`. stored_writes_per_hour: how often
-    one parameter of a drive may be written to EEPROM. facts: further timing for all drives, by the names of `Timing`,
-    such as gap_s or turnaround_s.
+    function that returns a port, such as `VirtualLine.port`. options: those of `LineOptions`.
 
     Raises PortError when the port does not exist, is in use, or has not what was asked for, UsageError for a name that
     is no line fact.
     """
-    given = {
-        "baudrate": baudrate,
-        "bytesize": bytesize,
-        "parity": parity,
-        "stopbits": stopbits,
-        "reply_timeout_s": reply_timeout_s,
-        "attempts": attempts,
-    }
-    roster = Roster({**given, **facts}, trace, echo, guard_s, stored_writes_per_hour)
-    return Bus(*recorded(port_opener(port, rs485=rs485, low_latency=low_latency), roster, record, port))
-
-
-def port_opener(
-    port: str | Callable[[], Port], *, rs485: bool = False, low_latency: bool | None = None
-) -> Callable[[], Port]:
-    """Return what opens this port, and opens it again when it was lost: then by the name that follows the adapter."""
-    if not isinstance(port, str):
-        if not callable(port):
-            raise UsageError(f"port cannot be {shortened(port)}; give its name, or a function that returns a port")
-        return port
-    names = [port]
-
-    def open_port() -> Port:
-        # pyserial is loaded by those who open a port, not by those who import drivecomm.
-        from drivecomm.transport import SerialPort  # noqa: PLC0415
-
-        opened = SerialPort(names[0], rs485=rs485, low_latency=low_latency)
-        names[0] = opened.stable_name
-        return opened
-
-    return open_port
-
-
-def recorded(
-    opener: Callable[[], Port], roster: Roster, record: Record | None, port: object
-) -> tuple[Callable[[], Port], Roster, Callable[[], None] | None]:
-    """Return what a bus is made of; with a record, the port that is opened writes down what goes over it."""
-    if record is None:
-        return opener, roster, None
-    # Files and their formats are for those who record.
-    from drivecomm.capture import Recording  # noqa: PLC0415
-
-    name = port if isinstance(port, str) else ""
-    recording = Recording(opener, record, name=name, echo=roster.echo, drives=roster.names)
-    return recording.open_port, roster, recording.close
+    return Bus(*opened_with(port, options))

@@ -48,7 +48,7 @@ class Exchanges:
     def to_read(self, parameter: str, options: Mapping[str, Any]) -> Exchange[Reading]:
         """Read a parameter, by its address, its name in the model or a common name."""
         self._must_name(parameter)
-        common = self._common_name(parameter)
+        common = None if self._model is None else self._common_name(parameter)
         if common is not None:
             return _told(bound(self.operations.read, common.address, **options), common)
         try:

@@ -76,9 +76,11 @@ class PriorityLock:
         self._order = 0
 
     def take(self, turn: Turn, seconds: float) -> bool:
-        """Wait for a turn that is held already; returns False when it has not come within this time."""
-        if self.ask(turn):
-            return True
+        """Have a turn that is held already; returns False when it has not come within this time."""
+        return self.ask(turn) or self.wait(turn, seconds)
+
+    def wait(self, turn: Turn, seconds: float) -> bool:
+        """Wait for a turn that was asked for; returns False when it has not come within this time."""
         until = time.monotonic() + seconds
         while not self.has_come(turn):
             left = until - time.monotonic()
@@ -91,14 +93,14 @@ class PriorityLock:
     def ask(self, turn: Turn) -> bool:
         """Return True if a turn that is held already has come at once; it waits otherwise, until it is called."""
         with self._guard:
-            if not self._waiting and not self._is_taken():
+            owner = self._owner
+            if not self._waiting and (owner is None or not owner.held.locked()):
                 self._owner = turn
                 return True
             self._order += 1
             turn.order = self._order
             turn.called.acquire()
             self._waiting.append(turn)
-            owner = self._owner
         if turn.rank is Rank.STOP and owner is not None:
             owner.overtaken()
         return False

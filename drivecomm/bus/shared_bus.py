@@ -139,7 +139,9 @@ class SharedBus(Generic[D, E]):
 
     def _called(self, job: Job[Any]) -> float:
         """Take note of a job that is called for, of which a stop cancels commands, and return when its time is over."""
-        deadline = self.now() + job.peer.facts.timing.deadline_s
+        # Whether the bus is open is for those to say who find that it is not.
+        now = self.now() if self._closed or self._clock is None else self._clock.now()
+        deadline = now + job.peer.facts.timing.deadline_s
         if job.rank is Rank.STOP:
             self._roster.commands.stop_called(job.peer.name)
         return deadline
@@ -155,7 +157,9 @@ class SharedBus(Generic[D, E]):
 
     def _timed(self, result: T) -> T:
         """Return what a job has resulted in; a reading gets its time."""
-        return result.at(self.wall_time()) if isinstance(result, Reading) else result  # type: ignore[return-value]
+        if isinstance(result, Reading) and self._clock is not None:
+            result.at(self._clock.wall_time())
+        return result
 
     def _check_backoff(self) -> None:
         """Raise LinkDownError as long as a port that was lost is not to be opened again."""

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 B = TypeVar("B", bound="SharedBus[Any, Any]")
 
+# A NamedTuple's own constructor is a function of Python's.
+_new = tuple.__new__
+
 
 class PeerVerbs(Generic[B]):
     """What the verbs of one drive and those of all drives of a protocol need."""
@@ -102,7 +105,7 @@ class DriveVerbs(PeerVerbs[B]):
 
         options: the protocol's own, such as type= (vabus, danfoss-fc) or dataset= (vabus).
         """
-        return Job(self._peer, self._exchanges.to_read(parameter, options))
+        return _new(Job, (self._peer, self._exchanges.to_read(parameter, options), Rank.READ, None, False))
 
     @Verb
     def polled(self, /, parameter: str, **options: Any) -> Job[Reading]:
@@ -111,7 +114,7 @@ class DriveVerbs(PeerVerbs[B]):
 
     def to_poll(self, parameter: str, **options: Any) -> Job[Reading]:
         """Return the job of `polled`, for who has the bus carry it out; sends nothing."""
-        return Job(self._peer, self._exchanges.to_read(parameter, options), Rank.POLL)
+        return _new(Job, (self._peer, self._exchanges.to_read(parameter, options), Rank.POLL, None, False))
 
     def check_read(self, parameter: str, **options: Any) -> None:
         """Raise UsageError for what `read` could never read on this drive; sends nothing."""

@@ -18,6 +18,7 @@ COMMANDS = {
     "encode": ("telegrams:encode", "Build one telegram from its fields and print it in hexadecimal."),
     "scan": ("scan:scan", "Find the drives on a line."),
     "doctor": ("doctor:doctor", "Examine a port and its line, and say how to fix what is wrong."),
+    "tune": ("tune:tune", "Find the shortest pause after a drive's replies, and its reply time-out."),
     "stats": ("stats:stats", "Poll drives for a while and count replies, errors and reply times."),
     "read": ("one_drive:read", "Read parameters."),
     "write": ("one_drive:write", "Write a parameter."),

@@ -36,6 +36,7 @@ WITHOUT_EFFECT: Mapping[str, Mapping[str, str]] = {
         **dict.fromkeys(("echo", "rs485", "low_latency", "trace", "record"), _OPENS_NOTHING),
     },
     "doctor": {**_COMMANDS_NOTHING, "record": _RECORDS_NOTHING},
+    "tune": {**_COMMANDS_NOTHING, "attempts": "counts each request that fails"},
     "replay": {
         **dict.fromkeys(("attempts", "trace"), "sends again what is in the file, each once"),
         "record": _RECORDS_NOTHING,
@@ -120,6 +121,11 @@ class LineOptions:
         """Return what the plant says that a drive's motor shall do when its master falls silent, None for nothing."""
         place = _placed(text, self)
         return place[1].link_loss if place else None
+
+    def in_plant(self, text: str) -> tuple[str, int] | None:
+        """Return the plant file that has a drive, and the number of the drive there, from 0; None where none has it."""
+        place = _placed(text, self)
+        return (place[0].file, [each.name for each in place[0].drives].index(place[1].name)) if place else None
 
     def port_of(self, line: PlantLine, file: str) -> str:
         """Return the port of a line of the plant, the one that is given where the plant names none."""

@@ -76,6 +76,14 @@ def times_ms(times: ReplyTimes, percentiles: Iterable[int]) -> dict[str, float]:
     return {key: round(each * 1000, 3) for key, each in seconds.items()}
 
 
+def print_columns(rows: Iterable[tuple[str, ...]]) -> None:
+    """Print rows under each other, every column as wide as its longest text."""
+    lines = list(rows)
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        say("  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip())
+
+
 def print_table(table: Any, width: int) -> None:
     """Print a table: as wide as the terminal, or so wide where there is none."""
     from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn

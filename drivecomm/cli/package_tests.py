@@ -30,7 +30,7 @@ def conformance(
 
     plugin = installed[protocol]
     if html is not None:
-        _write(html, "")
+        _write(html, "the report", "")
     found: list[CheckResult] = []
     for result in results(plugin, QUICK if quick else FULL, only=only):
         found.append(result)
@@ -45,7 +45,7 @@ def conformance(
     if html is not None:
         from drivecomm.testing import page  # noqa: PLC0415
 
-        _write(html, page(plugin, report))
+        _write(html, "the report", page(plugin, report))
     return 0 if report.ok else 1
 
 
@@ -80,13 +80,12 @@ def _summarise(protocol: str, report: Report) -> None:
     say(f"{protocol}: {len(report.passed)} checks passed, {len(report.failed)} failed, {report.seconds:.1f} s")
 
 
-def _write(path: Path, text: str) -> None:
+def _write(path: Path, what: str, text: str) -> None:
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise UsageError(
-            f"{path}: the report cannot be written there ({error.strerror}); choose another file"
-        ) from error
+        why = error.strerror or error
+        raise UsageError(f"{path}: {what} cannot be written there ({why}); choose another file") from error
 
 
 def check(
@@ -148,9 +147,6 @@ def from_capture(
     if output is None:
         sys.stdout.write(text)
         return 0
-    try:
-        output.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise UsageError(f"{output}: cannot be written ({error.strerror or error}); choose another file") from error
+    _write(output, "the vectors", text)
     say(f"{count} vectors in {output}")
     return 0

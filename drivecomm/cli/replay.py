@@ -11,7 +11,7 @@ import typer
 
 from drivecomm.capture import read_capture
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.output import emit, say, tell
+from drivecomm.cli.output import emit, print_columns, say, tell
 from drivecomm.cli.signals import until_stopped
 from drivecomm.errors import UsageError
 from drivecomm.protocol import LineSettings, installed
@@ -121,20 +121,13 @@ def _ask(asking: ReplayMaster, line: LineOptions, plugins: Sequence[Protocol]) -
 
 def _show(different: Sequence[ReplayedRequest], plugins: Sequence[Protocol]) -> None:
     """Print the requests that were answered differently, and in what."""
-    # rich takes a while to load, and a replay without differences needs none of it.
-    from rich.console import Console  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
-    from rich.text import Text  # noqa: PLC0415
-
-    table = Table(box=None, pad_edge=False)
-    for heading in ("request", "time", "asked", "difference"):
-        table.add_column(heading, justify="right" if heading in ("request", "time") else "left")
-    for outcome in different:
-        # A reply may hold square brackets, which are no markup.
-        table.add_row(
-            str(outcome.number),
-            f"{outcome.then.asked_s:.3f} s",
-            Text(described(outcome.then.request, plugins)),
-            Text(difference(outcome, plugins)),
+    rows = [
+        (
+            f"{each.number:>7}",
+            f"{each.then.asked_s:.3f} s",
+            described(each.then.request, plugins),
+            difference(each, plugins),
         )
-    Console().print(table)
+        for each in different
+    ]
+    print_columns([("request", "time", "asked", "difference"), *rows])

@@ -6,11 +6,13 @@ start, as nohup wants it.
 
 from __future__ import annotations
 
+import _thread
 import os
 import signal
+import sys
 import time
 from contextlib import contextmanager
-from threading import Event
+from threading import Event, Timer
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -18,6 +20,9 @@ if TYPE_CHECKING:
 
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 _ALL = tuple(signal.Signals[name] for name in _NAMES if name in signal.Signals.__members__)
+
+# When an interruption that was lost is repeated: late enough to be out of where it was lost.
+_REPEATED_AFTER_S = 0.001
 
 # A terminal that is closed sends more than one, and people press Ctrl-C twice: that is the same wish.
 _ONE_WISH_S = 1.0
@@ -44,6 +49,7 @@ def interrupt() -> None:
     """
     _State.loading = True
     _take(_interrupt)
+    sys.unraisablehook = _repeat
 
 
 def loaded() -> None:
@@ -96,6 +102,17 @@ def _interrupt(number: int, _: object) -> None:
             os._exit(128 + number)
     if _remember(number):
         raise KeyboardInterrupt
+
+
+def _repeat(lost: sys.UnraisableHookArgs) -> None:
+    """Interrupt again what was interrupted where no exception gets out, as in a finalizer; tell of any other error."""
+    if not isinstance(lost.exc_value, KeyboardInterrupt):
+        sys.__unraisablehook__(lost)
+        return
+    number, _State.number = _State.number, 0
+    again = Timer(_REPEATED_AFTER_S, _thread.interrupt_main, (number,))
+    again.daemon = True
+    again.start()
 
 
 def _remember(number: int) -> bool:

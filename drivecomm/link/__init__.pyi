@@ -9,6 +9,7 @@ from .health import (
     Backoff as Backoff,
     Health as Health,
     ProbingTime as ProbingTime,
+    TuningWatch as TuningWatch,
     UsualDelays as UsualDelays,
 )
 from .link import Link as Link

@@ -133,6 +133,8 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
             message = yield from await_reply(call, ask, data, came)
         except ReplyError as error:
             partner.count["damaged" if isinstance(error, DamagedReplyError) else "timeouts"] += 1
+            if not isinstance(error, OvertakenError):
+                line.request_failed(peer, partner)
             if line.heard_at > partner.asked_at:
                 # Where nothing came at all there is nothing to let finish.
                 if call.listen_until is not None:

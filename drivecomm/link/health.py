@@ -8,6 +8,7 @@ small for all of them, the pause grows beyond its usual limit.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -122,6 +123,41 @@ class UsualDelays:
         if usual is None:
             return DEFAULT_EAR_S
         return min(1.05 * usual + 0.0003, LONGEST_EAR_S)
+
+
+TUNING_ERRORS = 3
+TUNING_REQUESTS = 100
+
+
+class TuningWatch:
+    """Whether the tuned turnarounds of a line hold: when errors rise with any of its drives, all are given up for good.
+
+    They rise with three failed requests among a hundred to one drive. One counts only if the drive has answered since
+    the one before: a drive that is silent altogether needs no longer pause. Who does not hear a request that follows
+    too soon need not be the drive whose reply came before it, so the line as a whole is judged.
+    """
+
+    def __init__(self) -> None:
+        self.given_up = False
+        self._used = False
+        self._errors: dict[str, deque[tuple[int, int]]] = {}
+
+    def holds(self) -> bool:
+        """Return whether a tuned turnaround may be used, and take note that there is one."""
+        self._used = True
+        return not self.given_up
+
+    def failed(self, drive: str, requests: int, replies: int) -> bool:
+        """Take note that a drive did not answer soundly, after so many requests and replies.
+
+        Returns whether this is when the tuned turnarounds are given up.
+        """
+        errors = self._errors.setdefault(drive, deque(maxlen=TUNING_ERRORS))
+        if self.given_up or not self._used or not replies or (errors and errors[-1][1] == replies):
+            return False
+        errors.append((requests, replies))
+        self.given_up = len(errors) == TUNING_ERRORS and requests - errors[0][0] < TUNING_REQUESTS
+        return self.given_up
 
 
 REOPEN_FIRST_S = 0.5

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.link.echo import Echo, EchoFilter
-from drivecomm.link.health import LONGEST_PAUSE_S, UsualDelays
+from drivecomm.link.health import LONGEST_PAUSE_S, TuningWatch, UsualDelays
 from drivecomm.link.peer import TraceEvent
 from drivecomm.link.port import Configure, Receive, Send, Steps, Talk, Wait
 
@@ -21,8 +21,9 @@ class LineState:
 
     now: the time of the last effect. settings: of the port, None when not known. free_at: when somebody may speak.
     sent_at: when the last request is out. heard_at: when something came last. unclean: an exchange was cut off, so
-    that the line is drained first. delays: how soon the drives answer. probed: the drive that was probed last, without
-    a whole reply time, and did not answer. talk: filled in for each request of the short way. trace, away: see `Link`.
+    that the line is drained first. delays: how soon the drives answer. tuning: whether their tuned turnarounds hold.
+    probed: the drive that was probed last, without a whole reply time, and did not answer. talk: filled in for each
+    request of the short way. trace, away: see `Link`.
     """
 
     def __init__(
@@ -42,6 +43,7 @@ class LineState:
         self.heard_at = float("-inf")
         self.unclean = False
         self.delays = UsualDelays()
+        self.tuning = TuningWatch()
         self.probed: PeerState | None = None
         self.talk = Talk()
         self._guard_s = guard_s
@@ -101,7 +103,9 @@ class LineState:
 
         Traced exchanges and those through an adapter that may echo go the long way, since more must be told of them.
         """
-        return not (self.unclean or self.trace is not None or self.echo.looking) and self.is_set_for(peer)
+        if self.unclean or self.trace is not None or self.echo.looking:
+            return False
+        return self.settings is peer.settings or self.is_set_for(peer)
 
     def is_set_for(self, peer: Peer) -> bool:
         """Whether the port has the drive's line settings."""
@@ -141,6 +145,12 @@ class LineState:
             partner.count["echo bytes"] += len(echo)
             self.note(peer, "echo", echo)
         return rest
+
+    def request_failed(self, peer: Peer, partner: PeerState) -> None:
+        """Take note that a drive did not answer soundly; too many such errors end all tuned turnarounds."""
+        if self.tuning.failed(peer.name, partner.count["requests"], partner.count["replies"]):
+            partner.count["tunings given up"] += 1
+            self.note(peer, "note", detail="errors rose; the usual turnaround is used again for all drives of the line")
 
     def heard_out_of_turn(self) -> None:
         """See whether it was the drive that was probed last, and that answers more slowly than was waited for."""

@@ -108,9 +108,13 @@ class Link:
         An exchange that is cut off in the middle (by closing this generator) leaves the line unclean: the next one
         begins with draining it.
         """
-        partner = self._partner(peer)
-        health = partner.health
-        if not (health.given_up or health.away) and self._line.is_plain_for(peer):
+        if peer.cautious is not None:
+            peer = self._trusted(peer)
+        partner = self._partners.get(peer.name)
+        if partner is None or partner.settings is not peer.settings:
+            partner = self._partner(peer)
+        # Who has been given up is away, too.
+        if not partner.health.away and self._line.is_plain_for(peer):
             return self._by_short_way(peer, partner, exchange, now, deadline=deadline, gives_way=True, command=command)
         return self._run(self._call(peer, partner, deadline, True, command), exchange, now)
 
@@ -132,6 +136,8 @@ class Link:
         self, peer: Peer, exchange: Exchange[T], now: float, *, deadline: float = _NEVER, gives_way: bool = True
     ) -> Steps[T]:
         """Carry out an exchange whatever is known of the drive: for asking whether it is there."""
+        if peer.cautious is not None:
+            peer = self._trusted(peer)
         partner = self._partner(peer)
         if self._line.is_plain_for(peer):
             return self._by_short_way(
@@ -256,6 +262,10 @@ class Link:
         except BaseException:
             exchange.close()
             raise
+
+    def _trusted(self, peer: Peer) -> Peer:
+        """Return a tuned drive without its tuned turnaround when it does not hold."""
+        return peer if self._line.tuning.holds() else peer.cautious or peer
 
     def _fell_silent(self, peer: Peer, partner: PeerState, began: float) -> None:
         line = self._line

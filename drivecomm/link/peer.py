@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -40,7 +40,7 @@ class Peer:
 
     mismatch: names the first field in which a sound reply does not belong to the request. probe: asks whether it is
     there, moving nothing; None for all drives at once. set_up: what must be done after it was away, before anything
-    else is.
+    else is. cautious: the same drive without its tuned turnaround, None where there is none.
     """
 
     name: str
@@ -55,6 +55,7 @@ class Peer:
     shortest: int = field(init=False)
     gap_s: float = field(init=False)
     turnaround_s: float = field(init=False)
+    cautious: Peer | None = field(init=False)
 
     def __post_init__(self) -> None:
         # Asked for in every exchange.
@@ -64,6 +65,8 @@ class Peer:
         object.__setattr__(self, "shortest", self.codec.measure(b"", "reply") or 1)
         object.__setattr__(self, "gap_s", self.facts.gap_s)
         object.__setattr__(self, "turnaround_s", self.facts.turnaround_s)
+        untuned = self.facts.untuned
+        object.__setattr__(self, "cautious", None if untuned is self.facts else replace(self, facts=untuned))
 
 
 @lru_cache(64)

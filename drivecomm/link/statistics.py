@@ -30,6 +30,7 @@ COUNTERS = {
     "noise bytes": "bytes within a reply time that were part of no telegram",
     "unasked bytes": "bytes that came before a request was out",
     "drained bytes": "bytes thrown away after an error, until the line was quiet",
+    "tunings given up": "times that errors rose and tuned turnarounds were given up for the whole line",
     "probes": "questions whether a drive that had been given up is there again",
 }
 """The names of the counters and what each counts."""
@@ -48,8 +49,9 @@ class ReplyTimes:
         """Count one reply."""
         self.classes[bisect_left(REPLY_TIME_BOUNDS_MS, seconds * 1000)] += 1
         self.total_s += seconds
-        self.longest_s = max(self.longest_s, seconds)
-        self.shortest_s = min(self.shortest_s, seconds)
+        if not self.shortest_s <= seconds <= self.longest_s:
+            self.longest_s = max(self.longest_s, seconds)
+            self.shortest_s = min(self.shortest_s, seconds)
 
     @property
     def count(self) -> int:

@@ -1,3 +1,4 @@
+from .editing import write_options as write_options
 from .files import read_plant as read_plant
 from .line_faults import (
     TRANSMISSION_FAULTS as TRANSMISSION_FAULTS,

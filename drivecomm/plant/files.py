@@ -27,6 +27,7 @@ poll = [{ parameters = ["output_frequency"], period_s = 0.2, priority = 1 }]
 link_loss = { policy = "ramp", watchdog_s = 5 }
                                     # optional: hold, ramp, coast or trip when its master falls silent; after 5 s
 reply_delay_s = 0.005               # optional: how long the virtual drive takes to answer, and a forecast reckons with
+needs_pause_s = 0.001               # optional: after its reply, the virtual drive does not hear what begins sooner
 values = { "480" = 1000 }           # optional: raw values that parameters hold at the start
 motor = { rated_kw = 7.5 }          # optional: what differs from the usual motor
 
@@ -94,6 +95,7 @@ _DRIVE = {
     "poll": LIST,
     "link_loss": TABLE,
     "reply_delay_s": SECONDS,
+    "needs_pause_s": SECONDS,
     "values": TABLE,
     "motor": TABLE,
 }

@@ -24,7 +24,6 @@ from drivecomm.protocol import LINE_FACT_NAMES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from types import TracebackType
 
     from drivecomm.bus import Bus, Drive
     from drivecomm.link import Port, TraceEvent
@@ -107,9 +106,7 @@ class OpenPlant(Mapping[str, "Drive"]):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _made(self, found: DriveConfig) -> Drive:

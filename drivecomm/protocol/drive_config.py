@@ -75,6 +75,7 @@ class DriveConfig:
     polled of it. link_loss: what its motor does when its master falls silent.
 
     For virtual drives: reply_delay_s: from the end of a request to the begin of the reply; None for the usual delay.
+    needs_pause_s: from the end of its reply to the next request; it does not hear one that begins sooner.
     values: what its parameters hold at the start, raw, by parameter address or name. motor: what differs from the
     drive's usual motor, by the names in `MOTOR_DATA`.
     """
@@ -90,6 +91,7 @@ class DriveConfig:
     poll: tuple[PollGroup, ...] = ()
     link_loss: LinkLossPolicy | None = None
     reply_delay_s: float | None = None
+    needs_pause_s: float = 0.0
     values: Mapping[str, int | str] = field(default_factory=dict, hash=False)
     motor: Mapping[str, float] = field(default_factory=dict, hash=False)
 
@@ -98,6 +100,8 @@ class DriveConfig:
             object.__setattr__(self, "name", str(self))
         if self.reply_delay_s is not None and not 0 <= self.reply_delay_s < LONGEST_DELAY_S:
             raise UsageError(f"invalid reply_delay_s = {self.reply_delay_s:g}; write 0 to {LONGEST_DELAY_S:g} seconds")
+        if not 0 <= self.needs_pause_s < LONGEST_DELAY_S:
+            raise UsageError(f"invalid needs_pause_s = {self.needs_pause_s:g}; write 0 to {LONGEST_DELAY_S:g} seconds")
         for key, value in self.motor.items():
             if key not in MOTOR_DATA:
                 raise UsageError(f"unknown motor data {key!r}; {meant(key, sorted(MOTOR_DATA), 'use')}")

@@ -70,6 +70,8 @@ class Timing:
     attempts: how often a request is sent at most, when repeating it is safe.
     request_interval_s: from the start of a request to this drive to the start of the next one to it.
     deadline_s: how long one call may take in all, waiting for its turn and all attempts included.
+    tuned_turnaround_s: a shorter turnaround that was measured with this drive, used until errors rise; 0 for none.
+    least_turnaround_s, least_reply_timeout_s: what the maker demands; tuning never goes below it.
     """
 
     reply_timeout_s: float
@@ -82,6 +84,9 @@ class Timing:
     attempts: int = 3
     request_interval_s: float = 0.0
     deadline_s: float = 30.0
+    tuned_turnaround_s: float = 0.0
+    least_turnaround_s: float = 0.0
+    least_reply_timeout_s: float = 0.1
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -112,8 +117,14 @@ class LineFacts:
 
     @property
     def turnaround_s(self) -> float:
-        """The pause from the end of a reply to the next request at this line's speed."""
-        return max(self.timing.turnaround_s, self.settings.wire_s(self.timing.turnaround_characters))
+        """The pause from the end of a reply to the next request at this line's speed, the tuned one if there is one."""
+        seconds = self.timing.tuned_turnaround_s or self.timing.turnaround_s
+        return max(seconds, self.settings.wire_s(self.timing.turnaround_characters))
+
+    @property
+    def untuned(self) -> LineFacts:
+        """These facts without a tuned turnaround."""
+        return self.override({"tuned_turnaround_s": 0.0}) if self.timing.tuned_turnaround_s else self
 
     @property
     def broadcast_pause_s(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
 from typing import Any, Literal, TypeAlias
@@ -19,7 +19,7 @@ Quality: TypeAlias = Literal["good", "uncertain"]
 _PINT_UNITS = {"%": "percent", "deg C": "degC", "1/min": "rpm", "": "dimensionless", "Nm": "N*m"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, init=False)
 class Reading:
     """One value of one parameter.
 
@@ -40,6 +40,30 @@ class Reading:
     text: str = ""
     note: str = ""
     time_s: float = 0.0
+
+    def __init__(
+        self,
+        *,
+        parameter: str,
+        value: Value,
+        raw: int | str,
+        unit: str = "",
+        type: str = "",
+        name: str = "",
+        text: str = "",
+        note: str = "",
+        time_s: float = 0.0,
+    ) -> None:
+        # One is made for every value that is read; the generated method takes more than twice as long.
+        _set_parameter(self, parameter)
+        _set_value(self, value)
+        _set_raw(self, raw)
+        _set_unit(self, unit)
+        _set_type(self, type)
+        _set_name(self, name)
+        _set_text(self, text)
+        _set_note(self, note)
+        _set_time_s(self, time_s)
 
     @property
     def quality(self) -> Quality:
@@ -71,13 +95,17 @@ class Reading:
 
     def at(self, time_s: float) -> Reading:
         """Set the time of the reply and return this reading; only the bus does so, before anybody else has it."""
-        object.__setattr__(self, "time_s", time_s)
+        _set_time_s(self, time_s)
         return self
 
     def __str__(self) -> str:
         shown = f"{self.value} {self.unit}".rstrip()
         return f"{shown} ({self.text})" if self.text else shown
 
+
+(
+    _set_parameter, _set_value, _set_raw, _set_unit, _set_type, _set_name, _set_text, _set_note, _set_time_s,
+) = (vars(Reading)[field.name].__set__ for field in fields(Reading))  # fmt: skip
 
 _LARGEST, _SMALLEST = 20, -40
 """Powers of ten. Parameters have 32 bits and a few decimals; larger powers only take time to calculate with."""

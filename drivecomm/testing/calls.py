@@ -97,6 +97,8 @@ def _partner(bus: Bus | AsyncBus, plugin: Protocol, vector: ExchangeVector, line
         drive = bus.drive(plugin.name, vector.address, model=model, **vector.options)
     except DriveCommError as error:
         raise CheckFailure(f"there is no such drive: {error}") from error
+    if vector.watched_s is not None:
+        drive.watched(vector.watched_s)
     line.ready(drive.peer.facts.timing.reply_timeout_s)
     return drive
 

@@ -70,8 +70,9 @@ class Call:
 class ExchangeVector:
     """A conversation with the drive, or at the broadcast address with all drives.
 
-    model: of the protocol's package, empty for none. options: what `Bus.drive` takes besides. steps: all that happens
-    on the wire, over all calls. printed: every telegram stands in the source.
+    model: of the protocol's package, empty for none. options: what `Bus.drive` takes besides. watched_s: how long the
+    drive's watchdog is known to wait, None where none is known to be on. steps: all that happens on the wire, over all
+    calls. printed: every telegram stands in the source.
     """
 
     id: str
@@ -82,6 +83,7 @@ class ExchangeVector:
     printed: bool = False
     model: str = ""
     options: Mapping[str, Any] = field(default_factory=dict)
+    watched_s: float | None = None
     note: str = ""
 
 
@@ -92,6 +94,7 @@ _EXCHANGE = {
     "printed": CHOICE,
     "address": WHOLE,
     "options": TABLE,
+    "watched_s": SECONDS,
     "calls": Kind((list,), 'a list of tables, such as [{ call = "status" }]'),
     "steps": Kind((list,), 'a list of tables, such as [{ send = "04" }]'),
     **_EXPECTED,

@@ -20,7 +20,6 @@ from drivecomm.virtual import PlantServer, Server, VirtualLine, VirtualPlant, pa
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
-    from types import TracebackType
 
     from drivecomm.protocol import Model
 
@@ -125,9 +124,7 @@ class LineMaker:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._open.close()
 
     def _line(
@@ -197,15 +194,11 @@ class WatchedPlant:
 
     def line(self, name: str) -> WatchedLine:
         """Return the line with this name. Raises UsageError."""
-        if name not in self.lines:
-            raise UsageError(f"there is no line {name!r} in this plant; it has {', '.join(self.lines)}")
-        return self.lines[name]
+        return self.lines[self._plant.plant.line(name).name]
 
     def drive(self, name: str) -> WatchedDrive:
         """Return the drive with this name. Raises UsageError."""
-        if name not in self.drives:
-            raise UsageError(f"there is no drive {name!r} in this plant; it has {', '.join(self.drives) or 'none'}")
-        return self.drives[name]
+        return self.drives[self._plant.plant.drive(name).name]
 
     def close(self) -> None:
         """Stop serving; what was received can still be looked at. The end of the test does it anyway."""

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
+# A NamedTuple's own constructor is a function of Python's.
+_new = tuple.__new__
+
 _LOOK_S = 0.01
 """How often a wait that gives way looks whether a stop waits for the line."""
 
@@ -36,8 +39,8 @@ def run(begin: Callable[[float], Steps[T]], port: Port, stop_waits: Callable[[],
         while True:
             if type(effect) is Talk:
                 effect = go_on(_talk(effect, port, stop_waits if looks else None))
-            elif isinstance(effect, Receive):
-                data = _receive(effect, port.now(), port, stop_waits if looks else None)
+            elif looks and isinstance(effect, Receive) and effect.gives_way:
+                data = _receive(effect, port.now(), port, stop_waits)
                 effect = go_on(Arrival(port.now(), data))
             elif looks and isinstance(effect, Wait) and effect.gives_way:
                 effect = go_on(_stay(effect.until, port, stop_waits))
@@ -60,15 +63,15 @@ def _talk(talk: Talk, port: Port, stop_waits: Callable[[], bool] | None = None) 
         talk.begun = now = port.now()
         port.write(talk.data)
         if talk.at_least:
-            data = _receive(talk, now, port, stop_waits)
-    return Arrival(port.now(), data)
+            if stop_waits is not None and talk.gives_way:
+                data = _receive(talk, now, port, stop_waits)
+            else:
+                data = port.read(talk.until, talk.at_least)
+    return _new(Arrival, (port.now(), data, ""))
 
 
-def _receive(effect: Receive | Talk, now: float, port: Port, stop_waits: Callable[[], bool] | None) -> bytes:
-    until, at_least = effect.until, effect.at_least
-    if stop_waits is None or not effect.gives_way or until - now <= _LOOK_S:
-        return port.read(until, at_least)
-    data = b""
+def _receive(effect: Receive | Talk, now: float, port: Port, stop_waits: Callable[[], bool]) -> bytes:
+    data, until, at_least = b"", effect.until, effect.at_least
     while True:
         data += port.read(min(until, now + _LOOK_S), at_least - len(data))
         now = port.now()

@@ -5,17 +5,15 @@ from .control_socket import (
     ControlClient as ControlClient,
     parse_place as parse_place,
 )
-from .direct import carry_out as carry_out
 from .drive_proxy import DriveProxy as DriveProxy
-from .drives import drive_type as drive_type, virtual_drive as virtual_drive
+from .drives import carry_out as carry_out, drive_type as drive_type, virtual_drive as virtual_drive
 from .forecast import Forecast as Forecast, forecast as forecast
 from .line import VirtualLine as VirtualLine
 from .listeners import Listener as Listener, parse_listen as parse_listen
 from .medium import _MOST_AUDIBLE as _MOST_AUDIBLE, _ROOM as _ROOM, Medium as Medium, Transmission as Transmission
-from .plant_server import PlantServer as PlantServer
 from .port import VirtualPort as VirtualPort
 from .rfc2217_listener import PretendedPort as PretendedPort, Rfc2217Listener as Rfc2217Listener
-from .serving import ServedLine as ServedLine, Server as Server
+from .serving import PlantServer as PlantServer, ServedLine as ServedLine, Server as Server
 from .station import Station as Station
 from .tcp_listener import TcpListener as TcpListener
 from .uart import _sampled as _sampled, heard as heard, received as received

@@ -1,4 +1,4 @@
-r"""What a running plant can be told to do, as objects of JSON: one order in, one answer out.
+r"""The orders that a running plant takes, as JSON objects: one order in, one answer out.
 
 {"order": "trip", "drive": "pump", "code": 5}
 {"order": "power", "drive": "pump", "state": "off"}           on, off, factory: on again with factory settings
@@ -108,7 +108,7 @@ def _show(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _fields(order: Mapping[str, Any], **known: tuple[tuple[type, ...], str]) -> list[Any]:
-    """Return the fields of an order, in this order; all must be there, and no others."""
+    """Return the values of these fields of an order; it must have all of them and no others."""
     name = order["order"]
     for key in sorted(set(order) - set(known) - {"order"}):
         raise UsageError(f"unknown key {key!r} in the order {name}; it has {', '.join(known) or 'no keys'}")

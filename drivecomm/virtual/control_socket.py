@@ -148,7 +148,7 @@ class ControlServer:
                 self._answer(descriptor, answer_order(self._plant, order))
 
     def _answer(self, descriptor: int, answer: bytes) -> None:
-        """Send; a client that asks and does not read is disconnected."""
+        """Send; a client that does not read its answers is disconnected."""
         try:
             sent = self._clients[descriptor].send(answer)
         except OSError:

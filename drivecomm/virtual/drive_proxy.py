@@ -8,44 +8,27 @@ return reply and replace(reply, delay_s=2.0)
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
 
-from drivecomm.protocol import LineSettings, Motor
-from drivecomm.virtual.station import Follows, Overhears, Restarts
+from drivecomm.virtual.station import Follows, Restarts
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Codec, Damaged, Framed, VirtualDrive, VirtualReply
-
-T = TypeVar("T")
+    from drivecomm.protocol import Codec, Damaged, Framed, LineSettings, Motor, VirtualDrive, VirtualReply
 
 
-class _OfDrive(Generic[T]):
+def _of_drive(name: str) -> Any:
     """An attribute of the drive itself, so that what a parameter write has changed is seen from both sides."""
-
-    def __set_name__(self, owner: type[Any], name: str) -> None:
-        self._name = name
-
-    @overload
-    def __get__(self, proxy: None, owner: type[Any]) -> _OfDrive[T]: ...
-    @overload
-    def __get__(self, proxy: DriveProxy, owner: type[Any]) -> T: ...
-    def __get__(self, proxy: DriveProxy | None, owner: type[Any]) -> _OfDrive[T] | T:
-        if proxy is None:
-            return self
-        value: T = getattr(proxy.inner, self._name)
-        return value
-
-    def __set__(self, proxy: DriveProxy, value: T) -> None:
-        setattr(proxy.inner, self._name, value)
+    return property(attrgetter(f"inner.{name}"), lambda proxy, value: setattr(proxy.inner, name, value))
 
 
 class DriveProxy:
     """Stands in for the virtual drive `inner`; times are passed on as `time_of` says."""
 
-    address = _OfDrive[int]()
-    settings = _OfDrive[LineSettings]()
-    gap_s = _OfDrive[float]()
-    motor = _OfDrive[Motor]()
+    address: int = _of_drive("address")
+    settings: LineSettings = _of_drive("settings")
+    gap_s: float = _of_drive("gap_s")
+    motor: Motor = _of_drive("motor")
 
     def __init__(self, inner: VirtualDrive) -> None:
         self.inner = inner
@@ -86,6 +69,7 @@ class DriveProxy:
             self.inner.follow(self.time_of(now))
 
     def overhear(self, now: float) -> None:
-        """Let the drive take note of a sound telegram to another one, if that matters to it."""
-        if isinstance(self.inner, Overhears):
-            self.inner.overhear(self.time_of(now))
+        """Let the drive take note of a valid telegram to another one, if it uses that."""
+        # Asked for each telegram, and a check for `Overhears` takes longer than what follows.
+        if (overhear := getattr(self.inner, "overhear", None)) is not None:
+            overhear(self.time_of(now))

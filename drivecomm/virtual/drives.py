@@ -1,18 +1,19 @@
-"""Making virtual drives of any installed protocol."""
+"""Making virtual drives of any installed protocol, and speaking to them directly, without a line."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from drivecomm.errors import NoReplyError
 from drivecomm.models import load_model
-from drivecomm.protocol import checked_address, installed, resolve_options
+from drivecomm.protocol import Ask, Framed, Tell, answered, checked_address, installed, resolve_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from drivecomm.protocol import LineFacts, Model, Protocol, VirtualDrive
+    from drivecomm.protocol import Codec, Exchange, LineFacts, Message, Model, Protocol, VirtualDrive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +47,7 @@ def drive_type(
     options: Mapping[str, Any],
     for_all: Mapping[str, Any] | None = None,
 ) -> DriveType:
-    """Return what is to be made of options as `virtual_drive` takes them, behind what holds for all drives of a line.
+    """Return the type of a drive with the options of `virtual_drive`, which go before those for all drives of its line.
 
     Raises UsageError for anything that cannot be.
     """
@@ -65,3 +66,28 @@ def virtual_drive(
     parity, ...), its gap_s, and the protocol's drive options. Raises UsageError for anything that cannot be.
     """
     return drive_type(protocol, address, model=model, options=options).new()
+
+
+T = TypeVar("T")
+
+
+def carry_out(exchange: Exchange[T], drive: VirtualDrive, codec: Codec, now: float) -> T:
+    """Carry out an exchange with a drive itself, on no line. Raises what the exchange raises; NoReplyError for silence.
+
+    codec: the master's, for the drive's options.
+    """
+
+    def answer(command: Ask | Tell) -> Message | None:
+        reply = answer_to(command.message, drive, codec, now)
+        if isinstance(command, Ask) and reply is None:
+            raise NoReplyError(f"the virtual drive at address {drive.address} does not answer")
+        return reply
+
+    return answered(exchange, answer)
+
+
+def answer_to(request: Message, drive: VirtualDrive, codec: Codec, now: float) -> Message | None:
+    """Return what a drive answers to a request, None for silence."""
+    data = codec.encode(request)
+    reply = drive.hear(Framed(data, drive.codec.decode(data, "request")), now)
+    return None if reply is None else codec.decode(reply.data, "reply")

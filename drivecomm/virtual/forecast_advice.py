@@ -22,7 +22,7 @@ _MUCH = 0.25
 
 
 def advise(plan: Plan, conditions: Conditions, round_: Round, course: Course, *, well: bool) -> Iterator[str]:
-    """Yield what to change, the most effective first; only what cannot be read where all is well otherwise."""
+    """Yield what to change, the most effective first; where the plan fits, only what cannot be read."""
     for read, cause in zip(plan.reads, round_.causes, strict=True):
         if cause:
             yield f"{read.drive.name} {read.parameter} cannot be read: {cause}"
@@ -93,7 +93,7 @@ def _own_line(plan: Plan, round_: Round, most: float) -> Iterator[str]:
 
 
 def _late_reads(plan: Plan, round_: Round, course: Course) -> Iterator[str]:
-    """Say what comes late on a line that has time enough."""
+    """Name reads that come late although the line has time enough."""
     longest = max(shares.seconds for shares in round_.shares)
     for read, pace in zip(plan.reads, course.paces, strict=True):
         if pace.missed:
@@ -128,7 +128,7 @@ def _what_dominates(plan: Plan, round_: Round) -> Iterator[str]:
     """Name pauses and reply delays where they take much of a round; a faster line does not help against them."""
     cycle_s = sum(shares.seconds for shares in round_.shares)
     for share, what, remedy in (
-        ("pause_s", "pauses take {} of a round, most of them for {}", "see whether its turnaround_s may be shorter"),
+        ("pause_s", "pauses take {} of a round, most of them for {}", "see whether it can be tuned"),
         (
             "delay_s",
             "the drives' reply delays take {} of a round, most of them {}",

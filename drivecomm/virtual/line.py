@@ -9,11 +9,12 @@ from __future__ import annotations
 import heapq
 from functools import partial
 from math import inf
-from typing import TYPE_CHECKING, Protocol as Interface
+from typing import TYPE_CHECKING, Protocol as Interface, TypeAlias
 
 from drivecomm.errors import UsageError
 from drivecomm.plant import UNDISTURBED
 from drivecomm.protocol import LineSettings
+from drivecomm.virtual.audience import Audience
 from drivecomm.virtual.medium import Medium, Receiver, Transmission
 from drivecomm.virtual.port import VirtualPort
 from drivecomm.virtual.station import Answer, Station, one_of, stations_of
@@ -24,6 +25,13 @@ if TYPE_CHECKING:
     from drivecomm.plant import FaultPlan, PowerCut
     from drivecomm.protocol import VirtualDrive
     from drivecomm.virtual.medium import Source
+
+_Event: TypeAlias = "tuple[float, int, Callable[[], None], float | Station]"
+"""When, in which order, what, and for how long nobody hears anything of it: the drive that begins to answer knows."""
+
+# How late drives may hear what is out already. The master notices nothing: one character of an answer lasts longer, or
+# is as late as this.
+_LATE_S = 0.0005
 
 
 class Disturbance(Interface):
@@ -72,8 +80,9 @@ class VirtualLine:
         self.monitor: Callable[[Transmission], None] | None = None
         """Told of everything that was on the wire, echoes left out, when its last character is out."""
         self._stations = stations_of(self.drives)
+        self._audience = Audience(self._stations)
         self._medium = Medium()
-        self._events: list[tuple[float, int, Callable[[], None]]] = []
+        self._events: list[_Event] = []
         self._order = 0
         self._free_at: dict[Station | Source, float] = {}
         self._port_free_at = 0.0
@@ -96,8 +105,11 @@ class VirtualLine:
 
     def call_at(self, time: float, action: Callable[[], None]) -> None:
         """Do something at a time of the line's clock, in the middle of an exchange perhaps; at once if it is past."""
+        self._call_at(time, action, 0.0)
+
+    def _call_at(self, time: float, action: Callable[[], None], unheard: float | Station) -> None:
         self._order += 1
-        heapq.heappush(self._events, (time, self._order, action))
+        heapq.heappush(self._events, (time, self._order, action, unheard))
 
     def configure(self, settings: LineSettings | None) -> None:
         """Set the master's line settings.
@@ -118,6 +130,29 @@ class VirtualLine:
     def due(self) -> float:
         """When something next happens on the line, or is heard whole by the master; infinite if nothing will."""
         return min(self._events[0][0] if self._events else inf, self._master.due)
+
+    @property
+    def silent_until(self) -> float:
+        """Until when nobody outside notices whether what is due on the line has happened: neither master nor monitor.
+
+        Whenever it is looked after, it happens at its own time of the line's clock.
+        """
+        events, heard_at = self._events, self._master.due
+        if not events:
+            return heard_at
+        time, _, _, unheard = events[0]
+        if self.paced and self.monitor is None:
+            time += self._unheard_s(unheard) if isinstance(unheard, Station) else unheard
+            # The second event is one of these.
+            for later in events[1:3]:
+                time = min(time, later[0])
+        return min(time, heard_at)
+
+    def _unheard_s(self, station: Station) -> float:
+        """Return how long after the line has come back to a drive its answer is heard, at the earliest."""
+        if station.answer is None or self.faults.rate or self.disturbances:
+            return 0.0
+        return self._wire_s(station.drive.settings, len(station.answer.data))
 
     def transmit(self, data: bytes) -> None:
         """Let the master send."""
@@ -203,24 +238,28 @@ class VirtualLine:
         source: Source = "drive" if isinstance(who, Station) else who
         sender = who.drive if isinstance(who, Station) else None
         settings = sender.settings if sender is not None else self._wire
-        ended = self.time + self._wire_s(settings, len(data))
+        character_s = settings.character_s if self.paced else 0.0
+        ended = self.time + len(data) * character_s
         agreed = sender is None and self._master.settings is None
         sent = Transmission(
             source=source, sender=sender, settings=settings, data=data, began=self.time, ended=ended, agreed=agreed
         )
         self._free_at[who] = ended
         self._medium.begin(sent)
+        if isinstance(who, Station):
+            who.spoke(ended)
         if source != "master":
             self._master.add(sent, self.time)
         if source != "echo":
-            self.call_at(ended, partial(self._arrived, sent))
+            self._call_at(ended, partial(self._arrived, sent), min(_LATE_S, character_s))
 
     def _arrived(self, sent: Transmission) -> None:
         """Let the drives hear a transmission that is out."""
         if self.monitor is not None:
             self.monitor(sent)
         sound, settings = sent.sound(0, len(sent.data)), one_of(sent.settings)
-        for station in self._stations:
+        told = self._audience.of(sound, sent)
+        for station in told:
             drive = station.drive
             if drive is not sent.sender and station.powered:
                 spoken = station.agreed if sent.agreed else settings
@@ -228,12 +267,13 @@ class VirtualLine:
                     station.answering += 1
                     station.answer = Answer(sent.ended + answer.delay_s, answer.data, station.answering)
                     self._wake_to_answer(station, station.answer.time)
+        self._audience.has_half_heard = any(station.pending for station in told)
 
     def _wake_to_answer(self, station: Station, time: float) -> None:
-        """Come back to a drive's answer then; one visit serves all answers that take each other's place before it."""
+        """Schedule a drive's answer; one wake-up serves all answers that replace each other before it."""
         if time < station.wakes_at:
             station.wakes_at = time
-            self.call_at(time, partial(self._visit, station, time))
+            self._call_at(time, partial(self._visit, station, time), station)
 
     def _visit(self, station: Station, time: float) -> None:
         answer = station.answer
@@ -277,7 +317,7 @@ class VirtualLine:
             self.call_at(off_at + cut.lasts_s + cut.mismatch_s, station.set_right)
 
     def _next(self) -> None:
-        time, _, action = heapq.heappop(self._events)
+        time, _, action, _ = heapq.heappop(self._events)
         self.time = max(self.time, time)
         action()
 
@@ -288,5 +328,5 @@ class VirtualLine:
 def _then(
     arrivals: Sequence[tuple[float, bytes]], disturb: Callable[[bytes], Sequence[tuple[float, bytes]]]
 ) -> list[tuple[float, bytes]]:
-    """Return what is left when another disturbance has had its turn."""
+    """Return what arrives after a further disturbance."""
     return [(delay + more, left) for delay, data in arrivals for more, left in disturb(data)]

@@ -1,4 +1,4 @@
-"""Where a program outside meets the virtual drives: `pty:PATH`, `tcp:HOST:PORT`, `rfc2217:HOST:PORT`."""
+"""Where other programs connect to virtual drives: `pty:PATH`, `tcp:HOST:PORT`, `rfc2217:HOST:PORT`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Listener(Protocol):
 
     @property
     def descriptor(self) -> int | None:
-        """What to watch for a master that comes or sends; None when it is not open. It changes as masters do."""
+        """The descriptor to watch for a master that connects or sends; None when closed. It changes with the master."""
         ...
 
     def open(self) -> None:

@@ -1,4 +1,4 @@
-"""The wire as a medium: whose characters are on it when, and what becomes of those that meet."""
+"""The wire: whose characters are on it when, and what becomes of those that collide."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Transmission:
     spoilt: list[tuple[int, int]] = field(default_factory=list)
 
     def sound(self, first: int, last: int) -> bytes:
-        """Return those of its characters from first up to last that met no other."""
+        """Return those of its characters from first up to last that did not collide."""
         if not self.spoilt:
             return self.data[first:last]
         return bytes(
@@ -56,7 +56,7 @@ class Transmission:
         )
 
     def out_by(self, now: float) -> int:
-        """Return how many of its characters are on the wire whole by then."""
+        """Return how many of its characters have been sent completely by then."""
         if now >= self.ended:
             return len(self.data)
         return min(len(self.data), int((now - self.began) / self.settings.character_s + _TOLERANCE))
@@ -84,7 +84,7 @@ class Transmission:
 
 
 class Medium:
-    """All transmissions that can still meet another one."""
+    """All transmissions that can still collide with another one."""
 
     def __init__(self) -> None:
         self._present: list[Transmission] = []
@@ -109,7 +109,7 @@ class Medium:
         self._present = present
 
     def cut_off(self, sender: VirtualDrive, now: float) -> None:
-        """Let nothing follow of what this drive is sending."""
+        """Break off what this drive is sending."""
         for transmission in self._present:
             if transmission.sender is sender:
                 transmission.cut_off(now)
@@ -136,7 +136,7 @@ class Receiver:
     @property
     def due(self) -> float:
         """When the next transmission has been heard whole; infinite if nothing is coming."""
-        return min((sent.ended for sent in self._audible), default=math.inf)
+        return min([sent.ended for sent in self._audible]) if self._audible else math.inf
 
     def add(self, sent: Transmission, now: float) -> None:
         """Hear a transmission that begins."""

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, DriveError, NoReplyError, ValueRefusedError
 from drivecomm.protocol import Framed
-from drivecomm.virtual.direct import carry_out
 from drivecomm.virtual.drive_proxy import DriveProxy
-from drivecomm.virtual.drives import drive_type
+from drivecomm.virtual.drives import carry_out, drive_type
 from drivecomm.virtual.station import Overhears
 from drivecomm.virtual.stuck_answer import StuckAnswer
 
@@ -39,15 +38,16 @@ class PlantedDrive(DriveProxy):
     ) -> None:
         options = {name: value for name, value in planned.options.items() if name != "model"}
         self.planned = planned
+        self.needs_pause_s = planned.needs_pause_s
         self.type = drive_type(planned.protocol, planned.address, model=model, options=options, for_all=for_all)
         self.asked: Message | None = None
         self._around = around
         super().__init__(around(planned.name, self.type.new()))
         planned.fit(self.inner.motor)
         self._speed = speed
-        self._overhears = isinstance(self.inner, Overhears)
         self._stuck: list[StuckAnswer] = []
-        self._broadcast = self.type.plugin.broadcast_address
+        self.overhears = isinstance(self.inner, Overhears)
+        self.broadcast_address = self.type.plugin.broadcast_address
         self._codec = self.type.plugin.codec(self.type.options)
         self._operations = self.type.plugin.operations(planned.address, self.type.options, self.type.model)
         spare = self.type.new() if planned.values else self.inner
@@ -67,14 +67,8 @@ class PlantedDrive(DriveProxy):
         return now * self._speed
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Act on a request; a sound one for somebody else is passed over quickly."""
-        if isinstance(find, Framed):
-            address = getattr(find.message, "address", None)
-            if address is not None and address not in (self.inner.address, self._broadcast):
-                if self._overhears:
-                    self.overhear(now)
-                return None
-        reply = super().hear(find, now)
+        """Act on a request."""
+        reply = self.inner.hear(find, self.time_of(now))
         if reply is None:
             return None
         if self.planned.reply_delay_s is not None:
@@ -94,7 +88,7 @@ class PlantedDrive(DriveProxy):
 
     @property
     def purpose(self) -> str:
-        """What the last request that it answered was for: read, write or command; empty where nobody tells."""
+        """Intent of the last request that it answered: read, write or command; empty if its protocol does not say."""
         tell = self.type.plugin.intent
         return "" if tell is None or self.asked is None else tell(self.asked).access or "command"
 

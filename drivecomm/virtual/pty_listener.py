@@ -1,4 +1,4 @@
-"""A pseudo-terminal with a name of one's own, for programs that open a serial port of this machine."""
+"""A pseudo-terminal under a chosen name, for programs that open a serial port of this machine."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class PtyListener:
                 os.write(self._ours, data)
 
     def close(self) -> None:
-        """Take the link away, if it is still ours, and end the pseudo-terminal."""
+        """Remove the link, if it is still ours, and close the pseudo-terminal."""
         if self._terminal:
             with contextlib.suppress(OSError):
                 if str(self._path.readlink()) == self._terminal:
@@ -89,7 +89,7 @@ class PtyListener:
         self._ours = self._theirs = -1
 
     def _make_room(self) -> None:
-        """Remove a link that a server left behind when it was killed: what it leads to has gone."""
+        """Remove the dangling link of a server that was killed."""
         if not self._path.exists():
             self._path.unlink(missing_ok=True)
             return

@@ -206,7 +206,9 @@ def _double(plan: Plan, drive: DriveConfig, conditions: Conditions) -> PlantedDr
     """Return a virtual drive that holds all that the plan reads of it, and nothing else that a plant says."""
     model = _model(drive, [read for read in plan.reads if read.drive == drive])
     delay_s = conditions.reply_delay_s if drive.reply_delay_s is None else drive.reply_delay_s
-    return PlantedDrive(replace(drive, reply_delay_s=delay_s, values={}), model, for_all=conditions.facts)
+    return PlantedDrive(
+        replace(drive, reply_delay_s=delay_s, needs_pause_s=0.0, values={}), model, for_all=conditions.facts
+    )
 
 
 def _model(drive: DriveConfig, reads: Sequence[PollItem[DriveConfig]]) -> Model:
@@ -234,7 +236,7 @@ def _with(model: Model, added: Mapping[str, ParameterInfo]) -> Model:
 
 
 class _Ledger:
-    """Books what happens on a line to the items that cause it, from the bus's trace."""
+    """Assigns the time on a line to the items that use it, from the bus's trace."""
 
     def __init__(self) -> None:
         self.events: list[TraceEvent] = []

@@ -1,4 +1,4 @@
-"""Virtual drives in real time, for programs outside: over a pseudo-terminal, TCP or RFC 2217.
+"""Virtual drives and plants in real time, for programs outside: over a pseudo-terminal, TCP or RFC 2217.
 
 with Server([virtual_drive("vabus", 1)], parse_listen("tcp:127.0.0.1:0")) as server:
     print(server.address)
@@ -10,22 +10,25 @@ from __future__ import annotations
 import selectors
 import time
 from contextlib import ExitStack
-from math import inf
 from typing import TYPE_CHECKING, Self
 
+from drivecomm.errors import UsageError
+from drivecomm.virtual.control_socket import ControlServer, parse_place
 from drivecomm.virtual.line import VirtualLine
+from drivecomm.virtual.listeners import parse_listen
+from drivecomm.virtual.timers import Timers
+from drivecomm.virtual.waiting import ready_within
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from threading import Event
 
     from drivecomm.protocol import LineSettings, VirtualDrive
-    from drivecomm.virtual.control_socket import ControlServer
     from drivecomm.virtual.listeners import Listener
+    from drivecomm.virtual.virtual_plant import VirtualPlant
 
 # How late a stop may be noticed.
 _TICK_S = 0.1
-_MILLISECOND = 0.001
 _ROOM_S = 0.5
 """What a master has sent ahead, in seconds on the wire, before no more is taken from it; the rest waits on its side."""
 
@@ -45,14 +48,18 @@ class ServedLine:
 
     @property
     def descriptor(self) -> int | None:
-        """What to watch for a master's bytes; None while it has sent so much ahead that no more is taken."""
+        """The descriptor to watch for a master's bytes; None while it has sent too much ahead."""
         return None if self._is_full else self.listener.descriptor
 
     @property
     def due(self) -> float:
         """When the line needs attention again even if the master says nothing; infinite if it does not."""
-        due = self.line.due
-        return min(due, self.line.time + self.line.backlog_s - _ROOM_S / 2) if self._is_full else due
+        return self._or_room(self.line.due)
+
+    @property
+    def deadline(self) -> float:
+        """The latest time for that; what happens on the line before is of no concern to its master yet."""
+        return self._or_room(self.line.silent_until)
 
     def attend(self, now: float) -> None:
         """Take what the master has sent, at this time."""
@@ -72,6 +79,9 @@ class ServedLine:
         if heard:
             self.listener.send(heard)
 
+    def _or_room(self, time: float) -> float:
+        return min(time, self.line.time + self.line.backlog_s - _ROOM_S / 2) if self._is_full else time
+
     @property
     def _is_full(self) -> bool:
         return self.line.backlog_s > _ROOM_S
@@ -89,7 +99,7 @@ class LineServer:
         self._control = control
         self._selector: selectors.BaseSelector | None = None
         self._watched: dict[ServedLine, int | None] = {}
-        self._due = dict.fromkeys(lines, 0.0)
+        self._timers = Timers[ServedLine]()
         self._looked_at = 0.0
         self._watched_for_control: set[int] = set()
         self._began = time.monotonic()
@@ -131,16 +141,11 @@ class LineServer:
         selector = self._selector
         if selector is None:
             return
-        due = min(self._due.values(), default=inf) - self.now()
-        if 0 < due < _MILLISECOND:
-            # What waits for sockets and terminals knows whole milliseconds only.
-            time.sleep(due)
-            due = 0.0
-        whole = max(0.0, min(_TICK_S, due)) // _MILLISECOND * _MILLISECOND
-        ready = selector.select(whole)
-        for key, _ in ready:
+        now = self.now()
+        for key in ready_within(selector, min(_TICK_S, self._timers.deadline - now)):
+            now = self.now()
             if isinstance(key.data, ServedLine):
-                key.data.attend(self.now())
+                key.data.attend(now)
                 self._watch(key.data)
             elif key.fd in self._watched_for_control:
                 key.data.attend(key.fd)
@@ -150,18 +155,18 @@ class LineServer:
         if now - self._looked_at >= _TICK_S:
             # Another thread may have done something to a line.
             self._look_again()
-        for served in [served for served, due in self._due.items() if due <= now]:
+        while (served := self._timers.pop(now)) is not None:
             served.follow(now)
             self._watch(served)
 
     def _look_again(self) -> None:
         self._looked_at = self.now()
         for served in self.lines:
-            self._due[served] = served.due
+            self._timers.set(served, served.deadline)
 
     def _watch(self, served: ServedLine) -> None:
-        """Note when the line is due, and watch what its master is to be heard on: it comes, goes and is held back."""
-        self._due[served] = served.due
+        """Note when the line is due, and watch its master's descriptor, which comes, goes and is held back."""
+        self._timers.set(served, served.deadline)
         before, wanted = self._watched[served], served.descriptor
         if self._selector is None or before == wanted:
             return
@@ -218,3 +223,54 @@ class Server:
 
     def __exit__(self, *error: object) -> None:
         self._server.__exit__(*error)
+
+
+class PlantServer:
+    """Serves each line of a plant where it says `listen`, and control at HOST:PORT or unix:PATH if a place is given.
+
+    The plant's time begins when this is entered. While it runs, its thread alone may touch the plant; others give
+    orders through the control socket. Raises UsageError for a line without `listen` and for a text that
+    names no place; entering raises PortError when a place cannot be had.
+    """
+
+    def __init__(self, plant: VirtualPlant, *, control: str = "") -> None:
+        self.plant = plant
+        self._served: dict[str, ServedLine] = {}
+        for line in plant.plant.lines:
+            if not line.listen:
+                raise UsageError(
+                    f"line {line.name} has no listen key; set it to pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT"
+                )
+            self._served[line.name] = ServedLine(plant.line(line.name), parse_listen(line.listen))
+        self._control = ControlServer(parse_place(control), plant, self._be_now) if control else None
+        self._server = LineServer(list(self._served.values()), self._control)
+
+    @property
+    def addresses(self) -> dict[str, str]:
+        """What a master opens, by the name of the line."""
+        return {name: served.listener.address for name, served in self._served.items()}
+
+    @property
+    def control(self) -> str:
+        """Where the control socket is; empty if there is none."""
+        return self._control.address if self._control else ""
+
+    def now(self) -> float:
+        """Return the time of the lines: seconds since this was entered."""
+        return self._server.now()
+
+    def run(self, stop: Event) -> None:
+        """Serve until the event is set, and a tenth of a second at most after it; may be called again."""
+        self._server.run(stop)
+
+    def __enter__(self) -> Self:
+        self._server.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._server.__exit__(*error)
+
+    def _be_now(self) -> None:
+        now = self._server.now()
+        for served in self._served.values():
+            served.follow(now)

@@ -1,4 +1,4 @@
-"""A virtual drive's place on a line: its ear, its mains switch, bytes in, its replies out."""
+"""A virtual drive on its line: its framer, its mains switch, bytes in, its replies out."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Damaged, Find, LineSettings, VirtualDrive, VirtualReply
 
+    # Telegrams, each with its address if it is valid and has one.
+    Telegrams: TypeAlias = list[tuple[Framed | Damaged, int | None]]
     # What is certain of bytes, and those of them that are pending.
-    Known: TypeAlias = dict[bytes, tuple[list[Framed | Damaged], bytes]]
+    Known: TypeAlias = dict[bytes, tuple[Telegrams, bytes]]
 
 # What a drive has heard before is not looked at again: so many pieces, none longer than this.
 _MOST_KNOWN = 512
@@ -34,7 +36,7 @@ class Restarts(Protocol):
 
 @runtime_checkable
 class Follows(Protocol):
-    """A virtual drive that does something by itself, such as noticing that nobody speaks to it any more."""
+    """A virtual drive that acts by itself, such as one with a watchdog."""
 
     def follow(self, now: float) -> None:
         """Let time pass."""
@@ -43,11 +45,36 @@ class Follows(Protocol):
 
 @runtime_checkable
 class Overhears(Protocol):
-    """A virtual drive to which it matters that others on its line are spoken to."""
+    """A virtual drive that takes note of telegrams to other drives."""
 
     def overhear(self, now: float) -> None:
-        """Take note of a sound telegram to another drive."""
+        """Take note of a valid telegram to another drive."""
         ...
+
+
+@runtime_checkable
+class PassesOver(Protocol):
+    """A virtual drive that takes no notice of valid telegrams to others, beyond overhearing them.
+
+    inner: the drive itself, that has the address and the settings. broadcast_address: the one that is meant for all;
+    None where a protocol has none. overhears: see `Overhears`.
+    """
+
+    inner: VirtualDrive
+    address: int
+    broadcast_address: int | None
+    overhears: bool
+
+    def overhear(self, now: float) -> None:
+        """Take note of a valid telegram to another drive."""
+        ...
+
+
+@runtime_checkable
+class NeedsPause(Protocol):
+    """A virtual drive that does not hear a request which begins sooner than this after its reply."""
+
+    needs_pause_s: float
 
 
 class Answer(NamedTuple):
@@ -64,8 +91,8 @@ class Station:
     powered: a drive without power neither hears nor answers. pending: what has been heard of a telegram that is not
     whole. answering: the number of the answer that the drive has in mind; an answer with a lower number is dropped.
     answer: that answer; wakes_at: when the line comes back to it. agreed: the settings that the drive had when the line
-    was made. right_settings: those that it gets back after a power cut that changed them. known: what has been made of
-    bytes before, by drives that read alike.
+    was made. right_settings: those that it gets back after a power cut that changed them. deaf_until: when it hears
+    again after its own reply. known: what has been made of bytes before, by drives that read alike.
     """
 
     def __init__(self, drive: VirtualDrive, known: Known | None = None) -> None:
@@ -75,9 +102,12 @@ class Station:
         self.answering = 0
         self.answer: Answer | None = None
         self.wakes_at = inf
-        self.agreed = drive.settings
+        self.agreed = one_of(drive.settings)
         self.right_settings: LineSettings | None = None
+        self.deaf_until = 0.0
+        self._needs_pause_s = drive.needs_pause_s if isinstance(drive, NeedsPause) else 0.0
         self._heard_at = 0.0
+        self._passer = drive if isinstance(drive, PassesOver) else None
         self.known: Known = {} if known is None else known
         self._settings, self._own = drive.settings, one_of(drive.settings)
 
@@ -90,11 +120,35 @@ class Station:
 
     def hear(self, data: bytes, began: float, ended: float) -> list[VirtualReply]:
         """Take bytes that were on the line between two times; return what the drive answers to them."""
+        if began < self.deaf_until:
+            return []
         telegrams = self._cut_short() if self.pending and began - self._heard_at > self.drive.gap_s else []
         self._heard_at = ended
-        telegrams = [*telegrams, *self._telegrams(self.pending + data)]
-        answers = [self.drive.hear(telegram, ended) for telegram in telegrams]
-        return [answer for answer in answers if answer is not None]
+        known = self.known.get(data) if not self.pending else None
+        if known is None:
+            known = self._telegrams(self.pending + data)
+        more, self.pending = known
+        answers, passer = [], self._passer
+        for telegram, address in [*telegrams, *more] if telegrams else more:
+            if passer is not None and address is not None and address not in (passer.address, passer.broadcast_address):
+                if passer.overhears:
+                    passer.overhear(ended)
+            elif (answer := self.drive.hear(telegram, ended)) is not None:
+                answers.append(answer)
+        return answers
+
+    def passes_over(self, data: bytes) -> bool:
+        """Whether these bytes, heard behind nothing else, are whole telegrams of which the drive takes no notice."""
+        telegrams, rest = self._telegrams(data)
+        passer = self._passer
+        if rest or passer is None or (passer.overhears and telegrams):
+            return False
+        ours = (None, passer.address, passer.broadcast_address)
+        return all(address not in ours for _, address in telegrams)
+
+    def spoke(self, ended: float) -> None:
+        """Take note of its own reply, which ends then."""
+        self.deaf_until = ended + self._needs_pause_s
 
     def power_off(self, now: float) -> None:
         """Take its power away: the motor coasts, and what is half heard or not yet answered is forgotten."""
@@ -113,27 +167,26 @@ class Station:
         """Give the drive its line settings back."""
         self.drive.settings, self.right_settings = self.right_settings or self.drive.settings, None
 
-    def _telegrams(self, data: bytes) -> list[Framed | Damaged]:
-        """Return what is certain of these bytes; the rest is pending."""
+    def _telegrams(self, data: bytes) -> tuple[Telegrams, bytes]:
+        """Return the complete telegrams of these bytes, and the rest, which is pending."""
         known = self.known.get(data)
         if known is None:
             finds = Framer(self.drive.codec, "request").feed(data)
             # A damaged telegram is looked at again byte by byte, so its bytes are among the others.
             done = sum(len(find.data) for find in finds if isinstance(find, Framed | Noise))
-            known = _without_noise(finds), data[done:]
+            known = _addressed(finds), data[done:]
             if len(self.known) >= _MOST_KNOWN:
                 self.known.clear()
             if len(data) <= _LONGEST_KNOWN:
                 self.known[data] = known
-        telegrams, self.pending = known
-        return telegrams
+        return known
 
-    def _cut_short(self) -> list[Framed | Damaged]:
+    def _cut_short(self) -> Telegrams:
         """Return what the pending bytes amount to, now that nothing follows them."""
         framer = Framer(self.drive.codec, "request")
         finds = [*framer.feed(self.pending), *framer.flush()]
         self.pending = b""
-        return _without_noise(finds)
+        return _addressed(finds)
 
 
 @lru_cache(maxsize=256)
@@ -152,5 +205,9 @@ def stations_of(drives: Iterable[VirtualDrive]) -> list[Station]:
     return [Station(drive, known.setdefault(getattr(drive.codec, "alike", id(drive)), {})) for drive in drives]
 
 
-def _without_noise(finds: list[Find]) -> list[Framed | Damaged]:
-    return [find for find in finds if not isinstance(find, Noise)]
+def _addressed(finds: list[Find]) -> Telegrams:
+    return [
+        (find, getattr(find.message, "address", None) if isinstance(find, Framed) else None)
+        for find in finds
+        if not isinstance(find, Noise)
+    ]

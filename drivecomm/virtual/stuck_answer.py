@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.protocol import Ask, Tell, VirtualReply, answered
-from drivecomm.virtual.direct import answer_to
+from drivecomm.virtual.drives import answer_to
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Message, Reading, VirtualDrive
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class StuckAnswer:
-    """Puts a value in the place of the one that a reply to a read of this parameter carries.
+    """Replaces the value that a reply to a read of this parameter carries.
 
     value: a number as a master reads it, or a text as its `Reading.raw` is. Raises UsageError where the drive has no
     such parameter, or its replies cannot carry this value.
@@ -43,7 +43,7 @@ class StuckAnswer:
         self._content = self._content_for(reply, value)
 
     def instead_of(self, reply: VirtualReply) -> VirtualReply:
-        """Return what is sent in the place of this reply; the reply itself if it answers something else."""
+        """Return what is sent instead of this reply; the reply itself if it answers something else."""
         try:
             message = self._codec.decode(reply.data, "reply")
             if self._plugin.mismatch(self._request, message) or self._field not in _names(message):

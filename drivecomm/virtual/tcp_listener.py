@@ -22,7 +22,7 @@ _MOST_THROWN_AWAY = 64_000_000
 
 
 class TcpListener:
-    """Raw bytes over TCP, for one master at a time: who comes meanwhile finds the connection closed at once."""
+    """Raw bytes over TCP, for one master at a time: the connection of a second one is closed at once."""
 
     scheme = "socket"
 
@@ -78,21 +78,29 @@ class TcpListener:
         """Return what the master sent; let one in if there is none, and turn others away."""
         if self._selector is None:
             return b""
+        taken, data = (0, b"") if self._master is None or wait_s else self._take(self._master)
+        if 0 < taken < _CHUNK:
+            return data
+        # Nothing, or so much that it would hide for ever that somebody else comes.
         ready = [key.fileobj for key, _ in self._selector.select(wait_s)]
         if self._server in ready:
             self._accept_next()
-        if self._master is None or self._master not in ready:
-            return b""
+        if not taken and self._master is not None and self._master in ready:
+            _, data = self._take(self._master)
+        return data
+
+    def _take(self, master: socket.socket) -> tuple[int, bytes]:
+        """Return how many bytes the master has sent, and what of them is for the line; let it go when it has gone."""
         try:
-            data = self._master.recv(_CHUNK)
+            data = master.recv(_CHUNK)
         except BlockingIOError:
-            return b""
+            return 0, b""
         except OSError:
             data = b""
         if not data:
             self._disconnect()
-            return b""
-        return self._received(data)
+            return 0, b""
+        return len(data), self._received(data)
 
     def send(self, data: bytes) -> None:
         """Send to the master; one that has not read for so long that its buffer is full is disconnected."""
@@ -115,7 +123,7 @@ class TcpListener:
             self._server = None
 
     def _accept_next(self) -> None:
-        """Let the next master in, or turn it away; while the present one's bytes hide whether it has gone, do neither.
+        """Accept the next master, or refuse it; neither while unread bytes hide whether the present one has gone.
 
         A flood is thrown away: on a line with a speed its end would come minutes after the master has gone.
         """

@@ -40,6 +40,7 @@ protocol = Protocol(
             broadcast_pause_s=GAP_S,
             late_s=1.0,
             attempts=4,
+            least_turnaround_s=GAP_S,
         ),
     ),
     facts_source=(

@@ -15,7 +15,7 @@ QUICK_TIMEOUT_S = 0.1
 """For R, E, a-k, m, A, and W of S codes."""
 
 GAP_S = 0.010
-"""The least time before the host's next request: FVR-E11S manual 9-13."""
+"""The least time before the host's next request: FVR-E11S manual 9-13. No manual of a later series demands it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,6 +18,7 @@ from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Eot, Select, Valu
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from drivecomm.protocol import Message
     from drivecomm_vabus.memory import VabusMemory
     from drivecomm_vabus.options import VabusOptions
     from drivecomm_vabus.telegrams import ValueType
@@ -44,6 +45,7 @@ class Conversation:
         self._address = address
         self._options = options
         self._memory = memory
+        self._closes_values = options.trailing_eot is True
         self._enquiry = lru_cache(_KEPT, typed=True)(self._new_enquiry)
 
     def enquire(self, number: int, dataset: int, name: str) -> Exchange[Value]:
@@ -55,10 +57,11 @@ class Conversation:
             except (ReplyError, GeneratorExit):
                 self._memory.unanswered = True
                 raise
-            if self._options.trailing_eot:
-                yield _CLOSING
             if isinstance(reply, Value):
+                if self._closes_values:
+                    yield _CLOSING
                 return reply
+            yield from self._close(reply)
             doubtful, self._memory.unanswered = self._memory.unanswered, False
             code = yield from self.error_register()
             if last or not (doubtful or code in LINE_FAULTS):
@@ -112,7 +115,7 @@ class Conversation:
             except (ReplyError, GeneratorExit):
                 self._memory.maybe_locked = self._memory.unanswered = True
                 raise
-            yield from self.close()
+            yield from self._close(reply)
             if isinstance(reply, Ack):
                 return
             code = yield from self.error_register()
@@ -133,7 +136,7 @@ class Conversation:
             reply = yield Ask(message=Enquiry(address=self._address, parameter=ERROR_REGISTER))
         except ReplyError:
             return None
-        yield from self.close()
+        yield from self._close(reply)
         if not isinstance(reply, Value):
             return None
         self._memory.maybe_locked = False
@@ -142,17 +145,17 @@ class Conversation:
         except ValueError:
             return None
 
-    def close(self) -> Exchange[None]:
-        """End an exchange, where that is wanted."""
-        if self._options.trailing_eot:
-            yield _CLOSING
-
     def probe(self, number: int) -> Exchange[None]:
         """Ask for a parameter once; a NAK is an answer as well as a value is."""
         reply = yield replace(self._enquiry(number, 0), attempts=1)
-        yield from self.close()
+        yield from self._close(reply)
         if not isinstance(reply, Value):
             yield from self.error_register()
+
+    def _close(self, reply: Message) -> Exchange[None]:
+        """End an exchange with EOT, unless that is left to the EOT that the next request begins with."""
+        if self._closes_values if isinstance(reply, Value) else self._options.trailing_eot:
+            yield _CLOSING
 
     def _new_enquiry(self, number: int, dataset: int) -> Ask:
         return Ask(message=Enquiry(address=self._address, sys=self._options.sys, dataset=dataset, parameter=number))

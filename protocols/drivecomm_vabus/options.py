@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from drivecomm.errors import UsageError
 from drivecomm_vabus.telegrams import VALUE_TYPES, ValueType
@@ -14,7 +15,8 @@ class VabusOptions:
 
     sys: system-bus node behind the drive, 0 for the drive itself. ram_datasets: the drive knows data sets 5 to 9, which
     keep a write out of EEPROM (Agile VABus manual p. 30); without them every write is stored and needs `store=True`.
-    trailing_eot: close every exchange with EOT, as all manuals draw it. lower_case_hex: accept a-f in values.
+    trailing_eot: close every exchange with EOT; with "after writes" the EOT that the next request begins with closes
+    the reading of a value, with False every exchange. lower_case_hex: accept a-f in values.
     reference_hz_parameter: what `set_reference(hz=)` writes, fixed frequency 1. reference_percent_parameter: what
     `set_reference(percent=)` writes, fixed percent 1. Whether the drive follows them is up to its parameters 475 and
     476, so what comes of them is read back. reference_shown_parameter: the parameter that shows it, reference after
@@ -27,7 +29,7 @@ class VabusOptions:
 
     sys: int = 0
     ram_datasets: bool = True
-    trailing_eot: bool = True
+    trailing_eot: bool | Literal["after writes"] = True
     lower_case_hex: bool = False
     reference_hz_parameter: int = 480
     reference_percent_parameter: int = 520

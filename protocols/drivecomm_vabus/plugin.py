@@ -47,6 +47,8 @@ protocol = Protocol(
             broadcast_pause_s=0.050,
             late_s=2.0,
             attempts=3,
+            least_turnaround_s=0.002,
+            least_reply_timeout_s=0.5,
         ),
     ),
     facts_source=(

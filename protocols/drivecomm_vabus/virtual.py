@@ -65,16 +65,20 @@ class VirtualVabusDrive:
         self._control = 0
         self._tripped_at = 0.0
         self._spoken_to_at: float | None = None
+        self._behind_at = 0.0
         self.store.poke(394, 0, data_of(address, "uint"))
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a telegram: silence for what is broken or not for this drive, NAK for what is refused."""
-        self._live(now)
         if isinstance(find, Damaged):
+            self._live(now)
             return self._complain(find)
         message = find.message
         if not isinstance(message, Enquiry | Select) or message.address not in (self.address, BROADCAST):
+            # An EOT before each request, to whomever. What comes of it is made up for when somebody may notice.
+            self._behind_at = now
             return None
+        self._live(now)
         if message.address == self.address:
             self._spoken_to_at = now
         try:
@@ -94,6 +98,7 @@ class VirtualVabusDrive:
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set a parameter's data characters, or its raw number."""
+        self._catch_up()
         wanted = target(parameter, self._model, "", None)
         try:
             info = self.store.info(wanted.number)
@@ -213,6 +218,15 @@ class VirtualVabusDrive:
 
     def _live(self, now: float) -> None:
         """Let the motor turn, and the state follow a motor that has tripped or stopped."""
+        self._catch_up()
+        self._live_on(now)
+
+    def _catch_up(self) -> None:
+        behind_at, self._behind_at = self._behind_at, 0.0
+        if behind_at > self.motor.time:
+            self._live_on(behind_at)
+
+    def _live_on(self, now: float) -> None:
         motor = self.motor
         self._watch(now)
         motor.advance(now)

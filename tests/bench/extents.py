@@ -1,5 +1,7 @@
 """How much a test plays: a sample at each change, everything before it counts; see the marker `soak`."""
 
+import itertools
+
 import pytest
 
 
@@ -16,6 +18,14 @@ def every(number, things):
     return [
         thing if place % number == 0 else pytest.param(thing, marks=pytest.mark.soak)
         for place, thing in enumerate(things)
+    ]
+
+
+def every_pair(number, ones, others):
+    """Return all pairs of one and another, for two names, marked `soak` but for one in so many."""
+    return [
+        pytest.param(*pair, marks=[] if place % number == 0 else [pytest.mark.soak])
+        for place, pair in enumerate(itertools.product(ones, others))
     ]
 
 

@@ -349,7 +349,7 @@ def worth_trying(names, running):
 @pytest.mark.parametrize("face", [by_threads, by_tasks])
 @pytest.mark.parametrize("running", [False, True], ids=["standing", "running"])
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-@extents(6, 1)
+@extents(12, 1)
 def test_two_calls_in_every_order(protocol, running, face, extent):
     """All orders; a sample is of every so many steps."""
     tried, chance = 0, random.Random(protocol)
@@ -367,7 +367,7 @@ def test_two_calls_in_every_order(protocol, running, face, extent):
 
 @pytest.mark.parametrize("face", [by_threads, by_tasks])
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-@extents(50, 20_000 if LONG else 150)
+@extents(25, 20_000 if LONG else 150)
 def test_three_calls_in_many_orders(protocol, face, extent):
     chance = random.Random(protocol)
     for _ in range(extent):

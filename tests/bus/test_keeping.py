@@ -301,6 +301,22 @@ def test_a_motor_that_the_watchdog_has_stopped_is_not_started_again_by_a_repeate
         assert bench.after(0)[:2] == (True, 25), "until somebody starts it"
 
 
+def test_a_silence_that_outlasts_the_watchdog_is_told_once():
+    bench = Bench()
+    failures = []
+    with keep(bench.drive, "ramp", watchdog_s=6, on_failure=failures.append) as kept:
+        bench.drive.start()
+        with bench.line_cut():
+            kept.sleep(30)
+        kept.sleep(6)
+        told = [failure for failure in failures if isinstance(failure, StateError)]
+        assert len(told) == 1
+        with bench.line_cut():
+            kept.sleep(30)
+    told = [failure for failure in failures if isinstance(failure, StateError)]
+    assert len(told) == 2, "each time anew"
+
+
 def test_a_stop_without_an_answer_is_tried_again():
     bench = Bench()
     asked = []

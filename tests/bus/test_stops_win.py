@@ -4,6 +4,7 @@ import asyncio
 import threading
 import time
 from contextlib import suppress
+from functools import partial
 
 import pytest
 from benches import Mortal, Recorder
@@ -107,7 +108,16 @@ class TestInterrupting:
 
 
 class TestCancelling:
-    def test_a_start_that_waits_for_its_turn(self, served):
+    @pytest.mark.parametrize(
+        ("verb", "arguments"),
+        [
+            ("start", {}),
+            ("set_reference", {"percent": 20}),
+            ("write", {"parameter": "3-41", "value": 7}),
+            ("call", {"verb": "control_word", "word": 0x047C}),
+        ],
+    )
+    def test_a_command_that_waits_for_its_turn(self, served, verb, arguments):
         virtual, port = served
         with drivecomm.open_bus(port) as bus:
             fan = bus.drive("danfoss-fc", 2, model="fc300")
@@ -115,7 +125,7 @@ class TestCancelling:
             dead = bus.drive("danfoss-fc", 9, reply_timeout_s=3.0, attempts=1)
             raised = []
             threads = []
-            for call in (lambda: dead.read("16-13", type="int32"), fan.start):
+            for call in (lambda: dead.read("16-13", type="int32"), partial(getattr(fan, verb), **arguments)):
                 threads.append(threading.Thread(target=lambda call=call: raised.append(raised_by(call))))
                 threads[-1].start()
                 time.sleep(0.1)
@@ -162,8 +172,14 @@ class Bench:
         self.virtual = virtual_drive("danfoss-fc", 2, model=model)
         self.line = VirtualLine([self.virtual])
         self.recorder = Recorder()
-        self.bus = drivecomm.open_bus(self.line.port, trace=self.recorder)
+        self.told = None
+        self.bus = drivecomm.open_bus(self.line.port, trace=self.traced)
         self.drive = self.bus.drive("danfoss-fc", 2, model=model, **options)
+
+    def traced(self, event):
+        self.recorder(event)
+        if self.told is not None:
+            self.told(event)
 
     def words(self):
         """The valid control words that were sent so far."""
@@ -196,6 +212,46 @@ class TestNothingIsBroughtBack:
         bench.drive.status()
         bench.drive.status()
         assert bench.hz() == 0
+
+    def test_a_stop_of_all_that_one_drive_did_not_hear_ends_the_feeding_of_its_watchdog(self):
+        bench = Bench()
+        bench.drive.watched(60)
+        bench.run()
+        before = bench.words()
+        bench.drive.status()
+        assert len(bench.words()) > len(before), "what the drive obeys is repeated for its watchdog"
+        bench.virtual.hear, hear = (lambda *_: None), bench.virtual.hear
+        bench.bus.broadcast("danfoss-fc").stop()
+        bench.line.advance(0.1)
+        bench.virtual.hear = hear
+        before = bench.words()
+        assert bench.drive.status().running
+        assert bench.words() == before
+
+    def test_what_was_confirmed_while_a_stop_of_all_waited_is_not_repeated_after_it(self):
+        bench = Bench()
+        everybody = bench.bus.broadcast("danfoss-fc")
+        bench.drive.watched(60)
+        bench.drive.set_reference(percent=50)
+        stopping = threading.Thread(target=everybody.stop)
+
+        def stop_after_the_start(event):
+            if event.what == "sent" and event.message.control_word == 0x047C:
+                stopping.start()
+                while not bench.bus._roster.link.stop_waits():
+                    time.sleep(0.001)
+            if event.what == "received" and stopping.ident:
+                bench.virtual.hear = lambda *_: None
+
+        hear, bench.told = bench.virtual.hear, stop_after_the_start
+        bench.drive.start()
+        stopping.join(5)
+        bench.line.advance(0.1)
+        bench.virtual.hear, bench.told = hear, None
+        assert bench.virtual.motor.target_hz, "it has not heard the stop"
+        before = bench.words()
+        bench.drive.status()
+        assert bench.words() == before
 
     def test_a_refresh_that_comes_after_the_watchdog_has_acted(self):
         """It was asked for in time, and waited for the line; the motor still ramps down, so its status says running."""

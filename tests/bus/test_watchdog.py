@@ -70,6 +70,30 @@ def test_a_watchdog_that_is_set_as_it_was_is_switched_off_before_its_time_is_cha
     assert [message.pnu for message in bench.writes[-2:]] == [804, 803]
 
 
+def test_how_long_it_waits_is_known_to_the_drive_from_then_on():
+    bench = Bench("danfoss-fc", "fc300")
+    known = []
+    bench.drive.watched = known.append
+    set_watchdog(bench.drive, "ramp", 5)
+    read_watchdog(bench.drive)
+    set_watchdog(bench.drive, "hold")
+    read_watchdog(bench.drive)
+    assert known == [5, 5, None, None]
+
+
+def test_no_time_is_sent_that_is_below_what_its_parameter_can_hold():
+    bench = Bench("danfoss-fc", "fc300")
+    info = bench.drive.model.find("8-03")
+    model = replace(
+        bench.drive.model, parameters={**bench.drive.model.parameters, "8-03": replace(info, minimum=Decimal(2))}
+    )
+    drive = bench.bus.drive("danfoss-fc", 2, model=model)
+    with pytest.raises(ValueRefusedError, match=r"cannot wait 1\.9 s"):
+        set_watchdog(drive, "ramp", "1.9")
+    assert bench.sent == []
+    assert set_watchdog(drive, "ramp", 2).time_s == 2
+
+
 def test_no_watchdog_waits_for_no_time_at_all_whatever_its_parameter_takes():
     model = load_model("drivecomm_danfoss_fc", "danfoss-fc", "fc300")
     model = replace(model, parameters={**model.parameters, "8-03": replace(model.find("8-03"), minimum=None)})

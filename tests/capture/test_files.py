@@ -11,6 +11,7 @@ from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
 import pytest
+from extents import extents
 from hypothesis import given, settings, strategies as st
 from pcapng_reader import packets_of
 
@@ -74,12 +75,15 @@ def written(path, provenance, pieces):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-@given(provenance=provenances, pieces=st.lists(pieces, max_size=8))
-@settings(max_examples=150, deadline=None)
-def test_what_was_written_is_read(tmp_path_factory, suffix, provenance, pieces):
-    path = written(tmp_path_factory.getbasetemp() / f"round{suffix}", provenance, pieces)
-    found = read_capture(path)
-    assert found == Capture(provenance=provenance, pieces=sorted(pieces, key=lambda piece: piece.time_s))
+@extents(50, 150)
+def test_what_was_written_is_read(tmp_path, suffix, extent):
+    @settings(max_examples=extent, deadline=None)
+    @given(provenance=provenances, pieces=st.lists(pieces, max_size=8))
+    def read_as_written(provenance, pieces):
+        found = read_capture(written(tmp_path / f"round{suffix}", provenance, pieces))
+        assert found == Capture(provenance=provenance, pieces=sorted(pieces, key=lambda piece: piece.time_s))
+
+    read_as_written()
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -414,22 +418,28 @@ def _sample(kind):
 
 
 @pytest.mark.parametrize("kind", [*SUFFIXES, "foreign"])
-@given(data=st.data())
-@settings(max_examples=200, deadline=None)
-def test_damage_raises_nothing_else(tmp_path_factory, kind, data):
+@extents(70, 200)
+def test_damage_raises_nothing_else(tmp_path, kind, extent):
     """Whatever is in a file, it is a capture or a FileFormatError."""
-    path = tmp_path_factory.getbasetemp() / f"damaged{kind if kind in SUFFIXES else '.pcapng'}"
-    content = bytearray(_sample(kind) or written(path, ABOUT, PIECES).read_bytes())
-    for place in data.draw(st.lists(st.integers(0, len(content) - 1), min_size=1, max_size=4)):
-        content[place] = data.draw(st.integers(0, 255))
-    path.write_bytes(content)
-    try:
-        found = read_capture(path)
-    except FileFormatError as error:
-        complaint = str(error)
-    else:
-        complaint = f"{path}: {len(found.pieces)} pieces"
-    assert complaint.startswith(f"{path}: ")
+    path = tmp_path / f"damaged{kind if kind in SUFFIXES else '.pcapng'}"
+    whole = _sample(kind) or written(path, ABOUT, PIECES).read_bytes()
+
+    @settings(max_examples=extent, deadline=None)
+    @given(data=st.data())
+    def read_or_refused(data):
+        content = bytearray(whole)
+        for place in data.draw(st.lists(st.integers(0, len(content) - 1), min_size=1, max_size=4)):
+            content[place] = data.draw(st.integers(0, 255))
+        path.write_bytes(content)
+        try:
+            found = read_capture(path)
+        except FileFormatError as error:
+            complaint = str(error)
+        else:
+            complaint = f"{path}: {len(found.pieces)} pieces"
+        assert complaint.startswith(f"{path}: ")
+
+    read_or_refused()
 
 
 # Captures too large to be held

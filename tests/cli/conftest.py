@@ -5,7 +5,7 @@ import json
 import pytest
 import running_plant
 
-import drivecomm.bus.bus
+import drivecomm.bus.opening
 from drivecomm.cli import main
 from drivecomm.errors import PortError
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -51,6 +51,6 @@ def shell(capsys, monkeypatch):
         return (lambda: one.open(port)) if isinstance(port, str) else port
 
     # Where others look for it, and where the bus does.
-    for place in (drivecomm.bus, drivecomm.bus.bus):
+    for place in (drivecomm.bus, drivecomm.bus.opening):
         monkeypatch.setattr(place, "port_opener", port_opener)
     return one

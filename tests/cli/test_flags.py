@@ -6,6 +6,7 @@ import pytest
 from extents import every
 
 import drivecomm.bus.bus
+import drivecomm.bus.opening
 import drivecomm.cli.replay
 from drivecomm.cli.app import app
 from drivecomm.cli.lazy_commands import flowing
@@ -61,6 +62,7 @@ COMMANDS = [
     ("forecast", "--plan", "plant.toml"),
     ("scan", "--protocol", "danfoss-fc", "--addresses", "3"),
     ("doctor", "--protocol", "danfoss-fc", "--addresses", "3"),
+    ("tune", "fan", "--exchanges", "20"),
     ("models", "grow", "fan", "--write", "grown.toml"),
     ("replay", "capture.jsonl"),
     ("stop", "--all"),
@@ -96,7 +98,7 @@ def heard(shell, tmp_path, monkeypatch):
         seen.append((found, place))
         return found
 
-    scan, opener = drivecomm.bus.bus.Bus.scan, drivecomm.bus.bus.port_opener
+    scan, opener = drivecomm.bus.bus.Bus.scan, drivecomm.bus.opening.port_opener
 
     def scanned(bus, *which, **how):
         seen.append((which, sorted((key, str(value)) for key, value in how.items() if not callable(value))))
@@ -112,8 +114,9 @@ def heard(shell, tmp_path, monkeypatch):
 
     monkeypatch.setattr(drivecomm.cli.replay, "ReplayMaster", asking)
     monkeypatch.setattr(drivecomm.bus.bus.Bus, "scan", scanned)
-    for place in (drivecomm.bus, drivecomm.bus.bus):
+    for place in (drivecomm.bus, drivecomm.bus.opening):
         monkeypatch.setattr(place, "port_opener", port_opener)
+    for place in (drivecomm.bus, drivecomm.bus.bus):
         monkeypatch.setattr(place, "open_bus", open_bus)
     monkeypatch.setattr(drivecomm.bus.bus.Bus, "drive", made)
 
@@ -160,7 +163,7 @@ def commands_of(group, *words):
 
 
 @pytest.mark.parametrize("flag", VALUES)
-@pytest.mark.parametrize("command", every(3, COMMANDS), ids=" ".join)
+@pytest.mark.parametrize("command", every(6, COMMANDS), ids=" ".join)
 def test_a_flag_counts_or_is_refused(heard, shell, command, flag):
     _, plain = heard(*command)
     value = [] if VALUES[flag] is None else [VALUES[flag]]

@@ -2,7 +2,7 @@
 
 import pytest
 
-import drivecomm.bus.bus
+import drivecomm.bus.opening
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 
@@ -64,7 +64,7 @@ def test_what_the_port_is_opened_with(shell, monkeypatch, command, arguments, op
         seen.append((port, options))
         return line.port
 
-    for place in (drivecomm.bus, drivecomm.bus.bus):
+    for place in (drivecomm.bus, drivecomm.bus.opening):
         monkeypatch.setattr(place, "port_opener", opener)
     assert shell(*command, *arguments, port="/dev/ttyUSB0") == 0
     assert seen == [("/dev/ttyUSB0", opened)]

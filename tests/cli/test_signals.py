@@ -16,8 +16,9 @@ CODES = {"SIGINT": 130, "SIGTERM": 143, "SIGHUP": 129}
 
 
 @pytest.fixture
-def interruptible():
+def interruptible(monkeypatch):
     """As in a process of its own."""
+    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
     before = {number: signal.getsignal(number) for number in map(signal.Signals.__getitem__, CODES)}
     signals.interrupt()
     yield
@@ -55,6 +56,37 @@ def test_two_signals_at_once_are_one_wish(shell):
     line.call_at(0.001, lambda: (signal.raise_signal(signal.SIGHUP), signal.raise_signal(signal.SIGTERM)))
     assert shell("read", "vabus:1", "481") == CODES["SIGHUP"]
     assert shell.err == "drivecomm: interrupted\n"
+
+
+class Finalized:
+    """No exception gets out of the end of an object: the interpreter tells of it and goes on."""
+
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_a_signal_where_no_exception_gets_out_is_not_lost(shell, tmp_path):
+    line = shell.line(virtual_drive("vabus", 1))
+    line.call_at(3, Finalized)
+    given = ("--wide", "--protocol", "vabus", "-a", "1-30", "--write", str(tmp_path / "plant.toml"))
+    assert shell("scan", *given) == CODES["SIGINT"]
+    assert "Exception ignored" not in shell.err
+    assert "Traceback" not in shell.err
+    assert shell.err.endswith("drivecomm: interrupted\n")
+
+
+class Broken:
+    def __del__(self):
+        raise OSError("this is told")
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_other_errors_where_no_exception_gets_out_are_told(shell):
+    line = shell.line(virtual_drive("vabus", 1))
+    line.call_at(0.001, Broken)
+    assert shell("read", "vabus:1", "481") == 0
+    assert "this is told" in shell.err
 
 
 POLL = [sys.executable, "-m", "drivecomm", "poll", "vabus:1", "481", "--port", "loop://", "--period", "0"]

@@ -3,6 +3,7 @@
 import string
 from contextlib import suppress
 from decimal import Decimal
+from functools import cache
 
 from drivecomm.commissioning.parameter_sets import part_of
 from drivecomm.errors import DriveCommError, NotSupported
@@ -67,8 +68,9 @@ class Case:
         carry_out(exchange, virtual, self.codec, 0.0)
 
 
+@cache
 def cases():
-    """Return all there are."""
+    """Return all there are; what they hold never changes."""
     return [
         Case(plugin.name, model) for plugin in installed.working() for model in model_names(plugin.package, plugin.name)
     ]

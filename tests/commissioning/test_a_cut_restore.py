@@ -9,6 +9,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
+from extents import every
 from set_drives import cases
 
 import drivecomm
@@ -103,7 +104,7 @@ def restored(case, line, path, random):
     raise AssertionError
 
 
-@pytest.mark.parametrize("seed", range(SEEDS), ids=lambda seed: f"{CASES[seed % len(CASES)]}-{seed}")
+@pytest.mark.parametrize("seed", every(2, range(SEEDS)), ids=lambda seed: f"{CASES[seed % len(CASES)]}-{seed}")
 def test_the_same_bytes(seed, tmp_path):
     case, random, path = CASES[seed % len(CASES)], Random(seed), tmp_path / "drive.toml"
     virtual = case.new()

@@ -1,5 +1,7 @@
 """The journal of a restore: begun with the first write, gone at the end, and good after a power failure."""
 
+import os
+
 import pytest
 
 from drivecomm.commissioning.parameter_sets import Entry, ParameterSet, found_journal, journal_path, new_journal
@@ -30,6 +32,16 @@ def test_it_begins_with_the_first_write_and_goes_with_the_last(path):
     journal.over()
     assert not path.exists()
     journal.over()
+
+
+def test_each_line_is_on_the_disk_before_the_next_parameter_is_written(path, monkeypatch):
+    on_disk = []
+    monkeypatch.setattr("os.fsync", lambda descriptor: on_disk.append(os.fstat(descriptor).st_size))
+    journal = new_journal(path, a_set(), "vabus:1")
+    for address in ("480", "481"):
+        journal.wrote(address)
+        assert on_disk[-1] == path.stat().st_size
+    assert len(on_disk) == 2
 
 
 def test_it_goes_on(path):

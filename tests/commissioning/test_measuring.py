@@ -185,6 +185,16 @@ def test_an_adapter_with_a_latency_timer():
     assert problems(diagnose(quick, port=OnTicks(quick, 0.001))[1]) == []
 
 
+@pytest.mark.parametrize(("off", "timer_s"), [(1, 0.008), (4, None)])
+def test_a_tick_may_be_missed_now_and_then(off, timer_s):
+    late = [0.003 if place < off else 0.0 for place in range(20)]
+    arrivals, now = [], 0.0
+    for place in range(20):
+        now += 0.008 * (1 + place % 4) + late[place]
+        arrivals.append(now)
+    assert latency_timer_s([0.0, *arrivals]) == timer_s
+
+
 def test_a_slow_drive_is_no_latency_timer():
     """A drive that takes exactly 16 ms keeps its time when it is asked at uneven ones."""
     arrivals, now = [], 0.0

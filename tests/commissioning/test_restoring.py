@@ -259,6 +259,30 @@ def test_a_write_that_did_not_arrive_is_sent_once_more():
     assert drive.writes == ["104", "104"]
 
 
+def test_what_cannot_be_read_back_is_not_restored():
+    drive = Drive()
+
+    def hide(_):
+        def read(parameter):
+            if parameter == "104":
+                raise RefusedError("104", 5, "not readable")
+            return Drive.read(drive, parameter)
+
+        drive.read = read
+
+    drive.effects["104"] = hide
+    done = restore(drive, a_set(_104=20))
+    assert (done.written, done.complete) == ((), False)
+    assert "cannot be read back" in done.refused["104"]
+
+
+def test_what_was_refused_and_holds_in_the_end_is_restored():
+    drive = Drive()
+    drive.effects["100"] = lambda _: drive.held.update({"104": 99})
+    done = restore(drive, a_set(_104=99, _100=1))
+    assert (done.written, done.refused, done.complete) == (("100",), {}, True)
+
+
 def test_a_value_that_does_not_fit_keeps_everything_from_being_written():
     drive = Drive()
     with pytest.raises(

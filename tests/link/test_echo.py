@@ -340,7 +340,7 @@ DRIVES = {protocol: Mortal(protocol) for protocol in PROTOCOLS}
 
 @pytest.mark.parametrize("mode", ["expect", "auto"])
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-@extents(40, 100)
+@extents(20, 100)
 def test_a_reading_is_right_or_an_error(protocol, mode, extent):
     virtual = DRIVES[protocol]
 
@@ -372,7 +372,7 @@ def test_a_reading_is_right_or_an_error(protocol, mode, extent):
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-@extents(40, 100)
+@extents(20, 100)
 def test_a_disturbed_echo_costs_no_reply(protocol, extent):
     """Whatever happens to the echo, a sound reply behind it is found, without asking again."""
     virtual = DRIVES[protocol]
@@ -397,7 +397,7 @@ def test_a_disturbed_echo_costs_no_reply(protocol, extent):
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-@extents(25, 100)
+@extents(15, 100)
 def test_a_disturbed_echo_confirms_no_write(protocol, extent):
     """The drive hears nothing and says nothing; the remains of the echo must not be taken for its confirmation."""
     virtual = DRIVES[protocol]

@@ -461,23 +461,27 @@ def silence(drive, virtual, line):
         line.advance(0.5)
 
 
+@pytest.mark.parametrize("runs_on", [False, True])
 @pytest.mark.parametrize("objects", [1, 2])
-def test_a_run_command_is_never_repeated_to_a_drive_that_was_away(objects):
+def test_a_run_command_is_never_repeated_to_a_drive_that_was_away(objects, runs_on):
     virtual = Mortal("danfoss-fc")
     line = VirtualLine([virtual])
     with drivecomm.open_bus(line.port) as bus:
         drives = [bus.drive("danfoss-fc", ADDRESS) for _ in range(objects)]
         drives[0].set_reference(percent=50)
+        drives[0].watched(3600)
         drives[0].start()
         line.advance(5)
+        virtual.heard.clear()
         drives[0].status()
         assert running(line, virtual)
-        assert valid_words(virtual)
+        assert valid_words(virtual), "what the drive obeys is repeated for its watchdog"
         # The first object commanded; the last one finds out that nobody answers.
         silence(drives[-1], virtual, line)
         assert bus.health[drives[0].name].given_up
         virtual.heard.clear()
-        virtual.motor.stop(Command.OFF, line.time)
+        if not runs_on:
+            virtual.motor.stop(Command.OFF, line.time)
         virtual.alive = True
         line.advance(10)
         for drive in drives:
@@ -488,7 +492,7 @@ def test_a_run_command_is_never_repeated_to_a_drive_that_was_away(objects):
         assert len(virtual.heard) >= 4 * objects
         assert valid_words(virtual) == []
         line.advance(5)
-        assert not running(line, virtual)
+        assert running(line, virtual) is runs_on
 
 
 def test_a_run_command_is_not_repeated_after_the_port_was_lost():
@@ -498,7 +502,12 @@ def test_a_run_command_is_not_repeated_after_the_port_was_lost():
         first, second = (bus.drive("danfoss-fc", ADDRESS) for _ in range(2))
         for drive in (first, second):
             drive.set_reference(percent=50)
+            drive.watched(3600)
             drive.start()
+        first.status()
+        virtual.heard.clear()
+        first.status()
+        assert valid_words(virtual)
         line.broken = True
         with pytest.raises(drivecomm.LinkDownError):
             first.status()

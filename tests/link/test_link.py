@@ -4,7 +4,14 @@ from collections import Counter
 
 import pytest
 
-from drivecomm.errors import DamagedReplyError, NoReplyError, RefusedError, ReplyError, TelegramError
+from drivecomm.errors import (
+    CommandTooOldError,
+    DamagedReplyError,
+    NoReplyError,
+    RefusedError,
+    ReplyError,
+    TelegramError,
+)
 from drivecomm.link import Arrival, Configure, Link, Peer, Receive, Send, Wait, taken_apart
 from drivecomm.protocol import Ask, LineFacts, LineSettings, Pause, Tell, Timing
 from drivecomm_vabus.telegrams import Ack, Enquiry, Eot, Select, VabusCodec, Value, mismatch
@@ -594,3 +601,24 @@ def test_a_reading_need_not_wait_for_a_second_acknowledgement():
 
 def test_the_trace_is_optional():
     assert walk(ask(), [(0.0, b"\x00"), (0.030, b"\x7f" + OTHER + ANSWERED)]).run() == ANSWER
+
+
+def test_what_comes_while_a_later_request_is_on_the_wire_answers_nothing():
+    link = Link()
+    link.paced = True
+    walk(ask(), [(0.030, ANSWERED)], link=link).run()
+    with pytest.raises(NoReplyError):
+        walk(ask(attempts=1), [(1.002, ANSWERED)], link=link, start=1.0).run()
+    assert link.counters["vabus:1"]["unasked bytes"] == len(ANSWERED)
+
+
+def test_a_command_is_repeated_as_long_as_the_watchdog_waits_and_no_longer():
+    link = Link()
+    link.repeat_within(peer(), 1.0)
+    walk(ask(), [(0.030, ANSWERED)], link=link).run()
+    walk(ask(command="new"), [(0.130, ANSWERED)], link=link, start=0.1).run()
+    assert walk(ask(command="repeated"), [(0.930, ANSWERED)], link=link, start=0.9).run() == ANSWER
+    late = walk(ask(command="repeated"), [(5.030, ANSWERED)], link=link, start=5.0)
+    with pytest.raises(CommandTooOldError):
+        late.run()
+    assert late.sent == []

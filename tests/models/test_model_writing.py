@@ -5,6 +5,7 @@ from decimal import Decimal
 from typing import get_args
 
 import pytest
+from extents import extents
 from hypothesis import given, settings, strategies as st
 
 from drivecomm.errors import UsageError
@@ -73,12 +74,17 @@ def models(draw):
     )
 
 
-@settings(max_examples=150, deadline=None)
-@given(model=models())
-def test_what_is_written_reads_as_the_same_model(tmp_path_factory, model):
-    path = tmp_path_factory.mktemp("models") / "some.toml"
-    path.write_text(model_text(model), encoding="utf-8", newline="")
-    assert read_model(path, "toy") == model
+@extents(50, 150)
+def test_what_is_written_reads_as_the_same_model(tmp_path, extent):
+    path = tmp_path / "some.toml"
+
+    @settings(max_examples=extent, deadline=None)
+    @given(model=models())
+    def read_as_written(model):
+        path.write_text(model_text(model), encoding="utf-8", newline="")
+        assert read_model(path, "toy") == model
+
+    read_as_written()
 
 
 PACKAGED = [(plugin, name) for plugin in installed.working() for name in model_names(plugin.package, plugin.name)]

@@ -2,7 +2,6 @@
 
 from decimal import Decimal
 
-import pint
 import pytest
 
 import drivecomm
@@ -111,6 +110,7 @@ def test_what_cannot_be_converted_is_said():
 
 
 def test_readings_as_pint_quantities():
+    pint = pytest.importorskip("pint")
     reading = Reading(parameter="481", value=Decimal("10.00"), raw="000003E8", unit="Hz", time_s=1.5)
     assert reading.to_pint() == pint.get_application_registry().Quantity(Decimal(10), "Hz")
     assert reading.time.isoformat() == "1970-01-01T00:00:01.500000+00:00"

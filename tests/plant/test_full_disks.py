@@ -192,10 +192,10 @@ def test_a_piece_that_found_no_room_is_added_again_as_the_first_one(tmp_path, su
 
 COMMAND = """
 import resource, sys
-import drivecomm.bus.bus, drivecomm.cli.poll
+import drivecomm.bus.opening, drivecomm.cli.poll
 from drivecomm.virtual import VirtualLine, virtual_drive
 line = VirtualLine([virtual_drive("vabus", 1)])
-drivecomm.bus.bus.port_opener = lambda port, **_: line.port
+drivecomm.bus.opening.port_opener = lambda port, **_: line.port
 said, show = [], drivecomm.cli.poll._say
 def say(result):
     said.append(result)

@@ -295,6 +295,23 @@ def test_what_the_plant_says_of_a_line_is_how_it_is_opened():
         opened.drive("pump").probe()
     with OpenPlant(plant, port_of=lambda _: virtual.line("hall").port, baudrate=19200) as opened:
         assert opened.drive("pump").facts.settings.baudrate == 19200
+        assert opened.bus("hall").drive("vabus", 2).facts.settings.baudrate == 19200
+
+
+def test_a_drive_that_is_looked_up_after_closing_opens_its_line_again():
+    plant = Plant(
+        lines=(PlantLine(name="hall"),), drives=(DriveConfig(name="pump", protocol="vabus", address=1, line="hall"),)
+    )
+    virtual = VirtualPlant(plant)
+    opened = OpenPlant(plant, port_of=lambda _: virtual.line("hall").port)
+    before = opened.drive("pump")
+    assert opened.drive("pump") is before
+    opened.close()
+    with pytest.raises(UsageError, match="closed"):
+        before.probe()
+    opened.drive("pump").probe()
+    opened.bus("hall").drive("vabus", 1).probe()
+    opened.close()
 
 
 class TestStatus:

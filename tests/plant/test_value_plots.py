@@ -9,7 +9,6 @@ from xml.etree import ElementTree as ET
 
 import pytest
 from hypothesis import given, strategies as st
-from matplotlib.image import imread
 
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.plant.value_log import LogRow
@@ -111,6 +110,7 @@ def test_thinning_keeps_extremes_order_and_gaps(values, most):
 
 
 def test_png(tmp_path):
+    imread = pytest.importorskip("matplotlib.image").imread
     path = tmp_path / "plot.png"
     save(picture_of(ROWS), "log", path)
     content = path.read_bytes()

@@ -105,6 +105,11 @@ def test_a_drive_that_never_answers():
     assert board.silent == 1
 
 
+def test_nothing_is_said_of_a_drive_that_has_fallen_silent():
+    fan = watched(plant_of(PUMP, FAN, script=[tripped("fan", 14, 2), dark("fan", 5)]), 12).board().view("fan")
+    assert (fan.reachability, fan.status, fan.fault) == ("silent", None, "")
+
+
 def test_a_gap_in_the_trend_while_a_drive_is_away():
     watcher = watched(plant_of(PUMP, script=[dark("pump", 10, 14)]), 30)
     course = watcher.cells("pump", "output_frequency", 60)[-29:]
@@ -214,8 +219,9 @@ def test_nothing_is_commanded():
     plant = plant_of(PUMP, FAN)
     watcher = watched(plant, 5)
     assert not any(state.running for state in plant.states())
+    assert {event.drive for event in watcher.telegrams("pump")} == {"vabus:1"}
+    assert {event.drive for event in watcher.telegrams("fan")} == {"danfoss-fc:3"}
     sent = [event.message for name in ("pump", "fan") for event in watcher.telegrams(name) if event.what == "sent"]
-    assert sent
     for message in sent:
         plugin = next(plugin for plugin in installed.working() if type(message).__module__.startswith(plugin.package))
         assert plugin.intent(message).only_asks, message

@@ -226,7 +226,7 @@ UNHURRIED = settings(
 
 @pytest.mark.parametrize("direction", ["request", "reply"])
 @pytest.mark.parametrize("name", ["vabus", "danfoss-fc", "vlt3500", "fuji"])
-@extents(30, 100)
+@extents(15, 100)
 def test_nothing_is_found_otherwise_than_byte_by_byte(name, direction, extent):
     plugin = installed[name]
 
@@ -290,6 +290,27 @@ def test_a_telegram_whose_length_stands_behind_what_is_looked_at_first():
 
     telegram = b"<" + b"a" * 600 + b"2" + b"a" * 2000
     assert shape(Framer(Late(), "reply").feed(b"!" + telegram + b"?")) == [
+        ("Noise", b"!"),
+        ("Framed", telegram),
+        ("Noise", b"?"),
+    ]
+
+
+def test_a_telegram_that_tells_step_by_step_how_long_it_is():
+    class Chained(Letters):
+        """Blocks of 600 letters, and behind each whether another one follows."""
+
+        def measure(self, head, _):
+            length = 601 if head[:1] == b"<" else 0
+            while length and head[length - 1 : length] == b"+":
+                length += 600
+            return length
+
+        def decode(self, data, _):
+            return Word(data.decode())
+
+    telegram = b"<" + (b"a" * 599 + b"+") * 3 + b"a" * 599 + b"."
+    assert shape(Framer(Chained(), "reply").feed(b"!" + telegram + b"?")) == [
         ("Noise", b"!"),
         ("Framed", telegram),
         ("Noise", b"?"),

@@ -48,7 +48,7 @@ def in_code(form, message):
 
 
 @every_direction
-@extents(40, 150)
+@extents(20, 150)
 def test_fields_of_any_kind(name, direction, extent):
     plugin = installed[name]
 
@@ -70,7 +70,7 @@ def test_fields_of_any_kind(name, direction, extent):
 
 
 @every_direction
-@extents(40, 150)
+@extents(20, 150)
 def test_every_byte_of_a_telegram_replaced(name, direction, extent):
     @settings(UNHURRIED, max_examples=extent)
     @given(telegram=telegrams_for(name, direction), wrong=st.integers(0, 255))

@@ -15,11 +15,12 @@ from drivecomm.errors import (
     ValueRefusedError,
 )
 from drivecomm.models import load_model
-from drivecomm.protocol import DriveState, Stop, Tell
+from drivecomm.protocol import DriveState, Stop, Tell, protocol_options
 from drivecomm.testing import play
 from drivecomm_vabus.exchanges import VabusOperations
 from drivecomm_vabus.memory import VabusMemory
 from drivecomm_vabus.options import VabusOptions
+from drivecomm_vabus.plugin import protocol
 from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Eot, Nak, Select, Value
 
 EOT = (Eot(), None)
@@ -137,6 +138,25 @@ class TestRead:
     def test_without_the_trailing_eot(self):
         script = [(enquiry(210), value(210, "0001"))]
         assert play(operations(trailing_eot=False).read("210", type="uint"), script).value == 1
+
+    def test_the_next_request_closes_what_was_read_and_nothing_else(self):
+        vabus = operations(trailing_eot="after writes")
+        play(vabus.read("210", type="uint"), [(enquiry(210), value(210, "0001"))])
+        play(vabus.write("480", 1, type="uint"), told(480, "0001", 5))
+        play(vabus.probe(), [(enquiry(411), value(411, "0040"))])
+
+    def test_a_refusal_is_closed_and_the_register_that_tells_why_is_left_open(self):
+        for exchange, telegram in (
+            (operations(trailing_eot="after writes").read("210", type="uint"), enquiry(210)),
+            (operations(trailing_eot="after writes").write("480", 1, type="uint"), select(480, "0001", 5)),
+        ):
+            script = [(telegram, Nak(address=1)), EOT, (enquiry(11), value(11, "0003"))]
+            with pytest.raises(RefusedError):
+                play(exchange, script)
+
+    def test_an_unknown_way_of_closing(self):
+        with pytest.raises(UsageError, match="True or False or after writes"):
+            protocol_options(protocol, {"trailing_eot": "sometimes"})
 
     def test_lower_case_only_by_option(self):
         assert play(operations(lower_case_hex=True).read("1", type="uint"), asked(1, "00ff")).value == 255

@@ -33,6 +33,20 @@ def ask(drive, message, now=0.0):
     return None if reply is None else VabusCodec().decode(reply.data, "reply")
 
 
+@pytest.mark.parametrize(("trailing_eot", "closing"), [(True, b"\x04"), ("after writes", b""), (False, b"")])
+def test_reading_again_and_again_takes_the_time_of_its_telegrams(trailing_eot, closing):
+    line, _ = line_with(reply_delay_s=0.010)
+    sent = []
+    with drivecomm.open_bus(line.port, trace=lambda event: event.what == "sent" and sent.append(event)) as bus:
+        drive = bus.drive("vabus", 1, model="agile", trailing_eot=trailing_eot)
+        assert {drive.read("481").value for _ in range(10)} == {Decimal("10.00")}
+    assert {event.data for event in sent} - {closing} == {bytes.fromhex("0441303034383105")}
+    asked = [event.time for event in sent if event.data != closing]
+    # Enquiry and value, seven data bits with parity at 19200 baud; the drive's delay; 2 ms before the master speaks.
+    expected = (8 + 19 + len(closing)) * 10 / 19200 + 0.010 + 0.002
+    assert asked[-1] - asked[1] == pytest.approx(expected * (len(asked) - 2))
+
+
 class TestMotor:
     def test_start_ramp_stop(self, virtual):
         line, _, drive = virtual

@@ -38,6 +38,7 @@ def test_the_least_that_an_exchange_has(load):
     vector = load(EXCHANGE)
     assert (vector.id, vector.source, vector.address) == ("one", "somewhere", 1)
     assert (vector.printed, vector.model, vector.options, vector.note) == (False, "", {}, "")
+    assert vector.watched_s is None
     assert vector.calls == (Call(call="read", arguments={"parameter": "481"}),)
     assert vector.steps == (WireStep(action="send", data=b"\x04"), WireStep(action="reply", data=b"A\x06"))
 
@@ -51,6 +52,7 @@ printed = true
 address = 32
 model = "agile"
 options = { attempts = 2 }
+watched_s = 2.5
 calls = [
     { call = "set_reference", arguments = { percent = 50 }, error = "NoReplyError", error_text = "within" },
     { call = "status", result = { word = 7 } },
@@ -70,6 +72,7 @@ result = {}
 note = "all of it"
 """)
     assert (vector.printed, vector.model, vector.options, vector.note) == (True, "agile", {"attempts": 2}, "all of it")
+    assert vector.watched_s == 2.5
     first, second, last = vector.calls
     assert first.expected == Expected(error="NoReplyError", error_text="within")
     assert second.expected == Expected(result={"word": 7})

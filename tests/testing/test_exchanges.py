@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from extents import first_of_each, shape_of_exchange
 
 from drivecomm.protocol import installed
 from drivecomm.testing import (
@@ -55,6 +56,15 @@ SOUND = reading(send(ENQUIRY), reply(ANSWER, 0.01), send(EOT))
 @EVERY_WAY
 def test_what_is_written_is_what_happens(play):
     play(VABUS, SOUND)
+
+
+@FACES
+@pytest.mark.parametrize("plugin", list(installed.working()), ids=lambda plugin: plugin.name)
+def test_all_that_are_written_hold_the_long_way_too(play, plugin, monkeypatch):
+    # Where nothing is odd, links go a shorter one.
+    monkeypatch.setattr("drivecomm.link.line_state.LineState.is_plain_for", lambda *_: False)
+    for vector in first_of_each(packaged_vectors(plugin).exchanges, shape_of_exchange):
+        play(plugin, vector)
 
 
 @FACES

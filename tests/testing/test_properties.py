@@ -40,7 +40,7 @@ def source(name, direction):
 @pytest.mark.parametrize("holds", PROPERTIES, ids=lambda holds: holds.__name__)
 @pytest.mark.parametrize("direction", ["request", "reply"])
 @pytest.mark.parametrize("name", list(_judged()))
-@extents(8, EXAMPLES)
+@extents(5, EXAMPLES)
 def test_property(name, direction, holds, extent):
     try_examples(holds, source(name, direction), extent)
 

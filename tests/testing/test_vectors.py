@@ -1,4 +1,4 @@
-"""Every vector of every installed protocol, put through everything; one test for each check.
+"""Every vector of every installed protocol, put through everything; one test for each vector.
 
 What a telegram means is decided by its content, so that is tried with all of them; how it is found in a stream and how
 an exchange goes over a line is decided by its shape, so that one of each shape is the sample.
@@ -7,7 +7,7 @@ DRIVECOMM_EXTRA_VECTORS names a folder of further vector files.
 """
 
 import os
-from collections import Counter
+from collections import Counter, defaultdict
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from extents import first_of_each, shape_of_exchange, shape_of_vector
 
 from drivecomm.errors import FileFormatError
 from drivecomm.protocol import installed
-from drivecomm.testing import checks_of, load_vectors, packaged_vectors, run_checks
+from drivecomm.testing import carry_out, checks_of, load_vectors, packaged_vectors, run_checks
 
 
 def _files():
@@ -42,23 +42,31 @@ DECIDED_BY_THE_SHAPE = {*OF_A_TELEGRAM, *OF_AN_EXCHANGE}
 
 
 def _checks():
+    """What is tried with each vector and exchange, and marked `soak` what others of its shape stand for."""
     for plugin, vectors in _files():
+        file = f"{plugin.name}/{vectors.name}"
         sample = {
-            f"{plugin.name}/{vectors.name}/{each.id}"
+            f"{file}/{each.id}"
             for each in (
                 *first_of_each(vectors.vectors, shape_of_vector),
                 *first_of_each(vectors.exchanges, shape_of_exchange),
             )
         }
+        by_itself, by_shape = defaultdict(list), defaultdict(list)
         for check in checks_of(plugin, vectors):
             of, _, name = check.name.rpartition("/")
-            soak = name in DECIDED_BY_THE_SHAPE and of not in sample
-            yield pytest.param(check, id=check.name, marks=[pytest.mark.soak] if soak else [])
+            if name in DECIDED_BY_THE_SHAPE and of not in sample:
+                by_shape[f"{file}: {name}"].append(check)
+            else:
+                by_itself[of].append(check)
+        yield from (pytest.param(checks, id=of) for of, checks in by_itself.items())
+        yield from (pytest.param(checks, id=name, marks=pytest.mark.soak) for name, checks in by_shape.items())
 
 
-@pytest.mark.parametrize("check", list(_checks()))
-def test_check(check):
-    check.run()
+@pytest.mark.parametrize("checks", list(_checks()))
+def test_checks(checks):
+    report = carry_out(checks)
+    assert report.ok, str(report)
 
 
 @pytest.mark.parametrize("name", sorted(installed))

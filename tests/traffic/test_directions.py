@@ -10,9 +10,7 @@ from drivecomm.traffic.sniffer.readings import Reading
 TIMEOUT_S = 0.1
 TIMING = SimpleNamespace(reply_timeout_s=TIMEOUT_S, late_s=0.25)
 DRIVE = SimpleNamespace(address=1)
-PROTOCOL = SimpleNamespace(
-    facts=SimpleNamespace(timing=TIMING), mismatch=lambda *_: "", broadcast_address=None
-)
+PROTOCOL = SimpleNamespace(facts=SimpleNamespace(timing=TIMING), mismatch=lambda *_: "", broadcast_address=None)
 
 
 def either(data):

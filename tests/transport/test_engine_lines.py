@@ -253,6 +253,32 @@ def test_a_lost_line_is_opened_again_and_the_others_go_on(tmp_path):
     assert phase == "back"
 
 
+def test_a_line_that_is_found_lost_on_writing_is_given_back_and_opened_again(tmp_path, monkeypatch):
+    write, close, lost, closed = SerialPort.write, SerialPort.close, [], []
+
+    def write_to(port, data):
+        if not lost:
+            lost.append(port)
+            raise LinkDownError("it was unplugged")
+        write(port, data)
+
+    def close_it(port):
+        closed.append(port)
+        close(port)
+
+    with lines(tmp_path, 2) as (_, buses):
+        monkeypatch.setattr(SerialPort, "write", write_to)
+        monkeypatch.setattr(SerialPort, "close", close_it)
+        until, failed = time.monotonic() + 20, ""
+        for result in drivecomm.poll(items(buses, period_s=0.02)):
+            assert time.monotonic() < until
+            if result.error is not None:
+                failed = result.drive
+            elif result.drive == failed:
+                break
+        assert closed == lost
+
+
 def test_a_bus_that_is_closed_ends_the_plan(tmp_path):
     with lines(tmp_path, 2) as (_, buses):
         results = drivecomm.poll(items(buses, period_s=0.01))

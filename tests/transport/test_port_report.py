@@ -89,6 +89,11 @@ class TestLowLatency:
         assert (sysfs / "ttyUSB0" / "device" / "latency_timer").read_text() == "1"
         assert latency.low_latency(driver, "/dev/ttyUSB0", sysfs) == "on"
 
+    @pytest.mark.parametrize(("timer_ms", "is_low"), [(0, "on"), (1, "on"), (2, "off"), (8, "off")])
+    def test_only_a_timer_of_a_millisecond_is_low(self, sysfs, monkeypatch, timer_ms, is_low):
+        (sysfs / "ttyUSB0" / "device" / "latency_timer").write_text(f"{timer_ms}\n")
+        assert latency.low_latency(Driver(monkeypatch), "/dev/ttyUSB0", sysfs) == is_low
+
     def test_a_driver_that_takes_the_flag_and_forgets_it(self, monkeypatch, sysfs):
         driver = Driver(monkeypatch, flags=0, follows=False)
         assert not latency.make_low(driver, "/dev/ttyS0", sysfs)

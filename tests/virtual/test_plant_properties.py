@@ -6,14 +6,16 @@ from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 import drivecomm.plant.files
 from drivecomm.errors import DriveCommError, FileFormatError
 from drivecomm.models import load_model
 from drivecomm.plant import Plant, PlantLine, read_plant
-from drivecomm.protocol import DriveConfig
+from drivecomm.protocol import DriveConfig, LineSettings
 from drivecomm.virtual import ServedLine, VirtualLine, VirtualPlant, answer_order, virtual_drive
+from drivecomm.virtual.audience import Audience
+from drivecomm.virtual.timers import Timers
 
 EXAMPLE = drivecomm.plant.files.__doc__
 EXAMPLE = EXAMPLE[EXAMPLE.index("format = 1") :].splitlines()
@@ -139,3 +141,146 @@ def test_a_served_line_comes_to_rest_and_echoes_every_byte(pieces, paced, naps):
     assert listener.sent == b"".join(data for _, data in pieces)
     assert line.backlog_s == 0
     assert couple.descriptor == 7
+
+
+def heard_when(when, pieces):
+    """Return what reached the master of a line that is looked after as its property `when` says, and the last time."""
+    drives = [virtual_drive("vabus", 1, reply_delay_s=0.0), virtual_drive("danfoss-fc", 2)]
+    listener = Listener()
+    couple = ServedLine(VirtualLine([*drives, virtual_drive("vabus", 3, reply_delay_s=0.02)]), listener)
+    now, came, last = 0.0, 0, 0.0
+    for pause, data in [*pieces, (1.0, b"")]:
+        until = now + pause
+        while (due := getattr(couple, when)) <= until:
+            now = max(now, due)
+            couple.follow(now)
+            if len(listener.sent) > came:
+                came, last = len(listener.sent), round(now, 9)
+        now = until
+        listener.incoming = data
+        couple.attend(now)
+    return listener.sent, last
+
+
+REQUESTS = st.sampled_from([
+    bytes.fromhex("04 41 30 30 34 38 31 05"),
+    bytes.fromhex("04 43 30 30 34 38 31 05"),
+    # To all drives: nobody answers.
+    bytes.fromhex("04 40 02 30 34 38 31 30 30 30 30 03"),
+    bytes.fromhex("02 0e 82 16 4d 00 00 00 00 00 00 00 00 00 00 d5"),
+    b"\x04",
+])  # fmt: skip
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(st.tuples(st.floats(0, 0.1), REQUESTS), max_size=12))
+def test_what_nobody_hears_yet_can_wait_and_the_master_notices_nothing(pieces):
+    (came, last), (should, at) = heard_when("deadline", pieces), heard_when("due", pieces)
+    assert came == should
+    # What met another transmission is handed over in the pieces in which it was looked at.
+    assert last <= at + 0.0005 + 1e-9
+    if not any(pause < 0.08 for pause, _ in pieces[1:]):
+        assert last == at
+
+
+class Everybody(Audience):
+    """Tells each drive everything, as if nothing had been heard before."""
+
+    def of(self, *_):
+        return self._stations
+
+
+def on_the_line(audience, steps):
+    """Return all that was on a line of several protocols, and what became of its drives."""
+    line = PlantLine(name="hall")
+    drives = [
+        DriveConfig(protocol=protocol, address=address, line="hall", name=f"{protocol} {address}", options=options)
+        for protocol, options in (
+            ("vabus", {}),
+            ("danfoss-fc", {"parity": "N"}),
+            ("vlt3500", {"start_inhibit": False}),
+            ("fuji", {}),
+        )
+        for address in (1, 2)
+    ]
+    plant = VirtualPlant(Plant(lines=(line,), drives=tuple(drives)))
+    hall = plant.line("hall")
+    hall._audience = audience(hall._stations)
+    told = []
+    hall.monitor = lambda sent: told.append((sent.source, sent.began, sent.data))
+    port = hall.port()
+    for pause, step in steps:
+        if isinstance(step, bytes):
+            port.write(step)
+        elif isinstance(step, LineSettings):
+            port.configure(step)
+        else:
+            step(plant)
+        port.read(port.now() + pause, 1000)
+    return told, plant.states(), [station.pending for station in hall._stations]
+
+
+HEARD = st.sampled_from([
+    # A read from each protocol, and each time one for another drive; an odd one, cut, doubled, to all, and noise.
+    *(bytes.fromhex(text) for text in (
+        "04 41 30 30 34 38 31 05",
+        "04 42 30 30 34 38 31 05",
+        "02 0e 81 16 4d 00 00 00 00 00 00 00 00 00 00 d6",
+        "02 0e 82 16 4d 00 00 00 00 00 00 00 00 00 00 d5",
+        "02 06 80 04 7c 20 00 dc",
+        "3c 30 31 52 40 40 40 40 30 32 31 35 2b 30 30 30 30 30 30 36 36 3e",
+        "3c 30 32 52 40 40 40 40 30 32 31 35 2b 30 30 30 30 30 30 36 37 3e",
+        "01 30 31 05 52 4d 30 39 20 30 30 30 30 03 35 31",
+        "01 30 32 05 52 4d 30 39 20 30 30 30 30 03 35 32",
+        "04 40 02 30 34 38 31 30 30 30 30 03 01",
+        "04 41 30 30 34",
+        "38 31 05",
+        "04",
+        "ff",
+    )),
+    LineSettings(baudrate=19200),
+    LineSettings(),
+    lambda plant: plant.power_off("vabus 2"),
+    lambda plant: plant.power_on("vabus 2"),
+    lambda plant: plant.power_on_as_new("fuji 1"),
+    lambda plant: plant.set("vlt3500 2", "500", 1),
+    lambda plant: setattr(plant.drive("danfoss-fc 2"), "settings", LineSettings(baudrate=19200)),
+    lambda plant: setattr(plant.drive("fuji 2").inner, "address", 1),
+])  # fmt: skip
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(st.tuples(st.sampled_from([0.0, 0.02, 0.2]), HEARD), max_size=16))
+@example([
+    (0.2, bytes.fromhex("3c 30 31 52 40 40 40 40 30 32 31 35 2b 30 30 30 30 30 30 36 36 3e")),
+    (0.0, lambda plant: plant.set("vlt3500 2", "500", 1)),
+])  # fmt: skip
+def test_drives_that_are_not_told_what_is_for_others_behave_as_if_they_were(steps):
+    assert on_the_line(Audience, steps * 2) == on_the_line(Everybody, steps * 2)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.lists(st.one_of(st.tuples(st.integers(0, 9), st.floats(0, 10) | st.just(inf)), st.floats(0, 11))))
+def test_timers_know_who_is_due_first(steps):
+    timers, deadlines = Timers[int](), dict.fromkeys(range(10), inf)
+    for step in steps:
+        if isinstance(step, tuple):
+            timers.set(*step)
+            deadlines[step[0]] = step[1]
+        else:
+            popped = timers.pop(step)
+            earliest = min(deadlines.values())
+            assert (popped is None) == (earliest > step)
+            if popped is not None:
+                assert deadlines[popped] == earliest
+                deadlines[popped] = inf
+        assert timers.deadline == min(deadlines.values())
+
+
+def test_timers_that_are_moved_again_and_again_take_no_room():
+    timers = Timers[str]()
+    timers.set("late", 1e9)
+    for number in range(1000):
+        timers.set("moved", 1e6 - number)
+    assert len(timers._heap) < 100
+    assert [timers.pop(inf), timers.pop(inf)] == ["moved", "late"]

@@ -6,6 +6,7 @@ import contextlib
 import os
 import random
 import select
+import selectors
 import socket
 import struct
 import subprocess
@@ -20,6 +21,7 @@ import pytest
 
 from drivecomm.errors import PortError, UsageError
 from drivecomm.virtual import PretendedPort, Rfc2217Listener, Server, TcpListener, parse_listen, virtual_drive
+from drivecomm.virtual.waiting import ready_within
 
 ENQUIRY = bytes.fromhex("04 41 30 30 34 38 31 05")
 VALUE = bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03")
@@ -276,8 +278,8 @@ class TestTcp:
         number = int(listener.address.rpartition(":")[2])
         with socket.create_connection(("127.0.0.1", number)) as master:
             listener.receive(1.0)
-            for _ in range(100):
-                listener.send(b"x" * 1_000_000)
+            # More than all buffers take: whoever reads on behind a gap would hear half telegrams.
+            listener.send(b"x" * 32_000_000)
             assert listener._master is None
             master.settimeout(5)
             while master.recv(1_000_000):
@@ -533,3 +535,33 @@ class TestRfc2217:
         assert (port.baudrate, port.bytesize, port.parity, port.stopbits) == (19200, 7, "E", 2)
         port.reset_input_buffer()
         port.reset_output_buffer()
+
+
+class TestWaiting:
+    """Waiting for several sockets at once, as a server of lines does."""
+
+    @pytest.fixture(params=["the system's own", "a plain one", "many descriptors"])
+    def watched(self, request, monkeypatch):
+        if request.param == "many descriptors":
+            monkeypatch.setattr("drivecomm.virtual.waiting._MOST_DESCRIPTORS", 0)
+        selector = selectors.SelectSelector() if request.param == "a plain one" else selectors.DefaultSelector()
+        ours, theirs = socket.socketpair()
+        with selector, ours, theirs:
+            selector.register(ours, selectors.EVENT_READ, "ours")
+            yield selector, theirs
+
+    @pytest.mark.parametrize("seconds", [-1.0, 0.0, 0.0003, 0.0204])
+    def test_until_the_time_is_over(self, watched, seconds):
+        selector, _ = watched
+        began = time.monotonic()
+        # What waits in two steps comes back in between.
+        while time.monotonic() - began < seconds:
+            assert ready_within(selector, seconds - (time.monotonic() - began)) == []
+        assert ready_within(selector, 0.0) == []
+        assert max(0.0, seconds) <= time.monotonic() - began < seconds + 2.0
+
+    @pytest.mark.parametrize("seconds", [0.0, 0.0003, 60.0])
+    def test_until_something_has_come(self, watched, seconds):
+        selector, theirs = watched
+        theirs.send(b"x")
+        assert [key.data for key in ready_within(selector, seconds)] == ["ours"]

@@ -274,11 +274,13 @@ def test_hours_of_traffic_take_no_memory(extent):
         for _ in range(extent):
             an_hour(plant, requests)
             assert all(len(station.known) <= 512 for station in line._stations)
+            assert len(line._audience._known) <= 512
             assert _sampled.cache_info().maxsize
             # What has been heard before is kept up to these limits, and is not what this is about.
             _sampled.cache_clear()
             for station in line._stations:
                 station.known.clear()
+            line._audience._known.clear()
             gc.collect()
             objects.append(len(gc.get_objects()))
             taken.append(tracemalloc.get_traced_memory()[0])

@@ -489,3 +489,11 @@ def test_an_acknowledgement_is_as_good_as_any():
 
 
 ACK = VabusCodec().encode(Ack(address=1))
+
+
+def test_what_nobody_takes_is_lost_when_the_buffer_is_full():
+    line, port = on()
+    for _ in range(20):
+        line.inject(b"x" * 4000)
+        line.advance(4001 * CHARACTER_S)
+    assert 60_000 < len(port.read(port.now(), 1_000_000)) < 70_000

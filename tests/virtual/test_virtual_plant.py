@@ -357,6 +357,23 @@ def time_of_trip(plant):
     raise AssertionError("no trip")
 
 
+@pytest.mark.parametrize("speed", [1.0, 10.0])
+def test_a_condition_is_true_for_its_time_of_the_process_without_a_break(speed):
+    condition = Condition(parameter="480", above=20, for_s=2)
+    plant = planted(TripStep(drive="pump", code=5, when=condition), speed=speed, options={"model": "agile"})
+
+    def fault_after(raw, seconds):
+        plant.set("pump", "480", raw)
+        plant.line("hall").advance(seconds / speed)
+        return plant.states()[0].fault
+
+    assert fault_after(1000, 5) == 0
+    assert fault_after(3000, 1.5) == 0
+    assert fault_after(1000, 1) == 0
+    assert fault_after(3000, 1.5) == 0
+    assert fault_after(3000, 1) == 5
+
+
 def test_a_condition_that_cannot_be():
     for parameter, sentence in (("none", "none"), ("12345", "12345"), ("1", "is no number|1")):
         with pytest.raises(UsageError, match=sentence):
@@ -393,6 +410,24 @@ def test_a_value_that_is_stuck_and_comes_loose(name, parameters):
         assert pump.read(other).raw == plant.get("pump", other)
         line.pass_time(50)
         assert pump.read(parameter).value == free
+
+
+@protocol
+def test_a_stuck_value_takes_as_long_as_any_other(name):
+    step = StuckStep(drive="pump", parameter=STORED[name], value=12, window=Window(from_s=5))
+    plant = planted(step, name=name, reply_delay_s=0.04)
+    line = plant.line("hall")
+
+    def seconds(pump):
+        began = line.time
+        pump.read(STORED[name])
+        return line.time - began
+
+    with master(plant, name) as pump:
+        free = seconds(pump)
+        assert free > 0.04
+        line.pass_time(5)
+        assert seconds(pump) == pytest.approx(free, rel=0.1)
 
 
 @protocol

@@ -67,7 +67,7 @@ def scan(tour: Tour, site: Site) -> list[Found]:
         for one in site.bus.scan(addresses=range(1, 32)):
             found.append(one)
             told = ", ".join(f"{name} {value}" for name, value in one.identity.items()) or "answers"
-            tour.console.print(f"  {one.name:<14} {textwrap.shorten(told, 92)}", highlight=False, markup=False)
+            tour.console.print(f"  {one.name:<14} {textwrap.shorten(told, 92)}", markup=False)
         names = {one.name for one in found}
         missing = sorted(set(site.virtual) - names)
         surplus = sorted(names - set(site.virtual)) if site.virtual else []
@@ -84,7 +84,7 @@ def values(tour: Tour, drive: Drive, protocol: str) -> None:
         for place, parameter in enumerate(case.parameters):
             reading = drive.read(parameter)
             what = f"{reading.parameter} {reading.name.replace('_', ' ')}".rstrip()
-            tour.console.print(f"  {'' if place else drive.name:<14} {what:<30} {reading!s:>12}", highlight=False)
+            tour.console.print(f"  {'' if place else drive.name:<14} {what:<30} {reading!s:>12}")
         tell(f"{len(case.parameters)} parameters")
 
 
@@ -107,7 +107,7 @@ def motion(tour: Tour, site: Site, drive: Drive, protocol: str) -> None:
         drive.stop(Stop.RAMP)
         site.let_pass(8.0)
         stopped = drive.status()
-        tour.console.print(f"  {drive.name:<14} forwards {forwards:<36} backwards {backwards}", highlight=False)
+        tour.console.print(f"  {drive.name:<14} forwards {forwards:<36} backwards {backwards}")
         if not status.running or stopped.running:
             raise AssertionError(f"running {status.running} after the start, {stopped.running} after the stop")
         tell(f"forwards {forwards}, backwards {backwards}, stopped")
@@ -135,7 +135,6 @@ def fault(tour: Tour, site: Site, drive: Drive, protocol: str) -> None:
         tour.console.print(
             f"  {drive.name:<14} word 0x{tripped.word:04X}: fault{code}{text}, after the reset 0x{cleared.word:04X}: "
             f"{cleared.state.value}",
-            highlight=False,
             markup=False,
         )
         if not tripped.fault or cleared.fault:
@@ -155,7 +154,7 @@ def refusals(tour: Tour, drive: Drive) -> None:
             try:
                 attempt()
             except DriveCommError as error:
-                tour.console.print(f"  {what}: {escape(sentence(error))}", highlight=False)
+                tour.console.print(f"  {what}: {escape(sentence(error))}")
                 tell("refused in one sentence")
             else:
                 raise AssertionError(f"{what} was not refused")
@@ -170,7 +169,7 @@ def one_exchange(tour: Tour, site: Site, drive: Drive, protocol: str, parameter:
         telegrams = [(event, event.message) for event in site.heard[start:] if event.message is not None]
         for event, message in telegrams:
             arrow = "master to drive" if event.what == "sent" else "drive to master"
-            tour.console.print(f"[bold]{event.time:.4f} s  {arrow}: {message.kind}[/bold]", highlight=False)
+            tour.console.print(f"[bold]{event.time:.4f} s  {arrow}: {message.kind}[/bold]")
             tour.console.print(drawn(protocol, event.data, message))
             tour.console.print()
         if len(telegrams) < 2:
@@ -187,9 +186,9 @@ def printed_telegrams(tour: Tour, protocol: str, vectors: list[Vector]) -> None:
             differing = {name for name, value in vector.fields.items() if telegram.fields.get(name) != value}
             rebuilt = not vector.canonical or encode(protocol, vector.fields, direction=vector.direction) == vector.data
             fields = ", ".join(f"{name} {value}" for name, value in telegram.fields.items())
-            tour.console.print(f"  {textwrap.shorten(vector.source, 100)}", highlight=False, markup=False, style="dim")
-            tour.console.print(f"    {vector.data.hex(' ').upper()}", highlight=False, markup=False)
-            tour.console.print(f"    {textwrap.shorten(fields, 104)}", highlight=False, markup=False)
+            tour.console.print(f"  {textwrap.shorten(vector.source, 100)}", markup=False, style="dim")
+            tour.console.print(f"    {vector.data.hex(' ').upper()}", markup=False)
+            tour.console.print(f"    {textwrap.shorten(fields, 104)}", markup=False)
             if differing or not rebuilt:
                 wrong.append(vector.id)
         if wrong:
@@ -245,7 +244,7 @@ def demo(
             raise UsageError("without --port no motor is real, so --allow-motion has no effect; leave it out")
     elif allow_motion:
         line.must_be_armed()
-    console = Console(width=_WIDTH, quiet=line.json)
+    console = Console(width=_WIDTH, quiet=line.json, highlight=False)
     tour = Tour(console)
     with virtual_sites() if line.port is None else real_site(line) as sites:
         for site in sites:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivecomm.cli.options import Json
-from drivecomm.cli.output import complain, counted, emit, plain, say, tell
+from drivecomm.cli.output import complain, counted, emit, plain, print_columns, say, tell
 from drivecomm.errors import FileFormatError, ParameterAddressError, UsageError
 from drivecomm.models import (
     check_model,
@@ -24,7 +24,7 @@ from drivecomm.models import (
 from drivecomm.protocol import installed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator
 
     from drivecomm.protocol import Model, ParameterInfo
 
@@ -53,7 +53,7 @@ def list_models(
                 emit(protocol=plugin.name, model=name, title=model.title, parameters=number, origin=origin)
             rows.append((f"{plugin.name}/{name}", model.title, f"{number} parameters", origin))
     if not json:
-        _print_columns(rows)
+        print_columns(rows)
     return code
 
 
@@ -79,7 +79,7 @@ def show(
     elif json:
         _emit(known, common=common)
     elif common:
-        _print_columns(_common_rows(known))
+        print_columns(_common_rows(known))
     else:
         _print_model(known)
     return 0
@@ -112,7 +112,7 @@ def names(json: Json = False) -> int:
         for quantity in quantities().values():
             emit(**asdict(quantity))
     else:
-        _print_columns((each.name, each.unit, each.meaning) for each in quantities().values())
+        print_columns((each.name, each.unit, each.meaning) for each in quantities().values())
     return 0
 
 
@@ -170,7 +170,7 @@ def _print_parameter(info: ParameterInfo, model: Model) -> None:
         "source": info.source or model.source,
         "sure": info.sure,
     }
-    _print_columns((f"  {key}", text) for key, text in about.items() if text)
+    print_columns((f"  {key}", text) for key, text in about.items() if text)
 
 
 def _limits(info: ParameterInfo) -> str:
@@ -207,12 +207,12 @@ def _print_model(model: Model) -> None:
         "link loss": "" if model.watchdog else link_loss_of(model),
         "texts": ", ".join(counted(len(some), what) for what, some in texts if some),
     }
-    _print_columns((f"  {key}", text) for key, text in about.items() if text)
+    print_columns((f"  {key}", text) for key, text in about.items() if text)
     common: dict[str, str] = {}
     for name, address in model.quantities.items():
         common.setdefault(address, name)
     say()
-    _print_columns(_parameter_row(info, common.get(info.address, "")) for info in model.parameters.values())
+    print_columns(_parameter_row(info, common.get(info.address, "")) for info in model.parameters.values())
 
 
 def _watchdog(model: Model) -> str:
@@ -235,11 +235,3 @@ def _common_rows(model: Model) -> Iterator[tuple[str, ...]]:
         info = parameter_at(address, model) if address else None
         if address and info:
             yield name, quantity.unit, address, info.title, info.sure
-
-
-def _print_columns(rows: Iterable[tuple[str, ...]]) -> None:
-    """Print rows under each other, every column as wide as its longest text."""
-    lines = list(rows)
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    for line in lines:
-        say("  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip())

@@ -1,3 +1,4 @@
+from .asked import WatchedLine as WatchedLine, lines_of as lines_of
 from .board import (
     Board as Board,
     DriveEvent as DriveEvent,
@@ -6,5 +7,4 @@ from .board import (
     WatchedValue as WatchedValue,
     state_words as state_words,
 )
-from .watched import WatchedLine as WatchedLine, lines_of as lines_of
 from .watcher import Watcher as Watcher

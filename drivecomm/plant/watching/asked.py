@@ -1,4 +1,4 @@
-"""A drive that a watcher asks, the line that it is on, and what came of asking."""
+"""What is watched: lines, the drives on them, and what came of asking them."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveError, UsageError
-from drivecomm.protocol import Reading
+from drivecomm.protocol import LINE_FACT_NAMES, Reading
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     from drivecomm.bus import AsyncBus, AsyncDrive
-    from drivecomm.link import TraceEvent
+    from drivecomm.link import Port, TraceEvent
+    from drivecomm.plant import Plant, PlantLine
     from drivecomm.plant.watching.board import DriveView, Trend
-    from drivecomm.plant.watching.watched import WatchedLine
-    from drivecomm.protocol import DriveStatus
+    from drivecomm.protocol import DriveConfig, DriveStatus
 
 STATUS = "status"
 """What results call the status word: their value is the state, raw the word, text the fault."""
@@ -98,3 +100,40 @@ class OpenLine:
         if self.is_open:
             self.now_s = self.bus.now()
         return self.now_s - self.began_s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WatchedLine:
+    """A line. port, options: what `open_bus` takes, such as baudrate, attempts or echo."""
+
+    name: str
+    port: str | Callable[[], Port]
+    drives: tuple[DriveConfig, ...]
+    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    def __post_init__(self) -> None:
+        if not self.drives:
+            raise UsageError(f"line {self.name} has no drives to watch; name some")
+
+
+def lines_of(plant: Plant, options: Mapping[str, Any] | None = None) -> list[WatchedLine]:
+    """Return the lines of a plant that have drives. options: for all lines; they go before what the plant says.
+
+    Raises UsageError for a line without a port.
+    """
+    lines = [_line_of(plant, line, options or {}) for line in plant.lines if plant.on_line(line.name)]
+    if not lines:
+        raise UsageError("the plant has no drives to watch; write a [[drive]] for each")
+    return lines
+
+
+def _line_of(plant: Plant, line: PlantLine, options: Mapping[str, Any]) -> WatchedLine:
+    if not line.reached_at:
+        raise UsageError(
+            f'line {line.name} has no port; write port = "/dev/ttyUSB0" or what a master opens to reach it'
+        )
+    given = {key: value for key, value in options.items() if value is not None}
+    facts = {key: value for key, value in given.items() if key in LINE_FACT_NAMES}
+    drives = tuple(drive.with_options(**facts) for drive in plant.on_line(line.name))
+    echo = {"echo": True} if line.echo else {}
+    return WatchedLine(name=line.name, port=line.reached_at, drives=drives, options={**echo, **line.settings, **given})

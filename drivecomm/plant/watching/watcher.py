@@ -24,11 +24,10 @@ from drivecomm.polling import PollItem, poll_async
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
-    from types import TracebackType
 
     from drivecomm.bus import AsyncDrive
     from drivecomm.link import TraceEvent
-    from drivecomm.plant.watching.watched import WatchedLine
+    from drivecomm.plant.watching.asked import WatchedLine
     from drivecomm.polling import PollResult
 
 USUAL_NAMES = (
@@ -102,9 +101,7 @@ class Watcher:
             raise
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self._close()
 
     async def run(self, *, duration_s: float | None = None) -> None:

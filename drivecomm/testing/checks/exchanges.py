@@ -97,7 +97,10 @@ def goes_as_written_without_a_line(plugin: Protocol, vector: ExchangeVector) -> 
         return
     model = model_of(plugin, vector)
     options = resolve_options(plugin, model, vector.options)[1]
-    verbs = Exchanges(f"{plugin.name}:{vector.address}", plugin.operations(vector.address, options, model))
+    memory = () if plugin.memory is None else (plugin.memory(),)
+    if memory and vector.watched_s is not None:
+        memory[0].watch(vector.watched_s)
+    verbs = Exchanges(f"{plugin.name}:{vector.address}", plugin.operations(vector.address, options, model, *memory))
     play(_as_on_the_wire(_codec(plugin, vector), _calls_of(vector, verbs)), script)
 
 

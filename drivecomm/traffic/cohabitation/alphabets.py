@@ -34,7 +34,7 @@ _CHECKED = 4096
 
 
 def accepts(leaf: Leaf, data: bytes, context: Mapping[str, Any] | None = None) -> bool:
-    """Whether a leaf reads these characters. context: the fields before it that its size depends on."""
+    """Whether a leaf accepts these characters. context: the earlier fields that its size depends on."""
     try:
         leaf.take(BytesIO(data), context)
     except Fault:
@@ -74,7 +74,7 @@ def readable(leaf: Leaf) -> tuple[frozenset[int], ...]:
 
 
 def is_written(leaf: Leaf, data: bytes) -> bool:
-    """Whether a leaf of fixed size reads these characters and writes just them for what it has read."""
+    """Whether a leaf of fixed size reads these characters and writes the same ones back."""
     try:
         return bool(leaf.build(leaf.take(BytesIO(data), None)) == data)
     except Fault:

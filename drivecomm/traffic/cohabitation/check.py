@@ -1,4 +1,4 @@
-"""The cohabitation check: every drive of a line as a listener to the traffic of every other one."""
+"""The cohabitation check: for each pair of drives on a line, what one can mistake in the traffic of the other."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Cohabitation:
 
     @property
     def safe(self) -> bool:
-        """Whether drives can take nothing of each other's telegrams, or nothing was met that they take."""
+        """Whether no drive can mistake another one's telegrams, or no such case was found."""
         return all(each.safe for each in self.drives)
 
 
@@ -62,7 +62,7 @@ def check_line(drives: Sequence[DriveConfig]) -> Cohabitation:
 
 
 def listen(speaker: Partner, listener: Partner) -> PairVerdict:
-    """Find out what a drive can take for its own of what is said to another one, and of what that one answers."""
+    """Find out which requests to another drive, and which of its replies, a drive can mistake for its own."""
     return _examine(*_as_listener(speaker, listener))
 
 
@@ -80,7 +80,7 @@ def _as_listener(speaker: Partner, listener: Partner) -> tuple[Partner, Sequence
 
 
 def wait_for(expected: Partner, late: Partner) -> PairVerdict:
-    """Find out what the master, waiting for one drive, can take for its reply in a late one of another drive."""
+    """Find out whether the master can mistake another drive's late reply for the one that it waits for."""
     ear = Ear(
         name=expected.name,
         settings=expected.settings,
@@ -136,7 +136,7 @@ def _examine(speaker: Partner, spoken: Sequence[Outline], ear: Ear) -> PairVerdi
 
 
 def _is_excluded(speaker: Partner, listener: Partner) -> bool:
-    """Whether the places of a speaker's telegrams exclude one for the listener."""
+    """Whether the telegrams of a speaker cannot contain one for the listener, whatever they carry."""
     _, spoken, ear = _as_listener(speaker, listener)
     hears = character_map(speaker.settings, ear.settings)
     if hears is None:
@@ -160,7 +160,7 @@ def _sightings(traffic: Traffic, speaker: Partner, ear: Ear, chance: Random) -> 
 
 
 def _looked_into(traffic: Traffic, speaker: Partner, ear: Ear, chance: Random) -> list[int]:
-    """Return the telegrams of the traffic that the listener does not read as one piece."""
+    """Return the telegrams of the traffic that the listener does not read whole."""
     return [
         number
         for number in range(len(traffic.outlines))

@@ -1,4 +1,4 @@
-"""A drive of the line: what is said to it, what it says and what it takes for itself."""
+"""A drive of the line: the requests to it, its replies, and the requests that it accepts."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class Partner:
         return bool(getattr(message, "address", None) == self.address)
 
     def sends(self, data: bytes, outline: Outline) -> bool:
-        """Whether these bytes are a telegram of this form, and written as the protocol writes it."""
+        """Whether these bytes are a telegram of this form exactly as the protocol writes it."""
         codec = self.dialect.codec
         try:
             message = codec.decode(data, outline.direction)
@@ -118,7 +118,7 @@ class Partner:
             return False
 
     def settled(self, data: bytes, outline: Outline) -> bytes | None:
-        """Return a telegram as the protocol writes it with this content; None where it is none."""
+        """Return a telegram as the protocol writes it with this content; None where it is not valid."""
         return sampling.settled(data, outline, self.dialect.codec)
 
     @cached_property
@@ -127,7 +127,7 @@ class Partner:
         return [each for plain in self.dialect.read for each in addressed(plain, means)]
 
     def _addressed(self, fields: Mapping[str, Any]) -> bool | None:
-        """Return whether fields of a message mean all drives; None where they mean another one."""
+        """Return whether the fields address all drives; None where they address another drive."""
         address, everybody = fields["address"], self.dialect.plugin.broadcast_address
         if fields.get("broadcast") is True or address is None or (everybody is not None and address == everybody):
             return True
@@ -145,7 +145,7 @@ class Partner:
 
     @cached_property
     def _manner(self) -> Mapping[str, Any]:
-        """How this drive is addressed besides by its number: what else its probe says."""
+        """The address fields of this drive's probe other than its number."""
         for command in self._probe():
             if isinstance(command, Ask | Tell):
                 fields = fields_of(command.message)

@@ -38,7 +38,7 @@ def safe(sightings: Sightings, *, whole: bool) -> str:
 
 
 def unheard(speaker: Partner, settings: LineSettings) -> str:
-    """Say that it was only tried."""
+    """Say that nothing excludes it, but no trial met it."""
     return (
         f"{speaker.settings} heard at {settings} gives other characters, which the forms say nothing about; "
         f"none of {TELEGRAMS} arbitrary telegrams was taken"
@@ -46,7 +46,7 @@ def unheard(speaker: Partner, settings: LineSettings) -> str:
 
 
 def never_read(sightings: Sightings) -> str:
-    """Say that it hangs on contents that were never read."""
+    """Say that it depends on contents that the codec never accepted."""
     return (
         "the forms leave room for one, and none could be made: codecs were seen to use other contents only "
         f"({safe(sightings, whole=False)})"
@@ -62,7 +62,7 @@ def open_question(sightings: Sightings) -> str:
 
 
 def taken(proof: Proof, speaker: str, listener: str) -> str:
-    """Say what is taken for what."""
+    """Say which telegram is mistaken for which."""
     first = proof.telegrams[0]
     end = "" if len(proof.telegrams) == 1 else f", together with what follows ({proof.telegrams[-1].title})"
     whose = "to" if first.direction == "request" else "of"
@@ -70,7 +70,7 @@ def taken(proof: Proof, speaker: str, listener: str) -> str:
 
 
 def _meaning(outline: Outline, place: int) -> str:
-    """Return what stands at a place: the meaning of its leaf, or else its name."""
+    """Return what a place carries: the meaning of its leaf, or else its name."""
     if place >= len(outline.places):
         return "its end"
     name, leaf = leaves_of(outline.form)[outline.places[place].leaf]

@@ -1,4 +1,4 @@
-"""Looking for telegrams that prove what the places do not exclude."""
+"""The search for telegrams that prove a possible mistake to be a real one."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class _Laid:
 def find_proof(
     sightings: Sightings, speaker: Partner, settings: LineSettings, reader: Reader, chance: Random
 ) -> Proof | None:
-    """Return telegrams that the reader really takes for its own, the likeliest of a few; None where none could be made.
+    """Return telegrams that the reader really mistakes for its own, the likeliest of a few; None if none was found.
 
     speaker: whose telegrams the traffic is. settings: of the line, as the reader has them.
     """
@@ -170,7 +170,7 @@ def _proof(telegrams: Sequence[ProofTelegram], title: str, bits: int | None, rea
 def try_out(
     spoken: Sequence[Outline], speaker: Partner, settings: LineSettings, reader: Reader, chance: Random
 ) -> Proof | None:
-    """Return telegrams with arbitrary contents that the reader takes for its own, None where none of those tried is."""
+    """Return arbitrary telegrams that the reader mistakes for its own; None if none of those tried is."""
     for _ in range(TELEGRAMS // _TOGETHER):
         telegrams = list(arbitrary_telegrams(spoken, speaker, settings, chance, _TOGETHER))
         if (proof := _proof(telegrams, "", None, reader)) is not None:

@@ -106,7 +106,7 @@ class Sightings:
         )
 
     def farthest(self) -> Node | None:
-        """Return the last place that can be met of the telegram of which most can be; None where not even the first."""
+        """Return the last place that can be reached in the telegram that gets farthest; None if none can."""
         met = [wanted for _, wanted in self._steps]
         return max(met, key=lambda wanted: (wanted[1], -wanted[0]), default=None)
 
@@ -186,7 +186,7 @@ def character_map(sender: LineSettings, receiver: LineSettings) -> bytes | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reader:
-    """Somebody who looks for telegrams in what is heard. means: whether a telegram is one that it takes for its own."""
+    """Finds telegrams in what is heard. means: whether a telegram is one that the reader accepts as its own."""
 
     codec: Codec
     direction: Direction
@@ -205,7 +205,7 @@ class Reader:
         return None
 
     def reads_whole(self, data: bytes) -> bool:
-        """Whether it reads just one telegram in these bytes, from the first to the last."""
+        """Whether it reads these bytes as exactly one telegram."""
         return [find.data for find in Framer(self.codec, self.direction).feed(data) if isinstance(find, Framed)] == [
             data
         ]

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 
 class Safety(Enum):
-    """How it stands between the one that speaks and the one that listens.
+    """Whether a listener can mistake the telegrams of a speaker for its own.
 
-    SAFE: no telegrams, one after the other, hold one for the listener; what their places may hold excludes it.
+    SAFE: excluded, because no sequence of the speaker's telegrams can contain one for the listener.
     UNHEARD: not met in all that was tried, where the places cannot exclude it: the settings differ too much, or it
     hangs on contents that no codec was seen to use. OPEN: nothing excludes it, and no telegrams prove it. TAKEN: there
     are telegrams that the listener takes for its own; they are the proof.
@@ -56,7 +56,7 @@ class Proof:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairVerdict:
-    """How it stands between two. speaker, listener: names of the drives. reason: a sentence that says why."""
+    """The verdict on a pair. speaker, listener: names of the drives. reason: a sentence that says why."""
 
     speaker: str
     listener: str
@@ -66,5 +66,5 @@ class PairVerdict:
 
     @property
     def safe(self) -> bool:
-        """Whether it is excluded, or was not met in what was tried."""
+        """Whether a mistake is excluded, or was not met in any trial."""
         return self.outcome in (Safety.SAFE, Safety.UNHEARD)

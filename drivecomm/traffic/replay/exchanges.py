@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplyPart:
-    """Bytes of a reply that came together.
+    """Bytes of a reply that arrived together.
 
     after_s: how long after the end of the request the last of them was there.
     """
@@ -29,7 +29,7 @@ class ReplyPart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedExchange:
-    """A request, and all that came before the next one.
+    """A request, and everything that arrived before the next one.
 
     asked_s: when the last byte of the request was there. parts: of the reply, none where none came. settings: the line
     settings, where they are known.
@@ -96,7 +96,7 @@ def only_asks(request: bytes, protocols: Iterable[Protocol]) -> bool:
 
 
 def described(request: bytes, protocols: Iterable[Protocol]) -> str:
-    """Return a request as text: its bytes, and what it is in the first protocol that knows it."""
+    """Return a request as text: its bytes, and its meaning in the first protocol that decodes it."""
     shown = request.hex(" ").upper()
     for plugin, message in meanings(request, protocols):
         address = getattr(message, "address", None)

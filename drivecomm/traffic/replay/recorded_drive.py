@@ -1,4 +1,4 @@
-"""The drives of a capture as one virtual drive: what was asked then is answered as it was answered then.
+"""The drives of a capture as one virtual drive, which answers each request as it was answered in the capture.
 
 with Server([RecordedDrive(read_capture("pumps.jsonl"))], parse_listen("pty:/tmp/line")) as server:
     server.run(stop)
@@ -33,7 +33,7 @@ class RecordedRequest:
 
 
 class RecordedCodec:
-    """Knows the requests of a capture, byte for byte, and nothing else."""
+    """Decodes the requests of a capture, byte for byte, and nothing else."""
 
     def __init__(self, requests: Iterable[bytes]) -> None:
         self._requests = frozenset(requests)
@@ -119,7 +119,7 @@ class RecordedDrive:
         raise NotSupported(f"a recorded drive holds no parameters, so {parameter} cannot become {raw!r}")
 
     def trip(self, code: int, now: float) -> None:
-        """Raise NotSupported: a recording does only what it did then."""
+        """Raise NotSupported: a recording only repeats itself."""
         raise NotSupported(
             f"a recorded drive cannot trip with {code} at {now:g} s; it only repeats what it did in the capture"
         )

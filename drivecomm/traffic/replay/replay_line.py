@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class ReplayError(AssertionError):
-    """The code under test did something other than the capture says."""
+    """The code under test deviated from the capture."""
 
 
 def replayed(capture: str | Path | Capture) -> Replayed:
@@ -59,7 +59,7 @@ class Replayed:
         self._settings = settings
 
     def transmit(self, data: bytes) -> None:
-        """Let the master send. Raises ReplayError when this is not what it sent then."""
+        """Let the master send. Raises ReplayError when this differs from the capture."""
         if not self._left:
             raise ReplayError(f"the capture has ended, but {described(data, installed.working())} is sent")
         number, wanted = self._left[0]

@@ -36,7 +36,7 @@ class Sending(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayedRequest:
-    """What came of a request this time. number: its place in the capture, from 1. sent: whether it was sent at all."""
+    """The result of a request this time. number: its place in the capture, from 1. sent: whether it was sent at all."""
 
     number: int
     then: RecordedExchange
@@ -105,7 +105,7 @@ class ReplayMaster:
             yield ReplayedRequest(number=number, then=then, came=came)
 
     def _reply(self, port: Port, then: RecordedExchange, over_at: float, number: int) -> bytes:
-        """Return what comes, waiting for as much as came then, and a little longer for what did not come then."""
+        """Return the reply, waiting for as many bytes as in the capture, and a little longer where there were none."""
         wanted = len(then.reply)
         until = over_at + then.reply_s + self._patience_s if wanted else over_at + self._silence_s(number)
         came = b""
@@ -121,11 +121,11 @@ class ReplayMaster:
         return self._echo.take(came)[1] if self._echo.looking and came else came
 
     def _silence_s(self, number: int) -> float:
-        """Return how long to listen where no reply came: until it was asked again then, but not for ever."""
+        """Return how long to listen where the capture has no reply: until the next request in it, within limits."""
         return min(self._patience_s, max(_LEAST_PAUSE_S, self._until_next_s(number) / self._faster))
 
     def _pause_s(self, number: int) -> float:
-        """Return how long to be quiet after this request: as long as then, or long enough for any drive."""
+        """Return how long to pause after this request: as long as in the capture, or long enough for any drive."""
         return max(0.0, min(self._until_next_s(number), _LEAST_PAUSE_S))
 
     def _until_next_s(self, number: int) -> float:

@@ -1,4 +1,4 @@
-"""Vectors out of a capture: its sound telegrams as the text of a vector file, each once, with where it comes from."""
+"""Vectors from a capture: its valid telegrams as the text of a vector file, each once, with its source."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def _framed(pieces: list[Piece], codec: Codec, gap_s: float) -> Iterator[tuple[D
 
 
 def _sound(source: str, finds: list[Find]) -> Iterator[tuple[Direction, Framed]]:
-    """Yield what was said in one go, if all of it is sound."""
+    """Yield what was sent without a pause, if all of it is valid."""
     telegrams = [find for find in finds if isinstance(find, Framed)]
     if len(telegrams) == len(finds):
         for telegram in telegrams:

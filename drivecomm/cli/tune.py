@@ -1,0 +1,141 @@
+"""The tune command: the pause that a drive really needs after its replies, and how long it takes to answer."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.options import Drive, Model
+from drivecomm.cli.output import counted, emit, plain, progress_bar, say, tell, times_ms
+from drivecomm.commissioning import EXCHANGES, tune as find
+from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.tomlfile import toml_line
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm import bus
+    from drivecomm.commissioning import Trial, Tuned
+    from drivecomm.protocol import DriveConfig
+
+_PERCENTILES = (50, 99)
+
+
+def tune(
+    drive: Drive,
+    line: LineOptions,
+    model: Model = None,
+    exchanges: Annotated[
+        int, typer.Option("--exchanges", metavar="NUMBER", help="Exchanges without an error that the result needs.")
+    ] = EXCHANGES,
+    write: Annotated[bool, typer.Option("--write", help="Put the result into the plant file.")] = False,
+) -> int:
+    """Find the shortest pause after a drive's replies, and its reply time-out, with requests that cannot move a motor.
+
+    Takes some seconds up to a minute; nothing is written to the drive. Exit code 1 when the drive errs with its usual
+    pause, too.
+    """
+    reached, name = line.reaching(drive)
+    place = line.in_plant(drive)
+    if write and place is None:
+        raise UsageError(f"{drive} is in no plant file that --write could change; name one: --plant plant.toml")
+    trials: list[Trial] = []
+    with (
+        reached.drive_at(name, model) as one,
+        progress_bar("asking", shown=not line.json) as progress,
+    ):
+
+        def tried(trial: Trial) -> None:
+            trials.append(trial)
+            if len(trials) == 1 and not trial.error:
+                _foretell(trial.rest_s(exchanges, one.facts), as_json=line.json)
+
+        try:
+            found = find(one, exchanges, tried=tried, progress=progress)
+        except (DriveCommError, KeyboardInterrupt):
+            _tell_trials(trials, name, as_json=line.json)
+            raise
+    _tell(found, name, one, as_json=line.json)
+    if found.error:
+        return 1
+    if not found.options:
+        return 0
+    options = ", ".join(toml_line(key, value) for key, value in found.options.items())
+    if write and place is not None:
+        _write(*place, found.options)
+        tell(f"written to {place[0]}: {options}", as_json=line.json, **name.labels, written=place[0])
+    elif not line.json:
+        hint = "; --write puts them into the plant file" if place else ""
+        say(f"options of the drive: {options}{hint}")
+    return 0
+
+
+def _write(file: str, number: int, options: Mapping[str, float]) -> None:
+    from drivecomm.plant import write_options  # noqa: PLC0415 - who does not write needs no plant
+
+    write_options(Path(file), number, options)
+
+
+def _foretell(seconds: float, *, as_json: bool) -> None:
+    if as_json:
+        emit(seconds=round(seconds, 1))
+    else:
+        sys.stderr.write(f"drivecomm: this takes {max(1, round(seconds))} s at most\n")
+
+
+def _tell_trials(trials: list[Trial], name: DriveConfig, *, as_json: bool) -> None:
+    """Say what was found before tuning ended early."""
+    if as_json:
+        for each in trials:
+            emit(**name.labels, trial=plain(each))
+    elif sound := [each.turnaround_s for each in trials if not each.error]:
+        say(f"{name.name}  not done; the shortest pause that held so far is {_ms(min(sound))}, nothing was changed")
+
+
+def _tell(found: Tuned, name: DriveConfig, drive: bus.Drive, *, as_json: bool) -> None:
+    if as_json:
+        emit(
+            **name.labels,
+            before=plain(found.before),
+            after=plain(found.after),
+            held_s=found.held_s,
+            least_s=found.least_s,
+            reply_delays=times_ms(found.reply_delays, _PERCENTILES) if found.reply_delays.count else None,
+            reply_timeout_before_s=found.reply_timeout_before_s,
+            gain=round(found.gain, 3),
+            options=dict(found.options),
+            error=found.error,
+        )
+        return
+    if found.error:
+        pause = _ms(found.after.turnaround_s)
+        say(f"{name.name}  errs with its usual pause of {pause}, too: {found.error}; see drivecomm doctor")
+        return
+    usual, after = found.before, found.after
+    if after.turnaround_s < usual.turnaround_s:
+        say(
+            f"{name.name}  pause {_ms(usual.turnaround_s)} -> {_ms(after.turnaround_s)}; {_ms(found.held_s)} was enough"
+        )
+    else:
+        say(f"{name.name}  pause {_ms(usual.turnaround_s)} stays: {_why(found, drive)}")
+    rates = f"{usual.per_second:.1f} -> {after.per_second:.1f} exchanges a second, {found.gain:.2f} times as many"
+    say(f"{counted(after.exchanges, 'exchange')} without an error; {rates}")
+    delays = found.reply_delays
+    if delays.count:
+        between = f"replies begin after {_ms(delays.shortest_s)} to {_ms(delays.longest_s)}"
+        say(f"{between}; reply time-out {_ms(found.reply_timeout_before_s)} -> {_ms(found.reply_timeout_s)}")
+
+
+def _why(found: Tuned, drive: bus.Drive) -> str:
+    if found.least_s < found.before.turnaround_s:
+        return f"{_ms(found.held_s)} was enough, which leaves no room for a margin"
+    unless = "" if drive.model is not None else " of some models; name the drive's --model"
+    return f"the maker demands it{unless}"
+
+
+def _ms(seconds: float) -> str:
+    return f"{seconds * 1000:.4g} ms"

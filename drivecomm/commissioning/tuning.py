@@ -1,0 +1,331 @@
+"""How short the pause after a drive's reply may be, and how long to wait for a reply, measured with the drive itself.
+
+Nothing is written to the drive, and nothing is sent but its protocol's probe, which cannot move a motor. Half of the
+turnaround is tried, half of that, and so on, until a drive errs or what its maker demands is reached. An error ends a
+trial, and the drive must answer at its usual turnaround before it goes on, so that it never misses two requests in a
+row because of a trial. What is found gets a margin and has to hold for the exchanges that were asked for.
+
+Others may use the line meanwhile, such as who feeds a watchdog: each exchange is a turn of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from math import ceil
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.bus import Job, carry_out, carry_out_async
+from drivecomm.errors import DriveError, NotSupported, ReplyError, UsageError
+from drivecomm.link import ReplyTimes
+from drivecomm.protocol import Pause
+
+if TYPE_CHECKING:
+    from collections import Counter
+    from collections.abc import Callable, Mapping
+
+    from drivecomm.bus import AsyncDrive, Drive, Procedure
+    from drivecomm.link import Peer, Statistics
+    from drivecomm.protocol import Codec, Exchange, LineFacts, Message
+
+EXCHANGES = 300
+"""How many exchanges the result has to hold for, unless told."""
+
+_FEWEST_EXCHANGES = 20
+_SHARE_OF_A_TRIAL = 10
+_RESOLUTION_S = 0.00005
+_RESOLUTION_SHARE = 0.04
+_MARGIN_SHARE = 1 / 3
+# Four characters at 115200 baud, and far more than clocks of drive and master differ in.
+_LEAST_MARGIN_S = 0.0004
+_REPLY_TIMES = 3
+_LEAST_REPLY_MARGIN_S = 0.02
+_RECOVERY_ATTEMPTS = 3
+_USUAL_FAILURES = 6
+_TROUBLES = ("timeouts", "damaged", "strays", "noise bytes", "unasked bytes", "drained bytes")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trial:
+    """Exchanges with one turnaround. pause_s: how short the pauses really were, with what the master itself takes.
+
+    error: what ended it before all were made, empty if nothing did.
+    """
+
+    turnaround_s: float
+    pause_s: float
+    exchanges: int
+    seconds: float
+    error: str = ""
+
+    @property
+    def per_second(self) -> float:
+        """How many exchanges there were in a second."""
+        return self.exchanges / self.seconds if self.seconds else 0.0
+
+    def rest_s(self, exchanges: int, facts: LineFacts) -> float:
+        """Estimate how long tuning for so many exchanges takes after this first trial."""
+        failure_s = facts.timing.reply_timeout_s + facts.timing.late_s
+        asked = exchanges + _SHARE_OF_A_TRIAL * _of_a_trial(exchanges)
+        return asked * self.seconds / max(1, self.exchanges) + _USUAL_FAILURES * failure_s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tuned:
+    """What was found for a drive. before, after: with the usual turnaround, and with the tuned one for all exchanges.
+
+    held_s: the shortest turnaround that held. least_s: what the maker demands. tuned_before_s: what was in use
+    before, 0 for none. reply_delays: from a request's end until its reply began.
+    reply_timeout_before_s, reply_timeout_s: in use, and enough for these delays.
+    """
+
+    drive: str
+    before: Trial
+    after: Trial
+    held_s: float
+    least_s: float
+    tuned_before_s: float
+    reply_delays: ReplyTimes
+    reply_timeout_before_s: float
+    reply_timeout_s: float
+
+    @property
+    def error(self) -> str:
+        """What went wrong with the usual turnaround, so that nothing can be said; empty if the result holds."""
+        return self.after.error
+
+    @property
+    def turnaround_s(self) -> float:
+        """The one that held for all exchanges: the shortest with a margin, or the usual one if the drive needs it."""
+        return self.after.turnaround_s
+
+    @property
+    def gain(self) -> float:
+        """How many times as many exchanges there are in a second."""
+        return self.after.per_second / self.before.per_second if self.before.per_second else 1.0
+
+    @property
+    def options(self) -> Mapping[str, float]:
+        """The drive's options that change; none if the result does not hold."""
+        if self.error:
+            return {}
+        tuned_s = self.turnaround_s if self.turnaround_s < self.before.turnaround_s else 0.0
+        tuned = {} if tuned_s == self.tuned_before_s else {"tuned_turnaround_s": tuned_s}
+        timeout_s = self.reply_timeout_s
+        return tuned if timeout_s == self.reply_timeout_before_s else {**tuned, "reply_timeout_s": timeout_s}
+
+
+def _ignore(*_: object) -> None:
+    """Show nothing."""
+
+
+def tune(
+    drive: Drive,
+    exchanges: int = EXCHANGES,
+    *,
+    tried: Callable[[Trial], None] = _ignore,
+    progress: Callable[[str, int, int], None] = _ignore,
+) -> Tuned:
+    """Find the shortest turnaround and the reply time-out with which a drive answers so many requests without an error.
+
+    tried: told each trial at its end; the first is at the usual turnaround. progress: told what is tried, how many
+    exchanges are made, and of how many. Raises ReplyError when the drive does not answer any more, LinkError when the
+    port fails.
+    """
+    return carry_out(drive, _Tuning(drive, exchanges, tried, progress).run())
+
+
+async def tune_async(
+    drive: AsyncDrive,
+    exchanges: int = EXCHANGES,
+    *,
+    tried: Callable[[Trial], None] = _ignore,
+    progress: Callable[[str, int, int], None] = _ignore,
+) -> Tuned:
+    """Find them for an asyncio drive, as `tune` does."""
+    return await carry_out_async(drive, _Tuning(drive, exchanges, tried, progress).run())
+
+
+class _Tuning:
+    """Tunes one drive."""
+
+    def __init__(
+        self,
+        drive: Drive | AsyncDrive,
+        exchanges: int,
+        tried: Callable[[Trial], None],
+        progress: Callable[[str, int, int], None],
+    ) -> None:
+        if type(exchanges) is not int or exchanges < _FEWEST_EXCHANGES:
+            raise UsageError(f"{exchanges} exchanges tell too little; use {_FEWEST_EXCHANGES} or more")
+        if drive.peer.probe is None:
+            raise NotSupported(f"{drive.peer.name} cannot be asked whether it is there; tune one drive")
+        self._probe = drive.peer.probe
+        self._name = drive.name
+        self._tuned_before_s = drive.facts.timing.tuned_turnaround_s
+        self._facts = drive.facts.untuned
+        self._peer = replace(drive.peer, facts=self._facts)
+        self._exchanges = exchanges
+        self._tried = tried
+        self._progress = progress
+        self._delays = ReplyTimes()
+
+    def run(self) -> Procedure[Tuned]:
+        usual_s, timing = self._facts.turnaround_s, self._facts.timing
+        least_s = min(usual_s, self._with(timing.least_turnaround_s).turnaround_s)
+        before = yield from self._trial(usual_s, _of_a_trial(self._exchanges))
+        held_s, after = usual_s, before
+        if not before.error:
+            held_s = yield from self._shortest(usual_s, least_s)
+            after = yield from self._confirmed(min(usual_s, _with_margin(held_s)), usual_s)
+        longest_s, enough_s = self._delays.longest_s, timing.reply_timeout_s
+        if self._delays.count:
+            enough_s = max(_REPLY_TIMES * longest_s, longest_s + _LEAST_REPLY_MARGIN_S, timing.least_reply_timeout_s)
+        return Tuned(
+            drive=self._name,
+            before=before,
+            after=after,
+            held_s=held_s,
+            least_s=least_s,
+            tuned_before_s=self._tuned_before_s,
+            reply_delays=self._delays,
+            reply_timeout_before_s=timing.reply_timeout_s,
+            reply_timeout_s=ceil(round(enough_s * 1e3, 6)) / 1e3,
+        )
+
+    def _confirmed(self, turnaround_s: float, usual_s: float) -> Procedure[Trial]:
+        """Make all exchanges with a turnaround, with twice of it if that does not hold, at last with the usual one."""
+        while True:
+            trial = yield from self._trial(turnaround_s, self._exchanges)
+            if not trial.error or turnaround_s >= usual_s:
+                return trial
+            turnaround_s = min(usual_s, 2 * turnaround_s)
+
+    def _shortest(self, usual_s: float, least_s: float) -> Procedure[float]:
+        """Find the shortest turnaround that holds for a trial, between the usual one and the one that must be kept."""
+        held_s, short_s, enough_s = usual_s, least_s, usual_s
+        while held_s - short_s > max(_RESOLUTION_S, _RESOLUTION_SHARE * held_s):
+            middle_s = (held_s + short_s) / 2
+            trial = yield from self._trial(middle_s, _of_a_trial(self._exchanges))
+            if trial.error:
+                short_s = middle_s
+            else:
+                held_s, enough_s = middle_s, trial.pause_s
+        return enough_s
+
+    def _trial(self, turnaround_s: float, exchanges: int) -> Procedure[Trial]:
+        peer = replace(self._peer, facts=self._with(turnaround_s))
+        yield from self._recover()
+        statistics: Statistics = yield _statistics(self._name)
+        before, error = statistics.counters.copy(), ""
+        ended_s: list[float] = []
+        pauses_s: list[float] = []
+        # The first request follows on the usual turnaround, and does not count.
+        for done in range(exchanges + 1):
+            self._progress(f"with a pause of {turnaround_s * 1000:.2f} ms", done, exchanges)
+            error, spoken_s = yield from self._exchange(peer, statistics)
+            error = error or _trouble(before, statistics.counters)
+            if error:
+                break
+            now: float = yield _now
+            pauses_s += [now - ended_s[-1] - spoken_s] if ended_s else []
+            ended_s.append(now)
+        trial = Trial(
+            turnaround_s=turnaround_s,
+            # The shortest of them may be a clock that was read late.
+            pause_s=max(turnaround_s, sorted(pauses_s)[len(pauses_s) // 10]) if pauses_s else turnaround_s,
+            exchanges=len(pauses_s),
+            seconds=ended_s[-1] - ended_s[0] if ended_s else 0.0,
+            error=error,
+        )
+        self._tried(trial)
+        return trial
+
+    def _exchange(self, peer: Peer, statistics: Statistics) -> Procedure[tuple[str, float]]:
+        """Ask once; return what went wrong, empty if nothing did, and how long it was from the request to the reply."""
+        times, settings = statistics.reply_times, self._facts.settings
+        count, total_s = times.count, times.total_s
+        lengths = _Lengths()
+        try:
+            yield partial(_ask, peer, self._probe, lengths)
+        except ReplyError as failure:
+            return " ".join(str(failure).split()), 0.0
+        except DriveError:
+            # Who refuses has answered.
+            pass
+        took_s = times.total_s - total_s
+        if lengths.replies and lengths.replies == times.count - count:
+            self._delays.add(max(0.0, took_s - settings.wire_s(lengths.received)) / lengths.replies)
+        return "", took_s + settings.wire_s(lengths.sent)
+
+    def _recover(self) -> Procedure[None]:
+        """Make sure that the drive answers at its usual turnaround. Raises ReplyError."""
+        for attempt in range(1, _RECOVERY_ATTEMPTS + 1):
+            try:
+                yield partial(_ask, self._peer, self._probe, _Lengths())
+            except ReplyError:
+                if attempt == _RECOVERY_ATTEMPTS:
+                    raise
+            except DriveError:
+                return
+            else:
+                return
+
+    def _with(self, turnaround_s: float) -> LineFacts:
+        return self._facts.override({"turnaround_s": turnaround_s, "attempts": 1})
+
+
+def _of_a_trial(exchanges: int) -> int:
+    return max(_FEWEST_EXCHANGES, exchanges // _SHARE_OF_A_TRIAL)
+
+
+def _with_margin(seconds: float) -> float:
+    return ceil(round((seconds + max(_MARGIN_SHARE * seconds, _LEAST_MARGIN_S)) * 1e5, 6)) / 1e5
+
+
+def _trouble(before: Counter[str], after: Counter[str]) -> str:
+    """Return what was counted meanwhile that should not be there."""
+    more = {name: after[name] - before[name] for name in _TROUBLES if after[name] > before[name]}
+    return ", ".join(f"{name}: {number}" for name, number in more.items())
+
+
+def _now(drive: Any) -> Any:
+    return drive.bus.now()
+
+
+def _statistics(name: str) -> Callable[[Any], Statistics]:
+    return lambda drive: drive.bus.statistics[name]
+
+
+@dataclass(slots=True)
+class _Lengths:
+    """Characters sent and received in an exchange, and how many replies there were."""
+
+    sent: int = 0
+    received: int = 0
+    replies: int = 0
+
+
+def _ask(peer: Peer, probe: Callable[[], Exchange[None]], lengths: _Lengths, drive: Any) -> Any:
+    """Ask a drive whether it is there, whatever is known of it."""
+    return drive.bus.run(Job(peer, _measured(probe(), peer.codec, lengths), insists=True))
+
+
+def _measured(exchange: Exchange[None], codec: Codec, lengths: _Lengths) -> Exchange[None]:
+    """Carry out an exchange, and take down how long its telegrams are."""
+    reply: Message | None = None
+    error: ReplyError | None = None
+    while True:
+        try:
+            command = exchange.send(reply) if error is None else exchange.throw(error)
+        except StopIteration:
+            return
+        reply = error = None
+        lengths.sent += 0 if isinstance(command, Pause) else len(codec.encode(command.message))
+        try:
+            reply = yield command
+        except ReplyError as failure:
+            error = failure
+        if reply is not None:
+            lengths.received += len(codec.encode(reply))
+            lengths.replies += 1

@@ -1,0 +1,295 @@
+"""The pause that a drive needs after its replies, found in virtual time with drives that need one."""
+
+import asyncio
+
+import pytest
+
+import drivecomm
+from drivecomm.commissioning import Trial, tune, tune_async
+from drivecomm.errors import NoReplyError, NotSupported, UsageError
+from drivecomm.plant import Fault, FaultPlan, Plant, PlantLine
+from drivecomm.protocol import DriveConfig, installed
+from drivecomm.virtual import VirtualPlant
+
+FAST = [("vlt3500", {}), ("fuji", {"model": "frenic"})]
+
+
+class Bench:
+    """A drive on a virtual line, whose wire is watched. needs_s: the pause that the drive needs after its reply."""
+
+    def __init__(self, protocol, options, *, needs_s=0.0, delay_s=0.002, faults=None):
+        self.config = DriveConfig(
+            protocol=protocol,
+            address=1,
+            line="line",
+            options={"baudrate": 115200, **options},
+            needs_pause_s=needs_s,
+            reply_delay_s=delay_s,
+        )
+        self.plant = VirtualPlant(Plant(lines=(PlantLine(name="line"),), drives=(self.config,)))
+        self.line = self.plant.line("line")
+        self.line.monitor = self._heard
+        if faults is not None:
+            self.line.faults = faults
+        self.requests, self.pauses, self.trials = [], [], []
+        self.ended = None
+
+    def open(self):
+        return drivecomm.open_bus(self.line.port)
+
+    def tuned(self, *arguments, **options):
+        with self.open() as bus:
+            return tune(self.config.build(bus.drive), *arguments, tried=self.trials.append, **options)
+
+    def _heard(self, sent):
+        if sent.source == "drive":
+            self.ended = sent.ended
+            return
+        self.requests.append(sent.data)
+        if self.ended is not None:
+            self.pauses.append(sent.began - self.ended)
+        self.ended = None
+
+
+@pytest.mark.parametrize(("protocol", "options"), FAST)
+@pytest.mark.parametrize("needs_s", [0.001, 0.003])
+def test_what_a_drive_needs_is_found_and_gets_a_margin(protocol, options, needs_s):
+    bench = Bench(protocol, options, needs_s=needs_s)
+    found = bench.tuned()
+    assert needs_s <= found.held_s <= 1.05 * needs_s
+    margin_s = max(found.held_s / 3, 0.0004)
+    assert found.turnaround_s == pytest.approx(found.held_s + margin_s, abs=0.00002)
+    assert (found.after.exchanges, found.after.error, found.error) == (300, "", "")
+    assert found.options["tuned_turnaround_s"] == found.turnaround_s
+    assert found.before.turnaround_s == 0.010
+    assert found.gain == pytest.approx(found.after.per_second / found.before.per_second)
+    assert found.gain > 1.5
+    allowed_s = 1 / found.before.per_second - 0.010 + needs_s
+    assert found.after.per_second * allowed_s > 0.85
+    if needs_s == 0.001:
+        assert found.after.per_second * allowed_s > 0.92
+
+
+@pytest.mark.parametrize(("protocol", "options"), FAST)
+def test_what_was_found_holds_and_is_as_fast_as_was_said(protocol, options):
+    bench = Bench(protocol, options, needs_s=0.001)
+    found = bench.tuned()
+    bench.line.advance(1)
+    with bench.open() as bus:
+        drive = bench.config.with_options(**found.options).build(bus.drive)
+        drive.probe()
+        began = bus.now()
+        for _ in range(300):
+            drive.probe()
+        assert 300 / (bus.now() - began) == pytest.approx(found.after.per_second)
+        assert set(bus.counters[drive.name]) == {"requests", "replies"}
+
+
+@pytest.mark.parametrize(
+    ("protocol", "options", "least_s"),
+    [
+        ("vabus", {}, 0.002),
+        ("vabus", {"turnaround_s": 0.02}, 0.002),
+        ("fuji", {}, 0.010),
+        ("fuji", {"model": "e11s"}, 0.010),
+        ("danfoss-fc", {}, 22 / 115200),
+        ("vlt3500", {"least_turnaround_s": 0.004}, 0.004),
+        ("vlt3500", {"turnaround_characters": 10}, 100 / 115200),
+    ],
+)
+def test_nothing_is_tried_below_what_the_maker_demands(protocol, options, least_s):
+    bench = Bench(protocol, options)
+    found = bench.tuned()
+    assert found.least_s == pytest.approx(least_s)
+    assert min(bench.pauses) >= least_s - 1e-9
+    assert all(trial.turnaround_s >= least_s - 1e-9 for trial in bench.trials)
+    assert found.turnaround_s >= least_s - 1e-9
+    assert not found.error
+
+
+def test_a_pause_that_is_less_than_the_maker_demands_already_is_left_alone():
+    found = Bench("fuji", {"turnaround_s": 0.002}).tuned()
+    assert found.turnaround_s == 0.002
+    assert "tuned_turnaround_s" not in found.options
+
+
+@pytest.mark.parametrize(
+    ("protocol", "options"), [*FAST, ("vabus", {"turnaround_s": 0.01, "model": "agile"}), ("danfoss-fc", {})]
+)
+def test_nothing_is_sent_that_writes_or_commands(protocol, options):
+    bench = Bench(protocol, options, needs_s=0.001)
+    bench.tuned(50)
+    plugin = installed[protocol]
+    codec = plugin.codec(plugin.options())
+    for data in set(bench.requests):
+        intent = plugin.intent(codec.decode(data, "request"))
+        assert (intent.access, intent.commands) in {("read", False), ("", False)}, data
+
+
+def test_a_trial_ends_with_its_first_error_and_the_usual_pause_follows():
+    bench = Bench("vlt3500", {}, needs_s=0.004)
+    silent = []
+
+    def tried(trial):
+        bench.trials.append(trial)
+        silent.append(bus.health["vlt3500:1"].failed_calls)
+
+    with bench.open() as bus:
+        tune(bench.config.build(bus.drive), tried=tried)
+        assert not bus.health["vlt3500:1"].given_up
+    failed = [trial for trial in bench.trials if trial.error]
+    assert len(failed) >= 2
+    assert all("did not answer" in trial.error and not trial.exchanges for trial in failed)
+    assert max(silent) == 1, "never two requests in a row"
+    # Whatever is missed is followed by a request that is heard.
+    assert bus.counters["vlt3500:1"]["timeouts"] == len(failed)
+
+
+@pytest.mark.parametrize("kind", [Fault.DROP, Fault.CORRUPT, Fault.DUPLICATE])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_line_that_errs_anyway_is_not_tuned(kind, seed):
+    bench = Bench("vlt3500", {}, needs_s=0.001, faults=FaultPlan(rate=0.1, seed=seed, kinds=[kind], requests=False))
+    found = bench.tuned()
+    assert found.error
+    assert found.options == {}
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_with_rare_errors_only_what_held_for_all_exchanges_is_a_result(seed):
+    bench = Bench("vlt3500", {}, needs_s=0.001, faults=FaultPlan(rate=0.005, seed=seed, kinds=[Fault.DROP]))
+    found = bench.tuned()
+    if found.options:
+        assert (found.after.exchanges, found.after.error) == (300, "")
+        assert found.turnaround_s > 0.001
+    else:
+        assert found.error
+
+
+def test_a_drive_that_dies_in_the_middle():
+    bench = Bench("vlt3500", {}, needs_s=0.001)
+    at = []
+
+    def die():
+        bench.plant.power_off("vlt3500:1")
+        at.append(len(bench.requests))
+
+    bench.line.call_at(1.0, die)
+    with pytest.raises(NoReplyError, match="vlt3500:1 did not answer"):
+        bench.tuned()
+    assert bench.trials[0].error == ""
+    assert bench.trials[-1].error
+    assert len(bench.requests) - at[0] <= 5, "one of the trial, and those that ask whether it is there still"
+
+
+def test_a_drive_that_never_answers():
+    bench = Bench("vlt3500", {})
+    bench.plant.power_off("vlt3500:1")
+    with pytest.raises(NoReplyError):
+        bench.tuned()
+    assert bench.trials == []
+
+
+@pytest.mark.parametrize(
+    ("protocol", "delay_s", "timeout_s"),
+    [
+        ("danfoss-fc", 0.060, 0.180),
+        ("danfoss-fc", 0.010, 0.100),
+        ("vlt3500", 0.002, 0.100),
+        ("vlt3500", 0.040, 0.120),
+        ("vabus", 0.002, 0.500),
+    ],
+)
+def test_the_reply_time_out_follows_the_reply_times(protocol, delay_s, timeout_s):
+    found = Bench(protocol, {}, delay_s=delay_s).tuned()
+    assert found.reply_timeout_s == pytest.approx(timeout_s)
+    assert found.reply_delays.longest_s == pytest.approx(delay_s)
+    assert found.reply_delays.shortest_s == pytest.approx(delay_s)
+    changes = found.reply_timeout_s != found.reply_timeout_before_s
+    assert found.options.get("reply_timeout_s") == (found.reply_timeout_s if changes else None)
+
+
+def test_a_drive_that_was_tuned_is_tuned_from_its_usual_pause():
+    found = Bench("vlt3500", {"tuned_turnaround_s": 0.0005}, needs_s=0.001).tuned()
+    assert found.before.turnaround_s == 0.010
+    assert found.tuned_before_s == 0.0005
+    assert found.options["tuned_turnaround_s"] == pytest.approx(0.00142)
+    again = Bench("vlt3500", dict(found.options), needs_s=0.001).tuned()
+    assert again.options == {}, "nothing changes"
+    slower = Bench("vlt3500", dict(found.options), needs_s=0.0095).tuned()
+    assert slower.options == {"tuned_turnaround_s": 0.0}, "it is tuned no more"
+
+
+def test_others_may_use_the_line_meanwhile():
+    bench = Bench("vlt3500", {}, needs_s=0.001)
+    with bench.open() as bus:
+        other = bench.config.build(bus.drive)
+        found = tune(bench.config.build(bus.drive), 50, progress=lambda *_: other.status())
+    assert not found.error
+    assert found.turnaround_s >= 0.001
+
+
+def test_the_same_for_who_awaits():
+    bench = Bench("vlt3500", {}, needs_s=0.001)
+
+    async def tuned():
+        async with drivecomm.open_bus_async(bench.line.port) as bus:
+            return await tune_async(bench.config.build(bus.drive), 50, tried=bench.trials.append)
+
+    found = asyncio.run(tuned())
+    assert found.options == Bench("vlt3500", {}, needs_s=0.001).tuned(50).options
+    assert found.after.exchanges == 50
+
+
+def test_what_can_not_be_tuned():
+    bench = Bench("vlt3500", {})
+    with pytest.raises(UsageError, match="19 exchanges tell too little; use 20 or more"):
+        bench.tuned(19)
+    with bench.open() as bus, pytest.raises(NotSupported, match="tune one drive"):
+        tune(bus.broadcast("vlt3500"))
+
+
+def test_how_long_the_rest_takes_is_said_after_the_first_trial():
+    bench = Bench("vlt3500", {}, needs_s=0.001)
+    with bench.open() as bus:
+        drive = bench.config.build(bus.drive)
+        rests = []
+        tune(drive, tried=lambda trial: rests.append((bus.now(), trial.rest_s(300, drive.facts))))
+        at, rest_s = rests[0]
+        assert 0.2 * rest_s < bus.now() - at < rest_s
+
+
+def test_a_slow_master_has_not_shown_that_a_shorter_pause_holds():
+    bench = Bench("vlt3500", {}, needs_s=0.003)
+    with bench.open() as bus:
+        found = tune(bench.config.build(bus.drive), progress=lambda *_: bench.line.advance(0.0035))
+    assert found.held_s == pytest.approx(0.0035)
+    assert found.turnaround_s == pytest.approx(0.0035 * 4 / 3, abs=0.00002)
+
+
+class NowAndThen:
+    """Lets a drive need a longer pause before each fiftieth request."""
+
+    def __init__(self, bench, needs_s):
+        self.bench, self.needs_s, self.requests = bench, needs_s, 0
+
+    def request(self, data, now):
+        self.requests += 1
+        paused_s = self.needs_s if self.bench.ended is None else now - self.bench.ended
+        return [] if self.requests % 50 == 0 and paused_s < self.needs_s else [(0.0, data)]
+
+    def reply(self, data, drive, now):  # noqa: ARG002 - as lines call it
+        return [(0.0, data)]
+
+
+def test_a_pause_that_does_not_hold_to_the_end_is_doubled():
+    bench = Bench("vlt3500", {}, needs_s=0.0005)
+    bench.line.disturbances.append(NowAndThen(bench, 0.003))
+    found = bench.tuned()
+    assert (found.error, found.after.exchanges) == ("", 300)
+    assert 0.003 <= found.turnaround_s < 0.010
+    confirming = [trial for trial in bench.trials if trial.turnaround_s > found.held_s and trial.error][-1]
+    assert found.turnaround_s == pytest.approx(2 * confirming.turnaround_s)
+
+
+def test_a_trial_without_exchanges():
+    assert Trial(turnaround_s=0.01, pause_s=0.01, exchanges=0, seconds=0.0).per_second == 0

@@ -1,0 +1,340 @@
+"""Both ways of an exchange come to the same: what happens, what is sent when, what is counted, how the line stands.
+
+A traced exchange goes the long way. So the same calls are made twice on two equal lines, traced and not traced, while
+the same goes wrong on both: bytes lost, changed, doubled, in pieces, too late, too early, unasked; a stop that waits in
+the middle; Ctrl-C at any call of the port.
+"""
+
+from dataclasses import dataclass
+from functools import cache, partial
+
+import pytest
+from extents import extents
+from hypothesis import HealthCheck, Phase, given, settings, strategies as st
+
+import drivecomm
+from drivecomm.errors import DriveCommError
+from drivecomm.link import PortProxy
+from drivecomm.link.line_state import LineState
+from drivecomm.models import load_model
+from drivecomm.protocol import Stop, installed
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+PROTOCOLS = sorted(drivecomm.protocols())
+EACH_PROTOCOL = pytest.mark.parametrize("protocol", PROTOCOLS)
+READABLE = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09"}
+WRITABLE = {"vabus": ("480", 7), "danfoss-fc": ("3-41", 5), "vlt3500": ("215", 6), "fuji": ("S05", 20)}
+ADDRESSES = (1, 2)
+NOISE = b"\x7f\x00"
+
+
+@dataclass(frozen=True)
+class Mishap:
+    """What becomes of one transmission. place: of a byte, counted round. delay_s: of what is late."""
+
+    kind: str
+    place: int
+    delay_s: float
+
+    def arrivals(self, data, before):
+        place = self.place % len(data)
+        first, rest = data[:place], data[place:]
+        match self.kind:
+            case "gone":
+                return []
+            case "late":
+                return [(self.delay_s, data)]
+            case "cut":
+                return [(0.0, first)] if first else []
+            case "in pieces":
+                return [(0.0, first), (self.delay_s, rest)] if first else [(0.0, rest)]
+            case "changed":
+                return [(0.0, first + bytes([rest[0] ^ 1 << self.place % 7]) + rest[1:])]
+            case "twice":
+                return [(0.0, data), (self.delay_s, data)]
+            case "behind noise":
+                return [(0.0, NOISE + data)]
+            case "before noise":
+                return [(0.0, data + NOISE)]
+            case "behind another's":
+                return [(0.0, before + data)]
+            case "another's":
+                return [(0.0, before)] if before else []
+        return [(0.0, data)]
+
+
+KINDS = ["gone", "late", "cut", "in pieces", "changed", "twice", "behind noise", "before noise", "behind another's",
+         "another's"]  # fmt: skip
+MISHAPS = st.one_of(
+    st.none(),
+    st.builds(
+        Mishap,
+        st.sampled_from(KINDS),
+        st.integers(0, 30),
+        st.sampled_from([0.0, 0.0005, 0.004, 0.03, 0.2, 0.6, 1.0, 2.5]) | st.floats(0, 3, allow_nan=False),
+    ),
+)
+
+
+class Mishaps:
+    """A disturbance: so many transmissions each way, and nothing after them."""
+
+    def __init__(self, requests, replies):
+        self._requests = list(requests)
+        self._replies = list(replies)
+        self._before = b""
+
+    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+        mishap = self._requests.pop(0) if self._requests else None
+        return mishap.arrivals(data, b"") if mishap else [(0.0, data)]
+
+    def reply(self, data, drive, now):  # noqa: ARG002
+        mishap = self._replies.pop(0) if self._replies else None
+        before, self._before = self._before, data
+        return mishap.arrivals(data, before) if mishap else [(0.0, data)]
+
+
+class WatchedPort(PortProxy):
+    """Notes down what is sent when; Ctrl-C comes once, at the call with this number, before or after it."""
+
+    def __init__(self, port, line, *, real_time):
+        super().__init__(port)
+        self.real_time = real_time
+        self.written = []
+        self.calls = []
+        self.left = None
+        self.after = False
+        self._line = line
+
+    def write(self, data):
+        self.written.append((self._line.time, data))
+        self._call(super().write, data)
+
+    def read(self, until, at_least):
+        return self._call(super().read, until, at_least)
+
+    def wait(self, until):
+        self._call(super().wait, until)
+
+    def _call(self, call, *arguments):
+        self.calls.append(call.__name__)
+        if self.left is not None:
+            self.left -= 1
+        over = self.left == 0
+        if over and not self.after:
+            raise KeyboardInterrupt
+        result = call(*arguments)
+        if over:
+            raise KeyboardInterrupt
+        return result
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """What is called on a line, and what goes wrong meanwhile.
+
+    calls: each with the drive it is for. unasked: times and bytes that come at them. stop_waits: from when until when
+    a stop waits. interrupted: at which call of the port, and whether before or after it.
+    """
+
+    calls: tuple[tuple[str, int], ...]
+    requests: tuple[Mishap | None, ...] = ()
+    replies: tuple[Mishap | None, ...] = ()
+    unasked: tuple[tuple[float, bytes], ...] = ()
+    stop_waits: tuple[float, float] = (-1.0, -1.0)
+    interrupted: tuple[int, bool] | None = None
+    facts: tuple[tuple[str, float], ...] = ()
+    other_settings: bool = False
+    echo: bool = False
+    paced: bool = True
+    real_time: bool = False
+
+
+@cache
+def model_of(protocol):
+    plugin = installed[protocol]
+    return load_model(plugin.package, protocol, plugin.default_model)
+
+
+def outcomes(protocol, course, trace):
+    """Yield what each call came to, and how everything stands after it."""
+    faster = {"baudrate": 38400} if course.other_settings else {}
+    virtual = [
+        virtual_drive(protocol, 1, model=model_of(protocol)),
+        virtual_drive(protocol, 2, model=model_of(protocol), **faster),
+    ]
+    line = VirtualLine(virtual, echo=course.echo, paced=course.paced)
+    line.disturbances.append(Mishaps(course.requests, course.replies))
+    port = WatchedPort(line.port(), line, real_time=course.real_time)
+    with drivecomm.open_bus(lambda: port, trace=trace, **dict(course.facts)) as bus:
+
+        def stop_waits():
+            return course.stop_waits[0] <= line.time < course.stop_waits[1]
+
+        bus._lock.stop_waits = bus._roster.link.stop_waits = stop_waits
+        drives = [bus.drive(protocol, 1), bus.drive(protocol, 2, **faster)]
+        for time, data in course.unasked:
+            line.call_at(time, partial(line.inject, data))
+        if course.interrupted is not None:
+            port.left, port.after = course.interrupted
+        for verb, place in course.calls:
+            port.written.clear()
+            try:
+                came = repr(call(protocol, bus, drives[place], verb, line))
+            except DriveCommError as error:
+                came = repr((type(error), str(error)))
+            except KeyboardInterrupt:
+                came = "interrupted"
+                if "write" not in port.calls[-2:]:
+                    # What was not sent leaves nothing behind; until when a late reply to it is expected may differ.
+                    yield came, line.time, tuple(port.written), bus._roster.link._line.unclean
+                    return
+            yield came, line.time, tuple(port.written), standing(bus), [vars(each).get("memory") for each in virtual]
+
+
+def call(protocol, bus, drive, verb, line):
+    match verb:
+        case "read":
+            return drive.read(READABLE[protocol])
+        case "write":
+            return drive.write(*WRITABLE[protocol])
+        case "stop all":
+            return bus.broadcast(protocol).stop(Stop.COAST)
+        case "reference":
+            return drive.set_reference(percent=10)
+        case "pass":
+            return line.advance(0.5)
+    return getattr(drive, verb)()
+
+
+def standing(bus):
+    """Return all that the link keeps in mind."""
+    link = bus._roster.link
+    line = {**vars(link._line), "trace": None, "talk": None, "away": None}
+    line["probed"] = [name for name, each in link._partners.items() if each is line["probed"]]
+    for name in ("echo", "delays", "tuning"):
+        line[name] = vars(line[name]).copy()
+    line["tuning"]["_errors"] = {name: tuple(errors) for name, errors in line["tuning"]["_errors"].items()}
+    line["delays"]["_delays"] = line["delays"]["_delays"].copy()
+    drives = {}
+    for name, partner in link._partners.items():
+        drives[name] = {each: getattr(partner, each) for each in partner.__slots__}
+        drives[name]["health"] = {**vars(partner.health), "_pause": repr(partner.health._pause)}
+        drives[name]["statistics"] = repr(partner.statistics)
+        drives[name]["count"] = +partner.count
+    return line, drives
+
+
+VERBS = ["read", "read", "read", "write", "status", "stop", "start", "reference", "probe", "stop all", "pass"]
+SOON = st.floats(0, 1, allow_nan=False) | st.floats(0, 0.1, allow_nan=False)
+COURSES = st.builds(
+    Course,
+    calls=st.lists(st.tuples(st.sampled_from(VERBS), st.sampled_from([0, 0, 1])), min_size=2, max_size=8).map(
+        lambda calls: (("read", 0), *calls)
+    ),
+    requests=st.lists(MISHAPS, max_size=3).map(lambda each: (None, *each)),
+    replies=st.lists(MISHAPS, max_size=6).map(lambda each: (None, *each)),
+    unasked=st.lists(st.tuples(SOON, st.sampled_from([NOISE, b"\x02", b"\x41\x06"])), max_size=3).map(tuple),
+    stop_waits=st.tuples(SOON, SOON) | st.just((-1.0, -1.0)),
+    interrupted=st.none() | st.tuples(st.integers(4, 20), st.booleans()),
+    facts=st.fixed_dictionaries(
+        {},
+        optional={
+            "deadline_s": st.sampled_from([0.05, 0.3, 1.0]),
+            "attempts": st.integers(1, 3),
+            "request_interval_s": st.sampled_from([0.01, 0.2]),
+            "reply_timeout_s": st.sampled_from([0.02, 0.1]),
+            "late_s": st.sampled_from([0.1, 1.0]),
+        },
+    ).map(lambda facts: tuple(facts.items())),
+    other_settings=st.booleans(),
+    echo=st.sampled_from([False, False, False, True]),
+    paced=st.booleans(),
+    real_time=st.booleans(),
+)
+
+
+def assert_same(protocol, course):
+    short, long = outcomes(protocol, course, None), outcomes(protocol, course, lambda _: None)
+    for one, other in zip(short, long, strict=True):
+        assert one == other
+
+
+def ways(monkeypatch):
+    """Let it be noted down which way each exchange goes, True for the short one."""
+    taken = []
+    plain = LineState.is_plain_for
+
+    def noted(line, peer):
+        taken.append(plain(line, peer))
+        return taken[-1]
+
+    monkeypatch.setattr(LineState, "is_plain_for", noted)
+    return taken
+
+
+@EACH_PROTOCOL
+def test_all_but_the_first_of_many_readings_go_the_short_way(protocol, monkeypatch):
+    taken = ways(monkeypatch)
+    line = VirtualLine([virtual_drive(protocol, 1), virtual_drive(protocol, 2)])
+    with drivecomm.open_bus(line.port) as bus:
+        for drive in [bus.drive(protocol, 1), bus.drive(protocol, 2)] * 3:
+            drive.read(READABLE[protocol])
+    assert taken == [False, *[True] * 5]
+
+
+@EACH_PROTOCOL
+@pytest.mark.parametrize("verb", ["read", "write", "status"])
+def test_ctrl_c_leaves_the_same_behind(protocol, verb):
+    calls = (("read", 0), (verb, 0), ("write", 0), ("read", 1))
+    for call in range(4, 16):
+        for after in (False, True):
+            assert_same(protocol, Course(calls=calls, interrupted=(call, after)))
+
+
+@EACH_PROTOCOL
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("paced", [False, True], ids=["at once", "paced"])
+def test_each_mishap_of_a_reply_at_each_of_its_bytes(protocol, kind, paced):
+    for place in range(0, 20, 3):
+        replies = (None, None, Mishap(kind, place, 0.01))
+        calls = (("read", 0), ("read", 1), ("read", 0), ("read", 0), ("write", 1))
+        assert_same(protocol, Course(calls=calls, replies=replies, paced=paced))
+
+
+@EACH_PROTOCOL
+@extents(8, 200)
+def test_what_comes_unasked_at_any_time(protocol, extent):
+    for step in range(extent):
+        unasked = ((0.2 * step / extent, NOISE),)
+        assert_same(protocol, Course(calls=(("read", 0),) * 4, unasked=unasked))
+
+
+@EACH_PROTOCOL
+@pytest.mark.parametrize("real_time", [False, True])
+@extents(8, 200)
+def test_a_stop_that_waits_from_any_time_on(protocol, real_time, extent):
+    replies = (None, None, Mishap("late", 0, 0.05))
+    for step in range(extent):
+        stop_waits = (0.2 * step / extent, 0.2 * step / extent + 0.1)
+        course = Course(calls=(("read", 0),) * 4, replies=replies, stop_waits=stop_waits, real_time=real_time)
+        assert_same(protocol, course)
+
+
+@EACH_PROTOCOL
+@extents(25, 2000)
+def test_both_ways_come_to_the_same(protocol, extent):
+    @settings(
+        max_examples=extent,
+        deadline=None,
+        database=None,
+        # A course is short enough to be read as it is found.
+        phases=[Phase.generate],
+        report_multiple_bugs=False,
+        suppress_health_check=[HealthCheck.too_slow],
+    )
+    @given(COURSES)
+    def same(course):
+        assert_same(protocol, course)
+
+    same()

@@ -1,0 +1,61 @@
+"""What a plant file that is wrong somewhere still says of its lines and drives."""
+
+import pytest
+
+from drivecomm.errors import FileFormatError
+from drivecomm.plant import salvaged
+
+LINES = """
+[[line]]
+name = "hall"
+port = "/dev/ttyUSB0"
+echo = true
+baudrate = 9600
+parity = "X"
+
+[[line]]
+name = "yard"
+listen = "tcp:127.0.0.1:4001"
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(text):
+        path = tmp_path / "plant.toml"
+        path.write_text(text)
+        return salvaged(path)
+
+    return read
+
+
+def drive(name, drive="vabus:1", line="hall"):
+    return f'\n[[drive]]\nname = "{name}"\ndrive = "{drive}"\nline = "{line}"\n'
+
+
+def test_how_a_line_is_opened(read):
+    plant, lost = read(LINES + drive("pump") + "[drive]]")
+    assert plant.line("hall").opening == {"baudrate": 9600, "echo": "expect"}
+    assert [line.reached_at for line in plant.lines] == ["/dev/ttyUSB0", "socket://127.0.0.1:4001"]
+    assert lost == []
+
+
+def test_two_drives_with_one_name_are_two(read):
+    plant, lost = read(LINES + drive("pump") + drive("pump", "danfoss-fc:3") + drive("pump", line="yard"))
+    assert [(str(each), each.line) for each in plant.drives] == [
+        ("vabus:1", "hall"),
+        ("danfoss-fc:3", "hall"),
+        ("vabus:1", "yard"),
+    ]
+    assert lost == []
+
+
+def test_what_cannot_be_read_is_told(read):
+    plant, lost = read(LINES + drive("pump") + drive("lift", line="cellar") + drive("fan", "danfoss-fc"))
+    assert [each.name for each in plant.drives] == ["pump"]
+    assert [" ".join(text.split(": ")[1].split()[:3]) for text in lost] == ["drive 2 (lift)", "drive 3 (fan)"]
+
+
+def test_a_file_without_a_drive_that_can_be_read(read):
+    with pytest.raises(FileFormatError, match="no drive of it can be read"):
+        read(LINES + "[[drive]]")
