@@ -242,12 +242,7 @@ class Sniffer:
     def _step(self) -> bool:
         """Decide about one place; returns whether it could be decided."""
         place, stretch = self._place, self._stretch
-        if not place:
-            source = None if self._silence_s else stretch.source_of_only_piece
-            if source is not None and (whole := self._readings_of_whole(stretch.data, source)):
-                self._take(whole)
-                return True
-        elif stretch.silence_before(place) > self._longest_gap_s:
+        if place and stretch.silence_before(place) > self._longest_gap_s:
             self._report(place)
             return True
         if not self._readers_for(stretch.data[place]):

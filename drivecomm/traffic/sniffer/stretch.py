@@ -127,11 +127,6 @@ class Stretch:
         part = self._part(place)
         return part.end_of(self._dropped + place) - part.character_s
 
-    @property
-    def source_of_only_piece(self) -> Source | None:
-        """Who sent all of it, where it is one piece to its end; None for several."""
-        return self._parts[0].source if len(self._parts) == 1 and self._starts[0] == self._dropped else None
-
     def source_of(self, start: int, end: int) -> Source | None:
         """Return who sent these bytes; None when it was more than one."""
         first, last = self._number_of(start), self._number_of(end - 1)
