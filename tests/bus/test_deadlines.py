@@ -8,7 +8,7 @@ import pytest
 from benches import ADDRESS, PROTOCOLS, Mortal, Port, Recorder
 
 import drivecomm
-from drivecomm.bus import Job, Rank
+from drivecomm.bus import Job, Turn
 from drivecomm.errors import DeadlineError, NoReplyError, ReplyError
 from drivecomm.protocol import Ask, Pause
 from drivecomm.virtual import VirtualLine
@@ -222,17 +222,17 @@ def test_time_spent_waiting_for_the_turn_counts(line, recorder):
         drive = bus.drive("vabus", ADDRESS, deadline_s=1.0)
         drive.read("481")
         before = len(sent_at(recorder))
-        take = bus._lock.take
+        ask = bus._lock.ask
 
-        def slow_take(rank: Rank, seconds: float) -> bool:
+        def ask_slowly(turn: Turn) -> bool:
             line.advance(1.5)
-            return take(rank, seconds)
+            return ask(turn)
 
-        bus._lock.take = slow_take
+        bus._lock.ask = ask_slowly
         for _ in range(5):
             with pytest.raises(DeadlineError, match="the call's time"):
                 drive.read("481")
-        bus._lock.take = take
+        bus._lock.ask = ask
         assert len(sent_at(recorder)) == before
         assert not bus.health[drive.name].given_up
         assert bus.health[drive.name].failed_calls == 0

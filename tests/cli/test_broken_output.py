@@ -57,6 +57,7 @@ CALLS = {
     "scan": "--port PORT --protocol vabus --addresses 1 --timeout 5 --write found.toml --force",
     "doctor": "--port nowhere",
     "stats": "vabus:1 --port PORT --for 0.05 --timeout 5",
+    "tune": "vabus:1 --port nowhere",
     "read": "Lüfter 481",
     "write": "Lüfter 480 500",
     "status": "",

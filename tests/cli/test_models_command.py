@@ -151,7 +151,7 @@ def test_the_common_names_of_a_model(models):
 def test_a_model_as_json(models):
     _, out, _ = models("show", "fuji/frenic", "--json")
     head, *parameters = objects(out)
-    assert (head["model"], head["options"]) == ("frenic", {"profile": "frenic"})
+    assert (head["model"], head["options"]) == ("frenic", {"profile": "frenic", "least_turnaround_s": 0.0})
     assert head["watchdog"]["actions"] == {"trip": 0, "hold": 3}
     assert head["quantities"]["link_timeout"] == "y08"
     ramp = next(each["parameter"] for each in parameters if each["parameter"]["address"] == "F07")

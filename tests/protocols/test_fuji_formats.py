@@ -8,6 +8,7 @@ import pytest
 
 from drivecomm import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
 from drivecomm.models import load_model, model_names
+from drivecomm.protocol import installed, resolve_options
 from drivecomm_fuji.formats import FORMATS, current_format, format_named
 from drivecomm_fuji.options import FujiOptions
 from drivecomm_fuji.parameters import reading_of, target, word_for
@@ -327,7 +328,7 @@ def test_options_that_cannot_be(wrong):
 @pytest.mark.parametrize("name", model_names("drivecomm_fuji", "fuji"))
 def test_models_are_consistent(name):
     model = load_model("drivecomm_fuji", "fuji", name)
-    options = FujiOptions(**model.options)
+    _, options = resolve_options(installed["fuji"], model, {})
     names = [info.name for info in model.parameters.values()]
     assert len(names) == len(set(names))
     for info in model.parameters.values():
