@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 _SOURCES: tuple[Source, ...] = get_args(Source)
 _KEYS = frozenset(("time_s", "source", "hex", "line", "settings"))
+_decode = json.JSONDecoder().raw_decode
 _LONGEST_LINE = 16 * 1024 * 1024
 
 
@@ -89,9 +90,18 @@ def _line(content: dict[str, Any]) -> bytes:
     return json.dumps(content, ensure_ascii=False).encode() + b"\n"
 
 
+def _loaded(line: bytes) -> Any:
+    if line.startswith(b"{") and line.endswith(b"}") and line.isascii():
+        text = line.decode("ascii")
+        content, end = _decode(text)
+        if end == len(text):
+            return content
+    return json.loads(line)
+
+
 def _object(line: bytes) -> dict[str, Any]:
     try:
-        content = json.loads(line.decode("ascii") if line.isascii() else line)
+        content = _loaded(line)
     except (ValueError, RecursionError) as error:
         raise FileFormatError(f"not valid JSON ({error})") from error
     if not isinstance(content, dict):
