@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 
 _SOURCES: tuple[Source, ...] = get_args(Source)
-_KEYS = ("time_s", "source", "hex", "line", "settings")
+_KEYS = frozenset(("time_s", "source", "hex", "line", "settings"))
+_decode = json.JSONDecoder().raw_decode
 _LONGEST_LINE = 16 * 1024 * 1024
 
 
@@ -89,9 +90,18 @@ def _line(content: dict[str, Any]) -> bytes:
     return json.dumps(content, ensure_ascii=False).encode() + b"\n"
 
 
+def _loaded(line: bytes) -> Any:
+    if line.startswith(b"{") and line.endswith(b"}") and line.isascii():
+        text = line.decode("ascii")
+        content, end = _decode(text)
+        if end == len(text):
+            return content
+    return json.loads(line)
+
+
 def _object(line: bytes) -> dict[str, Any]:
     try:
-        content = json.loads(line)
+        content = _loaded(line)
     except (ValueError, RecursionError) as error:
         raise FileFormatError(f"not valid JSON ({error})") from error
     if not isinstance(content, dict):
@@ -190,15 +200,15 @@ def text(content: Mapping[str, Any], key: str) -> str:
     value = content.get(key, "")
     if not isinstance(value, str):
         raise FileFormatError(f"{key} is not a text")
-    if any("\ud800" <= character <= "\udfff" for character in value):
+    if not value.isascii() and any("\ud800" <= character <= "\udfff" for character in value):
         raise FileFormatError(f"{key} contains an unpaired surrogate")
     return value
 
 
 def only(content: Mapping[str, Any], known: Iterable[str]) -> None:
     """Reject unknown keys, so that a misspelt one is not read as absent. Raises FileFormatError."""
-    if unknown := sorted(set(content) - set(known)):
-        raise FileFormatError(f"unknown key {unknown[0]!r}")
+    if unknown := content.keys() - known:
+        raise FileFormatError(f"unknown key {min(unknown)!r}")
 
 
 def _time_of_day(written: str) -> datetime:

@@ -43,8 +43,7 @@ def plain(value: Any) -> Any:
 
 def emit(**content: Any) -> None:
     """Print one JSON object on a line of its own."""
-    sys.stdout.write(json.dumps(plain(content)) + "\n")
-    sys.stdout.flush()
+    say(json.dumps(plain(content)))
 
 
 def say(text: str = "") -> None:

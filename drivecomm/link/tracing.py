@@ -62,14 +62,14 @@ def trace_data(event: TraceEvent) -> dict[str, Any]:
 
 def line_text(time_s: float, arrow: str, *parts: str, remarks: Iterable[str] = ()) -> str:
     """Return a line about something on the wire; parts that are empty are left out, remarks stand in brackets."""
-    shown = (f"{time_s:12.4f}", arrow, *parts, *(f"[{remark}]" for remark in remarks))
-    return "  ".join(part for part in shown if part)
+    shown = [f"{time_s:12.4f}", arrow, *parts, *[f"[{remark}]" for remark in remarks]]
+    return "  ".join([part for part in shown if part])
 
 
 def fields_text(message: Message) -> str:
     """Return a telegram's kind and fields on one line."""
-    fields = {name: value for name, value in fields_of(message).items() if name != "kind"}
-    return message.kind + "".join(f" {name}={_short(name, value)}" for name, value in fields.items())
+    fields = fields_of(message)
+    return " ".join([str(fields.pop("kind")), *[f"{name}={_short(name, value)}" for name, value in fields.items()]])
 
 
 def hex_text(data: bytes) -> str:
@@ -78,6 +78,8 @@ def hex_text(data: bytes) -> str:
 
 
 def _short(name: str, value: object) -> str:
-    if isinstance(value, int) and not isinstance(value, bool) and ("word" in name or name == "ind"):
+    if isinstance(value, str):
+        return repr(value)
+    if ("word" in name or name == "ind") and isinstance(value, int) and not isinstance(value, bool):
         return f"0x{value:04X}"
-    return repr(value) if isinstance(value, str) else str(value)
+    return str(value)

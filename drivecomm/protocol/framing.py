@@ -12,7 +12,10 @@ if TYPE_CHECKING:
 
 
 class Codec(Protocol):
-    """What a framer and a link need of a protocol's telegrams."""
+    """What a framer and a link need of a protocol's telegrams.
+
+    It may have an attribute `alike`, any hashable value: codecs with equal ones make the same of the same bytes.
+    """
 
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return the length of the telegram that begins with these bytes.

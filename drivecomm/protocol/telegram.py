@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from decimal import Decimal
+from functools import cache
 from typing import Any, ClassVar, Literal, Protocol, TypeAlias
 
 Direction: TypeAlias = Literal["request", "reply"]
@@ -26,11 +27,16 @@ class Message(Protocol):
 def fields_of(message: Message) -> dict[str, Any]:
     """Return the fields of a message by name, as test vectors write them: exact decimals as text."""
     named: dict[str, Any] = {"kind": message.kind}
-    for field in fields(message):
-        value = getattr(message, field.name)
+    for name in _names_of(type(message)):
+        value = getattr(message, name)
         if value is not None:
-            named[field.name] = _as_written(value)
+            named[name] = value if type(value) is int or type(value) is str else _as_written(value)
     return named
+
+
+@cache
+def _names_of(kind: type[Message]) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind))
 
 
 def _as_written(value: object) -> object:

@@ -51,6 +51,41 @@ def test_two_protocols_that_read_the_same_bytes_are_both_named():
     assert {protocol for protocol, _, _ in both.readings} == {"fuji", "twin"}
 
 
+class Stranger:
+    """Reads replies of the Danfoss FC protocol as requests: those with a wrong check, and those with the value 7."""
+
+    def __init__(self, codec):
+        self.codec = codec
+
+    def measure(self, head, direction):
+        return self.codec.measure(head, "reply") if direction == "request" else 0
+
+    def decode(self, data, direction):  # noqa: ARG002 - measured are requests only
+        return self.codec.decode(data if data[10] == 7 else wrong(data), "reply")
+
+
+def wrong(data):
+    return data[:-1] + bytes([data[-1] ^ 0xFF])
+
+
+def fc(direction, value, **words):
+    fields = {"kind": "parameter", "address_format": "1-126", "address": 1, "ak": 1, "pnu": 1630}
+    return encode("danfoss-fc", {**fields, "ind": 0, "pwe": value, **words}, direction=direction)
+
+
+def test_a_reply_that_is_due_is_still_looked_at_by_another_protocol_that_is_spoken():
+    known = installed["danfoss-fc"]
+    twin = replace(known, name="twin", codec=lambda options: Stranger(known.codec(options)))
+    request = fc("request", 0, control_word=0, reference=0)
+    replies = [fc("reply", value, status_word=0x607, main_actual=0) for value in (*range(20, 40), 50, 7)]
+    talk = [data for reply in replies for data in (request, reply)]
+    talk[-2:-2] = [wrong(replies[0]), wrong(replies[1])]
+    found = sniffed([Piece(time_s=0.03 * number, data=data) for number, data in enumerate(talk, 1)], [known, twin])
+    assert [one.protocol for one in found[-5:-1]] == ["danfoss-fc", "twin", "twin", "danfoss-fc"]
+    assert isinstance(found[-1], AmbiguousTelegram)
+    assert {protocol for protocol, _, _ in found[-1].readings} == {"danfoss-fc", "twin"}
+
+
 def test_a_telegram_is_found_behind_a_character_that_could_begin_a_longer_one():
     """02H, and 30H as a length: a telegram of 50 bytes of the Danfoss FC protocol."""
     found = sniffed([Piece(time_s=0.0, data=b"\x02\x30" + REQUEST), Piece(time_s=0.03, data=REPLY)])

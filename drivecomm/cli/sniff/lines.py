@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.cli.output import emit, print_table, say, times_ms
+from drivecomm.cli.output import emit, plain, print_table, say, times_ms
 from drivecomm.link import ARROWS, fields_text, hex_text, line_text
 from drivecomm.protocol import fields_of
 from drivecomm.traffic.sniffer import LINE, AmbiguousTelegram, DamagedTelegram, HeardTelegram
@@ -19,7 +20,12 @@ if TYPE_CHECKING:
 
     from drivecomm.cli.sniff.naming import Meaning
     from drivecomm.link import ReplyTimes, Statistics
+    from drivecomm.protocol import Message
     from drivecomm.traffic.sniffer import LineEvent
+
+_MOST_TEXTS = 512
+_texts: dict[int, tuple[Message, str]] = {}
+_json_text = json.JSONEncoder(default=plain).encode
 
 
 def say_event(event: LineEvent, meaning: Meaning) -> None:
@@ -27,7 +33,8 @@ def say_event(event: LineEvent, meaning: Meaning) -> None:
     _, arrow, content = _described(event)
     line = f"{event.line}  " if event.line else ""
     parts = (f"{event.drive:<14}", content, _about(meaning))
-    say(line + line_text(event.time_s, arrow, *parts, remarks=_remarks(event)))
+    # Whoever listens to a port flushes them; a long capture goes out in blocks.
+    sys.stdout.write(line + line_text(event.time_s, arrow, *parts, remarks=_remarks(event)) + "\n")
 
 
 def emit_event(event: LineEvent, meaning: Meaning) -> None:
@@ -60,7 +67,7 @@ def emit_event(event: LineEvent, meaning: Meaning) -> None:
         content |= {"value": meaning.reading.value, "unit": meaning.reading.unit, "text": meaning.reading.text}
     if meaning.refusal:
         content["refusal"] = meaning.refusal
-    emit(**content)
+    sys.stdout.write(_json_text(content) + "\n")
 
 
 def _described(event: LineEvent) -> tuple[str, str, str]:
@@ -69,15 +76,26 @@ def _described(event: LineEvent) -> tuple[str, str, str]:
     if item is None:
         asked = event.pair.request if event.pair else None
         return "unanswered", "--", f"no reply to {fields_text(asked.message)}" if asked else "no reply"
-    shown = hex_text(item.data)
     if isinstance(item, HeardTelegram):
-        return item.direction, ARROWS[item.direction], fields_text(item.message)
+        return item.direction, ARROWS[item.direction], _text_of(item.message)
+    shown = hex_text(item.data)
     if isinstance(item, DamagedTelegram):
         return "damaged", "!!", f"damaged {item.direction}  {shown}  [{item.error}]"
     if isinstance(item, AmbiguousTelegram):
         ways = " or ".join(sorted({f"{protocol} {direction}" for protocol, direction, _ in item.readings}))
         return "ambiguous", "??", f"{ways}  {shown}"
     return "unknown", "~~", f"unknown  {shown}"
+
+
+def _text_of(message: Message) -> str:
+    """Return the text of a message; a telegram that is said again and again has one and the same."""
+    known = _texts.get(id(message))
+    if known is None:
+        if len(_texts) >= _MOST_TEXTS:
+            _texts.clear()
+        # As long as the message is kept, no other is in its place.
+        known = _texts[id(message)] = message, fields_text(message)
+    return known[1]
 
 
 def _about(meaning: Meaning) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -37,6 +38,8 @@ def pieces_from(port: ListeningPort, settings: LineSettings, seconds: float | No
         tick = port.now() + _TICK_S
         data = port.read(tick if until is None else min(tick, until))
         yield Piece(time_s=port.now() - began, data=data, settings=settings)
+        # What was said about it has been written by now.
+        sys.stdout.flush()
 
 
 @dataclass(slots=True)

@@ -139,15 +139,21 @@ def _cut_run(code: Code, run: list[tuple[str, Any]], found: dict[str, str], plac
     cuts = Struct(">" + "".join(leaf.emission.cut for _, leaf in run))
     names = [f"p{place.offset}_{len(code.lines)}_{index}" for index in range(len(run))]
     code.line(f"{', '.join(names)}, = {code.refer(cuts.unpack_from)}(data, {place})")
+    # Constants and checks come first: most damage is found by them, before anything is made of the fields.
+    fields_in_run = []
     for cut, (name, leaf) in zip(names, run, strict=True):
         if isinstance(leaf, Check):
             computed = f"{code.refer(leaf.compute)}(data[{leaf.start} : {place}])"
             wrong = f"{cut} != {computed}"
             code.refuse_if(wrong if leaf.off is None else f"{cut} != {leaf.off!r} and {wrong}")
             found[name] = cut
-        else:
+        elif leaf.category == "framing":
             found[name] = leaf.emission.read(code, cut)
+        else:
+            fields_in_run.append((cut, name, leaf))
         place.offset += leaf.size
+    for cut, name, leaf in fields_in_run:
+        found[name] = leaf.emission.read(code, cut)
 
 
 def _check_characters(code: Code, leaf: Check, value: str, written: str) -> str:

@@ -49,6 +49,7 @@ class Form(Generic[M]):
         check: Callable[[M], None] | None = None,
     ) -> None:
         self.message = message
+        self._title = f"{message.__name__.lower()} telegram"
         self.schema = Struct(*leaves)
         self.names = frozenset(field.name for field in fields(message))
         held = {leaf.name for leaf in self.schema.subcons}
@@ -89,9 +90,7 @@ class Form(Generic[M]):
         """Parse by the schema as it is declared, which alone decides what is wrong. Raises TelegramError."""
         faults = self._grave_faults(data)
         if not faults:
-            stream = BytesIO(data)
-            container = self._taken(stream, faults)
-            left = len(data) - stream.tell()
+            container, left = self._taken(data, faults)
             if left and not faults:
                 faults.append(Fault("length", f"{left} characters too many"))
             if not faults:
@@ -100,8 +99,8 @@ class Form(Generic[M]):
                 except ValueError as error:
                     faults.append(Fault("field", str(error)))
         # The gravest of all faults is named.
-        fault = min(faults, key=lambda found: _RANK[found.category])
-        where = f"{self.message.__name__.lower()} telegram" + (f", {fault.field}" if fault.field else "")
+        fault = faults[0] if len(faults) == 1 else min(faults, key=lambda found: _RANK[found.category])
+        where = f"{self._title}, {fault.field}" if fault.field else self._title
         raise TelegramError(fault.category, f"{where}: {fault}", field=fault.field)
 
     @cached_property
@@ -140,22 +139,26 @@ class Form(Generic[M]):
                     faults.append(fault)
         return faults
 
-    def _taken(self, stream: BytesIO, faults: list[Fault]) -> Mapping[str, Any]:
-        """Return what the leaves hold, None for those that are at fault."""
+    def _taken(self, data: bytes, faults: list[Fault]) -> tuple[Mapping[str, Any], int]:
+        """Return what the leaves hold, None for those that are at fault, and how many characters are left."""
         if self._leaves is None:
+            stream = BytesIO(data)
             container: Mapping[str, Any] = self.schema.parse_stream(stream, faults=faults)
-            return container
+            return container, len(data) - stream.tell()
         found: dict[str, Any] = {}
+        place = 0
         for name, leaf in self._leaves:
             try:
-                value = leaf.take(stream, found)
+                size = leaf.size_in(found)
+                start, place = place, min(place + size, len(data))
+                value = leaf.take_at(start, size, data)
             except Fault as fault:
                 fault.field = name
                 faults.append(fault)
                 value = None
             if name:
                 found[name] = value
-        return found
+        return found, len(data) - place
 
     def build_declared(self, message: M) -> bytes:
         """Build by the schema as it is declared, which alone decides what does not fit. Raises TelegramError."""

@@ -79,7 +79,7 @@ class Leaf(_Construct):
 
     def take(self, stream: Any, context: Any) -> Any:
         """Read this leaf from the stream."""
-        size, place = self._size_in(context), stream.tell()
+        size, place = self.size_in(context), stream.tell()
         stream.read(size)
         return self.take_at(place, size, stream.getvalue())
 
@@ -106,16 +106,17 @@ class Leaf(_Construct):
             data = self._write(obj)
         except (ValueError, TypeError) as error:
             raise Fault("field", "it is missing" if obj is None else str(error), _name_in(path)) from None
-        size = self._size_in(context)
+        size = self.size_in(context)
         if len(data) != size:
             raise Fault("field", f"{len(data)} characters where {size} belong", _name_in(path))
         stream.write(data)
         return obj
 
     def _sizeof(self, context: Any, path: str) -> int:
-        return self._size_in(context)
+        return self.size_in(context)
 
-    def _size_in(self, context: Any) -> int:
+    def size_in(self, context: Any) -> int:
+        """Return how many characters it has, given the fields before it."""
         if not callable(self.size):
             return int(self.size)
         try:
@@ -311,10 +312,11 @@ class Check(Leaf):
 
     def take_at(self, place: int, size: int, data: bytes) -> bytes:
         """Read the check characters and compare them; returns them as found."""
-        covered = data[self.start : place]
-        found: bytes = super().take_at(place, size, data)
-        if found != self.off and found != self._write(covered):
-            raise Fault("checksum", f"check characters {found!r} found, {self._write(covered)!r} computed")
+        found = data[place : place + size]
+        if len(found) < size:
+            raise Fault("length", f"{size} characters expected, {len(found)} left")
+        if found != self.off and found != (computed := self._write(data[self.start : place])):
+            raise Fault("checksum", f"check characters {found!r} found, {computed!r} computed")
         return found
 
     def _build(self, obj: Any, stream: Any, context: Any, path: str) -> Any:

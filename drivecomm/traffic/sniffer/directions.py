@@ -126,6 +126,14 @@ class DirectionEstimator:
     _misheard_s: float = -inf
     _doubts: dict[object, int] = field(default_factory=dict)
     _delays: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT_DELAYS))
+    _compared: tuple[Message, Message, bool] | None = None
+    _timeout_s: float = field(init=False)
+    _too_late_s: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        timing = self.protocol.facts.timing
+        self._timeout_s = timing.reply_timeout_s
+        self._too_late_s = timing.reply_timeout_s + timing.late_s
 
     def copy(self) -> DirectionEstimator:
         """Return one that goes its own way from here."""
@@ -140,19 +148,43 @@ class DirectionEstimator:
 
     def direction_of(self, heard: Observation) -> Direction | None:
         """Return the likelier direction of a telegram; None when both are equally likely."""
+        if len(heard.readings) == 1:
+            return heard.readings[0].direction
         request, reply = heard.reading("request"), heard.reading("reply")
         if request is None or reply is None:
             return "reply" if request is None else "request"
+        if self.expects(reply, heard.began_s, heard.silence_s):
+            return "reply"
         answered = reply.data in self._known(reply, "reply")
+        asked = request.data in self._known(request, "request")
+        if asked and not answered and (not self._asked or self._asked[-1].answered):
+            # Nothing speaks against it.
+            return "request"
         if (told := self._by_its_time(heard, reply, answered=answered)) is not None:
             return told
-        balance = _REPEATED * answered - _REPEATED * (request.data in self._known(request, "request"))
+        balance = _REPEATED * answered - _REPEATED * asked
         balance -= self._likeness(request)
         if not self._may_be_late(heard, reply):
             balance += self._timeliness(heard, reply)
         if balance == 0:
             return None
         return "reply" if balance > 0 else "request"
+
+    def expects(self, reply: Reading, began_s: float, silence_s: float) -> bool:
+        """Whether this is the reply to the last request, in time, whatever it may look like besides."""
+        last = self._asked[-1] if self._asked else None
+        if last is None or last.answered or last.data == reply.data:
+            return False
+        if began_s - last.ended_s > self._timeout_s or silence_s > self._timeout_s:
+            return False
+        if not self._belong(last.message, reply.message) or reply.data in self._known(reply, "request"):
+            return False
+        return reply.data in self._known(reply, "reply") or self._likeness(reply) < _ANSWERS_NOW
+
+    @property
+    def awaits_any(self) -> bool:
+        """Whether the last request has no reply, on a line where it is known who speaks when."""
+        return self.certain and bool(self._asked) and not self._asked[-1].answered
 
     def doubt(self, heard: Observation) -> None:
         """Note a telegram whose direction stays open."""
@@ -181,11 +213,12 @@ class DirectionEstimator:
             self._asked.append(_Asked(reading.message, data, ended_s))
             self._end(closed=False)
             return
-        self._doubts.pop(address, None)
+        if self._doubts:
+            self._doubts.pop(address, None)
         self._just_answered = type(self._asked[-1].message) if self._asked else None
         if (place := self._answered_by(reading.message, ended_s)) is not None:
             asked = self._asked[place]
-            self._asked[place] = asked._replace(answered=True)
+            self._asked[place] = _Asked(asked.message, asked.data, asked.ended_s, answered=True)
             if place == len(self._asked) - 1 and asked.data != reading.data:
                 self._delays.append(began_s - asked.ended_s)
 
@@ -196,8 +229,7 @@ class DirectionEstimator:
 
     def may_come(self, reading: Reading, began_s: float) -> bool:
         """Whether this reply answers a request that has none, or a damaged one, or says again what it has just said."""
-        timeout_s = self.protocol.facts.timing.reply_timeout_s
-        if began_s - self._misheard_s <= timeout_s and self._knows(reading.message):
+        if began_s - self._misheard_s <= self._timeout_s and self._knows(reading.message):
             return True
         return any(
             (not asked.answered or reading.data in self._known(reading, reading.direction))
@@ -208,7 +240,7 @@ class DirectionEstimator:
     def awaited(self, now_s: float) -> Message | None:
         """Return the request whose reply is due now."""
         last = self._asked[-1] if self._asked else None
-        late = last is None or last.answered or now_s - last.ended_s > self.protocol.facts.timing.reply_timeout_s
+        late = last is None or last.answered or now_s - last.ended_s > self._timeout_s
         return None if late or last is None or is_broadcast(self.protocol, last.message) else last.message
 
     def leaves_unanswered(self, request: Reading) -> bool:
@@ -258,14 +290,14 @@ class DirectionEstimator:
         """Whether this may be what the drive says to a request that is over; not of a drive that never answers."""
         if self._doubts.get(getattr(reply.message, "address", None), 0) >= _MOST_DOUBTS:
             return False
-        timeout_s = self.protocol.facts.timing.reply_timeout_s
+        timeout_s = self._timeout_s
         for asked in reversed(self._asked):
             if asked.answered:
                 continue
             passed_s = heard.began_s - asked.ended_s
             if passed_s > self._latest_s:
                 return False
-            if asked.data == reply.data or self.protocol.mismatch(asked.message, reply.message):
+            if asked.data == reply.data or not self._belong(asked.message, reply.message):
                 continue
             return passed_s > timeout_s or asked is not self._asked[-1]
         return False
@@ -288,7 +320,7 @@ class DirectionEstimator:
 
     def _timeliness(self, heard: Observation, reply: Reading) -> int:
         """Return what the pauses say, above 0 for a reply and below 0 for a request."""
-        timeout_s = self.protocol.facts.timing.reply_timeout_s
+        timeout_s = self._timeout_s
         due = self.awaits(reply.message, heard.began_s)
         prompt = due and self._asked[-1].data != reply.data and heard.began_s - self._asked[-1].ended_s <= timeout_s
         weight = _ANSWERS_NOW * prompt - _NOTHING_ASKED * (not due)
@@ -296,8 +328,7 @@ class DirectionEstimator:
 
     @property
     def _latest_s(self) -> float:
-        timing = self.protocol.facts.timing
-        return max(_LATEST_S, timing.reply_timeout_s + timing.late_s)
+        return max(_LATEST_S, self._too_late_s)
 
     def _answered_by(self, reply: Message, ended_s: float) -> int | None:
         for place in range(len(self._asked) - 1, -1, -1):
@@ -307,9 +338,14 @@ class DirectionEstimator:
         return None
 
     def _may_answer(self, asked: _Asked, reply: Message, now_s: float) -> bool:
-        timing = self.protocol.facts.timing
-        in_time = now_s - asked.ended_s <= timing.reply_timeout_s + timing.late_s
-        return in_time and not self.protocol.mismatch(asked.message, reply)
+        return now_s - asked.ended_s <= self._too_late_s and self._belong(asked.message, reply)
+
+    def _belong(self, request: Message, reply: Message) -> bool:
+        """Whether this reply answers this request; the latest answer is kept, it is asked for several times."""
+        known = self._compared
+        if known is None or known[0] is not request or known[1] is not reply:
+            known = self._compared = request, reply, not self.protocol.mismatch(request, reply)
+        return known[2]
 
     def _known(self, reading: Reading, direction: Direction) -> deque[bytes]:
         address = getattr(reading.message, "address", None)
@@ -328,10 +364,10 @@ class DirectionEstimator:
         for byte, asked, answered in zip(
             reading.data[:-1], requests.columns, zip(*replies.kept, strict=True), strict=False
         ):
-            if byte in asked:
+            if byte in answered:
+                like_replies += byte not in asked and asked.isdisjoint(answered)
+            elif byte in asked:
                 like_requests += asked.isdisjoint(answered)
-            elif byte in answered:
-                like_replies += asked.isdisjoint(answered)
         # In a few examples bytes differ by chance, which says little about a telegram that is none of them.
         is_new = reading.data not in requests.kept and reading.data not in replies.kept
         most = min(_MOST_ALIKE, len(requests.kept), len(replies.kept)) if is_new else _MOST_ALIKE

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections import defaultdict, deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 from drivecomm.link import Statistics
 from drivecomm.traffic.sniffer.sniffer import Sniffer
-from drivecomm.traffic.sniffer.traffic_items import AmbiguousTelegram, DamagedTelegram, HeardTelegram, UnknownBytes
+from drivecomm.traffic.sniffer.traffic_items import DamagedTelegram, HeardTelegram
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from drivecomm.traffic.sniffer.traffic_items import TrafficItem
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LineEvent:
+class LineEvent(NamedTuple):
     """What happened on a line.
 
     item: what was heard; None when a request was given up without an answer. pair: for a reply, what it answers; for
@@ -35,9 +34,12 @@ class LineEvent:
     @property
     def drive(self) -> str:
         """Whom it concerns, as PROTOCOL:ADDRESS; empty where that is not known."""
-        if self.item is None:
+        item = self.item
+        if isinstance(item, HeardTelegram):
+            return item.drive
+        if item is None:
             return self.pair.drive if self.pair else ""
-        return getattr(self.item, "drive", "") or getattr(self.item, "protocol", "")
+        return getattr(item, "drive", "") or getattr(item, "protocol", "")
 
     @property
     def wrong(self) -> bool:
@@ -102,7 +104,7 @@ class LineMonitor:
         if isinstance(item, HeardTelegram) and item.expects_reply:
             retries = self._pairing.retries
         self._tally.feed(item)
-        events.append(LineEvent(line=self._name, time_s=item.time_s, item=item, pair=mine, retries=retries))
+        events.append(LineEvent(self._name, item.time_s, item, mine, retries))
         return events
 
     def _given_up(self, pair: Pair, time_s: float) -> LineEvent:
@@ -114,8 +116,7 @@ PairOutcome: TypeAlias = Literal["answered", "late", "unanswered", "stray"]
 _KEPT_UNANSWERED = 8
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pair:
+class Pair(NamedTuple):
     """A request and its reply.
 
     outcome: answered; late: the master had gone on already; unanswered: it went on, and no reply came; stray: a reply
@@ -186,7 +187,7 @@ class Pairing:
         if self._open is not None and self._belongs(self._open, reply):
             request, self._open = self._open, None
             took_s = reply.time_s - request.time_s
-            return Pair(outcome="answered", request=request, reply=reply, reply_time_s=took_s, retries=self._retries)
+            return Pair("answered", request, reply, took_s, self._retries)
         for request in reversed(self._unanswered):
             if self._belongs(request, reply) and self._in_time(request, reply):
                 self._unanswered.remove(request)
@@ -219,14 +220,15 @@ class Tally:
 
     def feed(self, item: TrafficItem) -> None:
         """Count what was heard."""
-        if isinstance(item, DamagedTelegram):
+        if isinstance(item, HeardTelegram):
+            if not item.expects_reply and item.broadcast:
+                self._count(item.drive, "requests")
+        elif isinstance(item, DamagedTelegram):
             self._count(item.drive or item.protocol, f"{item.error.category} errors")
             if item.drive:
                 self._damaged.add(item.drive)
-        elif isinstance(item, UnknownBytes | AmbiguousTelegram):
+        else:
             self._count(LINE, "noise bytes", len(item.data))
-        elif item.broadcast:
-            self._count(item.drive, "requests")
 
     def pair(self, pair: Pair) -> None:
         """Count what became of a request."""

@@ -44,6 +44,14 @@ class PendingItems:
         """Take what has no direction, or whose direction is known."""
         self._found.append(item)
 
+    def hear_alone(self, heard: Observation) -> list[TrafficItem]:
+        """Take the next telegram as `hear` does; return what is now certain."""
+        estimator = self._estimators[heard.readings[0].protocol.name]
+        if self._found or not estimator.certain:
+            self.hear(heard)
+            return self.certain()
+        return [_directed(estimator, heard, estimator.direction_of(heard))]
+
     def hear(self, heard: Observation) -> None:
         """Take the next telegram of a protocol, one way or the other."""
         name = heard.readings[0].protocol.name
@@ -61,8 +69,6 @@ class PendingItems:
     def certain(self) -> list[TrafficItem]:
         """Return the items before the first whose direction is still open, and keep the others."""
         certain: list[TrafficItem] = []
-        if not self._found:
-            return certain
         for each in self._found:
             item = each.item if isinstance(each, _Slot) else each
             if item is None:

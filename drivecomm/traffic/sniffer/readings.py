@@ -86,6 +86,12 @@ class Reader:
         """Whether what begins with this byte twice is no telegram, or one of a single character."""
         return self._codec.measure(self._text(bytes([byte, byte]), 0, 2), self.direction) <= 1
 
+    def fits(self, data: bytes) -> bool:
+        """Whether these bytes are as long as a telegram that begins like this, or none begins like this."""
+        text = self._text(data, 0, len(data))
+        needed = self._codec.measure(text, self.direction)
+        return not needed or needed == len(text) == len(data)
+
     def look(self, data: bytes, start: int, limit: int) -> Look:
         """Return what begins at `start` when nothing from `limit` on can belong to it, but more may come there."""
         end = min(limit, start + _HEAD)

@@ -72,8 +72,12 @@ class Sniffer:
         self._by_first_byte: dict[int, list[Reader]] = {}
         self._by_first_pair: dict[bytes, list[Reader]] = {}
         self._whole: dict[bytes, tuple[Reading, ...]] = {}
+        self._replies: dict[tuple[str, bytes], tuple[Reading, ...]] = {}
+        self._singles: dict[bytes, list[Reading]] = {}
+        self._goes_on: dict[bytes, bool] = {}
         self._single: dict[int, bool] = {}
         self._longest_gap_s = max((protocol.facts.gap_s for protocol in known), default=0.0)
+        self._shortest_gap_s = min((protocol.facts.gap_s for protocol in known), default=0.0)
         self._place = 0
         self._spoken_last = ""
         self._silence_s = 0.0
@@ -83,15 +87,26 @@ class Sniffer:
         if not piece.data:
             return self.flush(piece.time_s)
         self._silence_s = 0.0
-        if self._stretch.data or not (readings := self._readings_of_whole(piece.data, piece.source)):
-            self._stretch.append(piece)
-            self._search()
+        stretch = self._stretch
+        if stretch.data:
+            readings = self._readings_of_whole(piece.data, piece.source) if len(stretch.data) == 1 else ()
+            if not readings or not self._decide_single(piece):
+                stretch.append(piece)
+                self._search()
+                return self._pending.certain()
+        elif len(piece.data) == 1 and self._may_go_on(piece.data):
+            stretch.append(piece)
+            return self._pending.certain()
         else:
-            # One whole telegram and nothing else, as nearly always.
-            name, before = readings[0].protocol.name, self._spoken_last
-            self._spoken_last = name
-            self._pending.hear(Observation(readings, *self._stretch.pass_by(piece), before not in ("", name)))
-        return self._pending.certain()
+            readings = self._expected(piece) or self._readings_of_whole(piece.data, piece.source)
+            if not readings:
+                stretch.append(piece)
+                self._search()
+                return self._pending.certain()
+        # One whole telegram and nothing else, as nearly always.
+        name, before = readings[0].protocol.name, self._spoken_last
+        self._spoken_last = name
+        return self._pending.hear_alone(Observation(readings, *stretch.pass_by(piece), before not in ("", name)))
 
     def flush(self, now: float) -> list[TrafficItem]:
         """Return what is certain now that nothing has come up to this time."""
@@ -112,6 +127,69 @@ class Sniffer:
         over = self._place == len(self._stretch) and self._silence_s > self._longest_gap_s
         if over or self._place > _LONGEST_UNKNOWN:
             self._report(self._place)
+
+    def _expected(self, piece: Piece) -> Sequence[Reading]:
+        """Return a piece that is the reply to the last request and nothing else, not read as a request then."""
+        name, data = self._spoken_last, piece.data
+        if not name or piece.source == "master" or not (estimator := self._estimators[name]).awaits_any:
+            return ()
+        readings = self._replies.get((name, data))
+        if readings is None:
+            if len(self._replies) >= _MOST_KNOWN:
+                self._replies.clear()
+            readings = self._replies[name, data] = self._read_reply(name, data)
+        if not readings:
+            return ()
+        began_s, _, silence_s = self._stretch.times_of(piece)
+        return readings if estimator.expects(readings[0], began_s, silence_s) else ()
+
+    def _read_reply(self, name: str, data: bytes) -> tuple[Reading, ...]:
+        """Return a whole reply in this protocol, where its bytes are nothing else but perhaps a request as long."""
+        found: Reading | None = None
+        for reader in self._readers_for(data[0]):
+            if reader.protocol.name == name and reader.direction == "request":
+                if not reader.fits(data):
+                    return ()
+            elif type(look := reader.look(data, 0, len(data))) is Reading:
+                if found or look.end != len(data) or look.short or look.protocol.name != name:
+                    return ()
+                found = look
+        return (found,) if found and self._next_beginning(data, 1, len(data)) == len(data) else ()
+
+    def _may_go_on(self, character: bytes) -> bool:
+        """Whether more must come, or silence, before anything can be said of a single character."""
+        if character not in self._goes_on:
+            looks = [reader.look(character, 0, 1) for reader in self._readers_for(character[0])]
+            self._goes_on[character] = any(type(look) is Unfinished for look in looks)
+        return self._goes_on[character]
+
+    def _decide_single(self, piece: Piece) -> bool:
+        """Decide about a single character that a whole telegram follows; returns whether nothing is left of it."""
+        stretch = self._stretch
+        silence_s = stretch.times_of(piece)[2]
+        if self._place or silence_s > self._shortest_gap_s:
+            return False
+        readings = self._single_before(stretch.data, piece.data)
+        if not readings or not self._may_be_sent(readings[0]):
+            return False
+        usual = self._estimators[readings[0].protocol.name].parity
+        if usual not in (None, readings[0].parity):
+            return False
+        return self._conclude(readings, self._due(readings[0]))
+
+    def _single_before(self, character: bytes, data: bytes) -> list[Reading]:
+        """Return the one way to read a single character before this telegram; nothing where there are others."""
+        both = character + data
+        readings = self._singles.get(both)
+        if readings is None:
+            looks = [reader.look(both, 0, len(both)) for reader in self._readers_for(both[0])]
+            readings = [look for look in looks if type(look) is Reading]
+            if len(readings) != 1 or readings[0].end != 1 or any(type(look) is Unfinished for look in looks):
+                readings = []
+            if len(self._singles) >= _MOST_KNOWN:
+                self._singles.clear()
+            self._singles[both] = readings
+        return readings
 
     def _readings_of_whole(self, data: bytes, source: Source) -> Sequence[Reading]:
         """Return the ways to read a piece that is one telegram of one protocol for certain, none for any other."""
@@ -164,12 +242,7 @@ class Sniffer:
     def _step(self) -> bool:
         """Decide about one place; returns whether it could be decided."""
         place, stretch = self._place, self._stretch
-        if not place:
-            source = None if self._silence_s else stretch.source_of_only_piece
-            if source is not None and (whole := self._readings_of_whole(stretch.data, source)):
-                self._take(whole)
-                return True
-        elif stretch.silence_before(place) > self._longest_gap_s:
+        if place and stretch.silence_before(place) > self._longest_gap_s:
             self._report(place)
             return True
         if not self._readers_for(stretch.data[place]):
@@ -186,16 +259,23 @@ class Sniffer:
         elif readings and place and stretch.silence_before(place) > stretch.quiet_s(place):
             # What is before it may be the damaged request that it answers.
             self._report(place)
-        elif readings and (belief := self._belief(readings[0])) != "no":
-            if belief == "wait":
+        elif readings:
+            if (belief := self._belief(readings[0])) == "wait":
                 return False
-            if belief == "perhaps":
-                self._take_as_ambiguous(readings)
-            else:
-                self._take(readings)
+            self._conclude(readings, belief)
         else:
             self._place += 1
         return True
+
+    def _conclude(self, readings: list[Reading], belief: Belief) -> bool:
+        """Take a telegram of a few characters as far as it is one; returns whether it is gone."""
+        if belief == "no":
+            self._place += 1
+        elif belief == "perhaps":
+            self._take_as_ambiguous(readings)
+        else:
+            self._take(readings)
+        return belief != "no"
 
     def _readers_for(self, byte: int) -> list[Reader]:
         """Return those for whom a telegram can begin with this byte."""
@@ -304,16 +384,19 @@ class Sniffer:
 
     def _belief(self, reading: Reading) -> Belief:
         """Return whether a telegram of a few characters is one."""
-        stretch, start, end = self._stretch, reading.start, reading.end
-        if start:
+        if reading.start:
             return "no"
-        alone = self._stands_alone(end)
+        alone = self._stands_alone(reading.end)
         if alone != "yes":
             # Of a request that was damaged after its first character, that one is left over.
             return alone
+        return self._due(reading)
+
+    def _due(self, reading: Reading) -> Belief:
+        """Return whether a telegram of a few characters that stands alone is due."""
         estimator = self._estimators[reading.protocol.name]
         if reading.direction == "reply":
-            return "yes" if estimator.may_come(reading, stretch.began_s(start)) else "no"
+            return "yes" if estimator.may_come(reading, self._stretch.began_s(reading.start)) else "no"
         belief: Belief = "yes" if estimator.closes_often else "perhaps" if estimator.spoken else "no"
         estimator.close()
         return belief

@@ -65,12 +65,17 @@ class Stretch:
 
     def pass_by(self, piece: Piece) -> tuple[float, float, float]:
         """Take a piece and forget it, where nothing is kept; return when it began and ended, and the silence before."""
+        times = self.times_of(piece)
+        self._dropped += len(piece.data)
+        self._last_s = max(self._last_s, piece.time_s)
+        return times
+
+    def times_of(self, piece: Piece) -> tuple[float, float, float]:
+        """Return when a piece that comes next begins and ends, and the silence before."""
         character_s = self._character_s_of(piece)
         time_s, length = piece.time_s, len(piece.data)
         silence_s = time_s - length * character_s - self._last_s
-        self._dropped += length
-        self._last_s = max(self._last_s, time_s)
-        return time_s - (length - 1) * character_s - character_s, time_s, max(0.0, silence_s)
+        return time_s - (length - 1) * character_s - character_s, time_s, silence_s if silence_s > 0 else 0.0
 
     def drop(self, number: int) -> None:
         """Forget the first bytes."""
@@ -121,11 +126,6 @@ class Stretch:
         """Return when this byte began."""
         part = self._part(place)
         return part.end_of(self._dropped + place) - part.character_s
-
-    @property
-    def source_of_only_piece(self) -> Source | None:
-        """Who sent all of it, where it is one piece to its end; None for several."""
-        return self._parts[0].source if len(self._parts) == 1 and self._starts[0] == self._dropped else None
 
     def source_of(self, start: int, end: int) -> Source | None:
         """Return who sent these bytes; None when it was more than one."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from drivecomm.traffic.sniffer.directions import is_broadcast
 
@@ -19,8 +19,7 @@ EVERYBODY = "all"
 """Stands in place of the address in a broadcast."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeardTelegram:
+class HeardTelegram(NamedTuple):
     """A sound telegram.
 
     time_s: when its last character was there; began_s: when its first one began, as far as the pieces tell. drive: who
@@ -97,18 +96,18 @@ def ambiguous_of(heard: Observation) -> AmbiguousTelegram:
 
 def telegram_of(reading: Reading, heard: Observation) -> HeardTelegram:
     """Return the item for what was read so."""
-    protocol, message = reading.protocol, reading.message
-    named = getattr(message, "address", None) is not None
+    protocol, message, data, direction = reading.protocol, reading.message, reading.data, reading.direction
+    drive = drive_named_in(protocol, message)
     return HeardTelegram(
-        time_s=heard.ended_s,
-        began_s=heard.began_s,
-        protocol=protocol.name,
-        direction=reading.direction,
-        drive=drive_named_in(protocol, message),
-        data=reading.data,
-        message=message,
-        expects_reply=reading.direction == "request" and named and not is_broadcast(protocol, message),
-        guarded=not reading.short and not protocol.blind_spots(reading.data, reading.direction),
+        heard.ended_s,
+        heard.began_s,
+        protocol.name,
+        direction,
+        drive,
+        data,
+        message,
+        expects_reply=direction == "request" and ":" in drive and not drive.endswith(f":{EVERYBODY}"),
+        guarded=not reading.short and not protocol.blind_spots(data, direction),
     )
 
 

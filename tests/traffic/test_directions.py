@@ -1,0 +1,47 @@
+"""What the bytes of a telegram, and its time, say about who sent it."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from drivecomm.traffic.sniffer.directions import DirectionEstimator, Observation
+from drivecomm.traffic.sniffer.readings import Reading
+
+TIMEOUT_S = 0.1
+TIMING = SimpleNamespace(reply_timeout_s=TIMEOUT_S, late_s=0.25)
+DRIVE = SimpleNamespace(address=1)
+PROTOCOL = SimpleNamespace(facts=SimpleNamespace(timing=TIMING), mismatch=lambda *_: "", broadcast_address=None)
+
+
+def either(data):
+    """A telegram that could be a request as well as a reply."""
+    return [Reading(0, len(data), PROTOCOL, direction, data, DRIVE) for direction in ("request", "reply")]
+
+
+def heard(data, began_s, silence_s):
+    return Observation(either(data), began_s, began_s + 0.02, silence_s)
+
+
+def after(exchanges):
+    """The estimator after these exchanges, one second each, and the time."""
+    estimator = DirectionEstimator(PROTOCOL)
+    for number, (asked, answered) in enumerate(exchanges):
+        request, reply = either(asked)[0], either(answered)[1]
+        estimator.take(request, number, number + 0.02)
+        estimator.take(reply, number + 0.03, number + 0.05)
+    return estimator, len(exchanges)
+
+
+@pytest.mark.parametrize(("again", "direction"), [(b"ab00", "request"), (b"ad00", "reply")])
+def test_what_may_be_late_and_was_heard_before_goes_the_same_way_again(again, direction):
+    estimator, now = after([(b"ab00", b"ad00"), (b"cd00", b"cb00")])
+    estimator.take(either(b"cd00")[0], now, now + 0.02)
+    late_s = now + 0.02 + 5 * TIMEOUT_S
+    assert estimator.direction_of(heard(again, late_s, late_s - now - 0.02)) == direction
+
+
+@pytest.mark.parametrize(("data", "direction"), [(b"QQQ9_", "request"), (b"PPP9_", "reply")])
+def test_what_comes_when_a_reply_is_due_is_one_unless_it_is_like_the_requests(data, direction):
+    estimator, now = after([(b"QQQ%d_" % number, b"PPP%d_" % number) for number in range(6)])
+    estimator.take(either(b"QQQ0_")[0], now, now + 0.02)
+    assert estimator.direction_of(heard(data, now + 0.03, 0.01)) == direction
