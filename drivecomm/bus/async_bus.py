@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from bisect import insort
+from functools import partial
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar, Unpack
 
 from drivecomm.bus.faces import Awaited
@@ -106,7 +107,7 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         try:
             runner = self._runner or await self._opened()
             try:
-                return self._timed(await runner.run(self._begin(job, deadline), self._lock.stop_waits))
+                return self._timed(await runner.run(partial(self._begin, job, deadline), self._lock.stop_waits))
             except LinkDownError:
                 self._let_go()
                 raise

@@ -12,7 +12,7 @@ from drivecomm.bus.procedures import carry_out, reaching
 from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
 from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError
-from drivecomm.transport import run
+from drivecomm.transport import run_steps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator
@@ -127,7 +127,7 @@ class Bus(SharedBus[Drive, Broadcast]):
                     self._wait_for(turn, peer.facts.timing.deadline_s, peer.name)
                 port = self._port or self._opened()
                 try:
-                    return self._timed(run(self._begin(job, deadline), port, self._lock.stop_waits))
+                    return self._timed(run_steps(self._begin(job, deadline, port.now()), port, self._lock.stop_waits))
                 except LinkDownError:
                     self._lost(port)
                     raise

@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 class BusParts:
     """What carries out a job on a bus.
 
-    called: takes note that a job is called for, and returns its deadline. begin: returns its steps. timed: gives a
-    reading its time. port: what is open now. opened: opens the port if it was lost, which may take its time. lost:
-    closes it.
+    called: takes note that a job is called for, and returns its deadline. begin: returns its steps, given the deadline
+    and the time. timed: gives a reading its time. port: what is open now. opened: opens the port if it was lost, which
+    may take its time. lost: closes it.
     """
 
     lock: PriorityLock
     called: Callable[[Job[Any]], float]
-    begin: Callable[[Job[Any], float], Callable[[float], Steps[Any]]]
+    begin: Callable[[Job[Any], float, float], Steps[Any]]
     timed: Callable[[Any], Any]
     port: Callable[[], Port | None]
     opened: Callable[[], Port]
@@ -66,8 +66,7 @@ class EngineLine:
             return
         if self._has_turn and self._runner is not None:
             # Nobody else can have opened or lost the port meanwhile.
-            steps = self._parts.begin(job, self._deadline)(self._now())
-            self._runner.begin(steps, self._lock.stop_waits)
+            self._runner.begin(self._parts.begin(job, self._deadline, self._now()), self._lock.stop_waits)
         elif self._has_turn or self._ask(job.rank):
             self._begin()
 
@@ -135,7 +134,8 @@ class EngineLine:
                 if self._watched is None:
                     self._engine.watch(port.descriptor, runner.readable)
                     self._watched = port.descriptor
-                runner.begin(self._parts.begin(job, self._deadline)(self._now()), self._lock.stop_waits)
+                runner.turn_came()
+                runner.begin(self._parts.begin(job, self._deadline, self._now()), self._lock.stop_waits)
 
     def _open(self) -> None:
         """Open the port again, in a thread of its own."""
@@ -183,7 +183,7 @@ class EngineLine:
         if error is None:
             result = self._parts.timed(result)
         self._job = None
-        if self._lock.wanted:
+        if self._lock.waiting:
             self.rest()
         self._ended(result, error)
 

@@ -47,12 +47,13 @@ class Exchanges:
 
     def to_read(self, parameter: str, options: Mapping[str, Any]) -> Exchange[Reading]:
         """Read a parameter, by its address, its name in the model or a common name."""
-        self._must_name(parameter)
+        if type(parameter) is not str or len(parameter) > _LONGEST_NAME:
+            self._must_name(parameter)
         common = None if self._model is None else self._common_name(parameter)
         if common is not None:
             return _told(bound(self.operations.read, common.address, **options), common)
         try:
-            return bound(self.operations.read, parameter, **options)
+            return bound(self.operations.read, parameter, **options) if options else self.operations.read(parameter)
         except ParameterAddressError as error:
             raise self._unknown(parameter, error) from error
 

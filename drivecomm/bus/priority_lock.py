@@ -72,7 +72,8 @@ class PriorityLock:
     def __init__(self) -> None:
         self._guard = Lock()
         self._owner: Turn | None = None
-        self._waiting: list[Turn] = []
+        self.waiting: list[Turn] = []
+        """Who waits, in no order; for others to look whether it is empty."""
         self._order = 0
 
     def take(self, turn: Turn, seconds: float) -> bool:
@@ -94,13 +95,13 @@ class PriorityLock:
         """Return True if a turn that is held already has come at once; it waits otherwise, until it is called."""
         with self._guard:
             owner = self._owner
-            if not self._waiting and (owner is None or not owner.held.locked()):
+            if not self.waiting and (owner is None or not owner.held.locked()):
                 self._owner = turn
                 return True
             self._order += 1
             turn.order = self._order
             turn.called.acquire()
-            self._waiting.append(turn)
+            self.waiting.append(turn)
         if turn.rank is Rank.STOP and owner is not None:
             owner.overtaken()
         return False
@@ -114,23 +115,18 @@ class PriorityLock:
     def leave(self, turn: Turn) -> bool:
         """Wait no more; returns False when the turn has come meanwhile."""
         with self._guard:
-            self._waiting = [waiting for waiting in self._waiting if waiting is not turn]
+            self.waiting = [waiting for waiting in self.waiting if waiting is not turn]
             return self._owner is not turn
 
     def hand_on(self) -> None:
         """Call the next one, after a turn is over."""
-        if self._waiting:
+        if self.waiting:
             with self._guard:
                 self._call_next()
 
     def stop_waits(self) -> bool:
         """Whether somebody waits who wants to stop something."""
-        return bool(self._waiting) and any(turn.rank is Rank.STOP and turn.held.locked() for turn in self._waiting)
-
-    @property
-    def wanted(self) -> bool:
-        """Whether somebody waits."""
-        return bool(self._waiting)
+        return bool(self.waiting) and any(turn.rank is Rank.STOP and turn.held.locked() for turn in self.waiting)
 
     def is_mine(self) -> bool:
         """Whether this thread has its turn."""
@@ -144,13 +140,13 @@ class PriorityLock:
         # Each step is whole in itself, so that whoever is interrupted between two of them loses nothing.
         if self._is_taken():
             return
-        alive = [turn for turn in self._waiting if turn.held.locked() and turn is not self._owner]
+        alive = [turn for turn in self.waiting if turn.held.locked() and turn is not self._owner]
         if not alive:
-            self._owner, self._waiting = None, alive
+            self._owner, self.waiting = None, alive
             return
         first = min(alive, key=lambda turn: (turn.rank, turn.order))
         self._owner = first
-        self._waiting = [turn for turn in alive if turn is not first]
+        self.waiting = [turn for turn in alive if turn is not first]
         if first.called.locked():
             first.called.release()
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from drivecomm.bus.priority_lock import Rank
@@ -146,14 +145,14 @@ class SharedBus(Generic[D, E]):
             self._roster.commands.stop_called(job.peer.name)
         return deadline
 
-    def _begin(self, job: Job[T], deadline: float) -> Callable[[float], Steps[T]]:
-        """Return what begins to carry out a job on the link, once it is told the time."""
+    def _begin(self, job: Job[T], deadline: float, now: float) -> Steps[T]:
+        """Return the steps that carry out a job on the link, beginning now."""
         link = self._roster.link
         if job.rank is Rank.STOP:
-            return partial(link.stop, job.peer, self._roster.stopping(job.peer, job.exchange), deadline=deadline)
+            return link.stop(job.peer, self._roster.stopping(job.peer, job.exchange), now, deadline=deadline)
         if job.insists:
-            return partial(link.insist, job.peer, job.exchange, deadline=deadline)
-        return partial(link.run, job.peer, job.exchange, deadline=deadline, command=job.command)
+            return link.insist(job.peer, job.exchange, now, deadline=deadline)
+        return link.run(job.peer, job.exchange, now, deadline=deadline, command=job.command)
 
     def _timed(self, result: T) -> T:
         """Return what a job has resulted in; a reading gets its time."""

@@ -251,8 +251,10 @@ def _result(entry: _Entry[D], now: float, outcome: Reading | DriveCommError, tim
     item, due_s, asked_s = entry.item, entry.due_s, entry.asked_s
     drive, late_s, took_s = item.name or item.drive.name, max(0.0, asked_s - due_s), now - asked_s
     if not isinstance(outcome, DriveCommError):
-        return PollResult(
-            item, drive, item.parameter, outcome, "", None, outcome.time_s, due_s, late_s, took_s, entry.missed
+        # A NamedTuple's own constructor is a function of Python's.
+        return tuple.__new__(
+            PollResult,
+            (item, drive, item.parameter, outcome, "", None, outcome.time_s, due_s, late_s, took_s, entry.missed),
         )
     cause = " ".join(str(outcome).split())
     good = entry.good if entry.good is not None and now - entry.good_s <= item.keeps_s else None

@@ -6,7 +6,7 @@ from .async_runner import (
     VirtualTimeRunner as VirtualTimeRunner,
     runner_for as runner_for,
 )
-from .blocking_runner import run as run
+from .blocking_runner import run as run, run_steps as run_steps
 from .channel import ChannelGoneError as ChannelGoneError, SettingsRefusedError as SettingsRefusedError
 from .engine import Engine as Engine
 from .holders import Holder as Holder, holder_of_port as holder_of_port, server_of_terminal as server_of_terminal

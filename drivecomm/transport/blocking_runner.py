@@ -30,7 +30,11 @@ def run(begin: Callable[[float], Steps[T]], port: Port, stop_waits: Callable[[],
     begin: returns the steps, given the time. stop_waits: tells whether a stop waits for the line; waiting that gives
     way then ends early. An exception of the port, or Ctrl-C, closes the steps and passes through.
     """
-    steps = begin(port.now())
+    return run_steps(begin(port.now()), port, stop_waits)
+
+
+def run_steps(steps: Steps[T], port: Port, stop_waits: Callable[[], bool]) -> T:
+    """Run steps that have just begun, as `run` does."""
     go_on = steps.send
     # Where time does not pass by itself, nobody can come meanwhile.
     looks = port.real_time

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
     from drivecomm.link import Effect, Port, Steps
 
+# A NamedTuple's own constructor is a function of Python's.
+_new = tuple.__new__
+
 # Less than it costs to go to sleep and be woken.
 _NOT_WORTH_SLEEPING_S = 0.00003
 # More than a line can leave behind between two exchanges; who talks without end is not kept.
@@ -46,10 +49,16 @@ class LineRunner:
         self._lost = lost
         self._steps: Steps[Any] | None = None
         self._stop_waits: Callable[[], bool] = _never
+        self._held = 0
+        """What the port holds back, 0 when somebody else may have changed that."""
         self._waiting: Receive | Talk | Wait | None = None
         self._paused: Talk | None = None
         """What is sent when a pause is over."""
         self._inbox = b""
+
+    def turn_came(self) -> None:
+        """Take note that others may have used the port."""
+        self._held = 0
 
     def begin(self, steps: Steps[Any], stop_waits: Callable[[], bool]) -> None:
         """Begin to carry out the steps of a link. stop_waits: tells whether a stop waits for the line."""
@@ -79,7 +88,7 @@ class LineRunner:
         waiting = self._waiting
         if waiting is not None and not isinstance(waiting, Wait) and len(data) >= waiting.at_least:
             self._inbox = b""
-            self._go_on(Arrival(self._now(), data))
+            self._go_on(_new(Arrival, (self._now(), data, "")))
         else:
             self._inbox = data[-_MOST_UNASKED:]
 
@@ -133,9 +142,11 @@ class LineRunner:
                         effect.begun = now()
                         port.write(effect.data)
                         if effect.at_least:
-                            port.hold_back(effect.at_least)
+                            if effect.at_least != self._held:
+                                self._held = effect.at_least
+                                port.hold_back(effect.at_least)
                             self._waiting = effect
-                            self._wake_at(effect.until)
+                            self._wake_at(min(effect.begun + effect.wire_s + effect.reply_s, effect.deadline))
                             return
                     arrival = self._arrival()
                 elif isinstance(effect, Receive):
@@ -144,13 +155,15 @@ class LineRunner:
                         # Mostly there is nothing, and `read` finds that out without an exception.
                         self._inbox += port.read(until, 1)
                     elif len(self._inbox) < at_least and not (gives_way and self._stop_waits()):
-                        port.hold_back(at_least - len(self._inbox))
+                        self._held = at_least - len(self._inbox)
+                        port.hold_back(self._held)
                         self._waiting = effect
                         self._wake_at(until)
                         return
                     arrival = self._arrival()
                 elif not isinstance(effect, Wait):
                     arrival = carry_out(effect, port)
+                    self._held = 0
                 else:
                     until = effect.until
                     if not (effect.gives_way and self._stop_waits()):
@@ -178,7 +191,7 @@ class LineRunner:
 
     def _arrival(self) -> Arrival:
         data, self._inbox = self._inbox, b""
-        return Arrival(self._now(), data)
+        return _new(Arrival, (self._now(), data, ""))
 
 
 def _never() -> bool:

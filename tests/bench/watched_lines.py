@@ -34,10 +34,10 @@ class EventLoop:
             self._watched, self._times.append, self._times.append, lambda *came: self._results.append(came), print
         )
 
-    def run(self, begin, stop_waits):
+    def run(self, steps, stop_waits):
         self._results.clear()
         self._times.clear()
-        self._runner.begin(begin(self._port.now()), stop_waits)
+        self._runner.begin(steps, stop_waits)
         while not self._results:
             until = min(self._times)
             self._watched.came += self._port.read(until, 1)
@@ -57,9 +57,9 @@ def on_event_loops():
     """Return what runs the steps of a link on virtual ports, each with an event loop of its own."""
     loops = {}
 
-    def run(begin, port, stop_waits=lambda: False):
+    def run(steps, port, stop_waits):
         if port not in loops:
             loops[port] = EventLoop(port)
-        return loops[port].run(begin, stop_waits)
+        return loops[port].run(steps, stop_waits)
 
     return run

@@ -116,7 +116,7 @@ class Crowd:
 
     def join(self, name, rank, seconds=10.0):
         """Let one more wait, and see that it does."""
-        waiting = len(self.turns._waiting)
+        waiting = len(self.turns.waiting)
 
         def wait():
             if turn := take(self.turns, rank, seconds):
@@ -128,7 +128,7 @@ class Crowd:
         thread = threading.Thread(target=wait)
         thread.start()
         self.threads.append(thread)
-        wait_for(lambda: len(self.turns._waiting) > waiting)
+        wait_for(lambda: len(self.turns.waiting) > waiting)
 
     def leave(self):
         for thread in self.threads:
@@ -373,11 +373,11 @@ class TestBus:
                     call()
                     done.append(name)
 
-                waiting = len(bus._lock._waiting)
+                waiting = len(bus._lock.waiting)
                 threads.append(threading.Thread(target=work))
                 threads[-1].start()
-                wait_for(lambda waiting=waiting: len(bus._lock._waiting) > waiting)
-            queue = sorted(bus._lock._waiting, key=lambda turn: (turn.rank, turn.order))
+                wait_for(lambda waiting=waiting: len(bus._lock.waiting) > waiting)
+            queue = sorted(bus._lock.waiting, key=lambda turn: (turn.rank, turn.order))
             leave.set()
             for thread in threads:
                 thread.join(10)
@@ -402,10 +402,10 @@ class TestBus:
             threads[0].start()
             assert entered.wait(10)
             for call in (lambda: drive.read("481"), bus.broadcast("vabus").stop):
-                waiting = len(bus._lock._waiting)
+                waiting = len(bus._lock.waiting)
                 threads.append(threading.Thread(target=call))
                 threads[-1].start()
-                wait_for(lambda waiting=waiting: len(bus._lock._waiting) > waiting)
+                wait_for(lambda waiting=waiting: len(bus._lock.waiting) > waiting)
             leave.set()
             for thread in threads:
                 thread.join(10)
