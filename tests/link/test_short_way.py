@@ -156,8 +156,8 @@ def model_of(protocol):
     return load_model(plugin.package, protocol, plugin.default_model)
 
 
-def outcomes(protocol, course, trace):
-    """Yield what each call came to, and how everything stands after it."""
+def outcomes(protocol, course, trace, port_calls):
+    """Yield what each call came to, and how everything stands after it. port_calls: gets the names of the port's."""
     faster = {"baudrate": 38400} if course.other_settings else {}
     virtual = [
         virtual_drive(protocol, 1, model=model_of(protocol)),
@@ -166,6 +166,7 @@ def outcomes(protocol, course, trace):
     line = VirtualLine(virtual, echo=course.echo, paced=course.paced)
     line.disturbances.append(Mishaps(course.requests, course.replies))
     port = WatchedPort(line.port(), line, real_time=course.real_time)
+    port.calls = port_calls
     with drivecomm.open_bus(lambda: port, trace=trace, **dict(course.facts)) as bus:
 
         def stop_waits():
@@ -255,8 +256,12 @@ COURSES = st.builds(
 
 
 def assert_same(protocol, course):
-    short, long = outcomes(protocol, course, None), outcomes(protocol, course, lambda _: None)
-    for one, other in zip(short, long, strict=True):
+    calls = [], []
+    short, long = outcomes(protocol, course, None, calls[0]), outcomes(protocol, course, lambda _: None, calls[1])
+    for one, other in zip(short, long, strict=course.interrupted is None):
+        if "interrupted" in (one[0], other[0]) and calls[0] != calls[1]:
+            # One way looked at the port once more before, so Ctrl-C at a call with this number is not the same.
+            return
         assert one == other
 
 
