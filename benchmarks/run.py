@@ -45,6 +45,7 @@ MEASUREMENTS = (
     "efficiency",
     "processor_time",
     "tuned_drives",
+    "listening",
     "neighbour",
     "dead_drives",
     "scan_time",
