@@ -6,7 +6,7 @@ import json
 import subprocess
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar
 
 from cores import on_emulator_core
 
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
-    from clients import PythonMaster
-
 T = TypeVar("T")
 
 MOST_LATE_US = 100.0
@@ -24,6 +22,13 @@ MOST_LATE_US = 100.0
 
 MOST_OTHERS = 0.3
 """And one during which other programs took so large a part of one core."""
+
+
+class Master(Protocol):
+    """What is at work on the lines."""
+
+    def others_s(self) -> float:
+        """Return the processor time that others than the measurement have taken so far."""
 
 
 class MeasurementError(Exception):
@@ -143,7 +148,7 @@ class Instrument:
     """
 
     program: Path
-    master: PythonMaster
+    master: Master
     tries: int
     spare_s: float
     late_us: list[tuple[float, float]] = field(default_factory=list)
