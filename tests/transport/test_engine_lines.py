@@ -139,11 +139,12 @@ def test_others_need_not_wait_for_a_line_on_which_nothing_is_due(tmp_path):
 
 
 def test_a_plan_that_is_given_up_ends_at_once(tmp_path):
-    with lines(tmp_path, 2) as (_, buses):
+    with lines(tmp_path, 2, reply_timeout_s=0.2) as (_, buses):
         results = drivecomm.poll(items(buses, period_s=60))
         next(results)
         next(results)
-        time.sleep(0.05)
+        # Until nothing but this can wake who serves the lines.
+        time.sleep(0.5)
         began = time.monotonic()
         results.close()
         assert time.monotonic() - began < 2.0
