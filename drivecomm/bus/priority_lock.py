@@ -76,10 +76,6 @@ class PriorityLock:
         """Who waits, in no order; for others to look whether it is empty."""
         self._order = 0
 
-    def take(self, turn: Turn, seconds: float) -> bool:
-        """Have a turn that is held already; returns False when it has not come within this time."""
-        return self.ask(turn) or self.wait(turn, seconds)
-
     def wait(self, turn: Turn, seconds: float) -> bool:
         """Wait for a turn that was asked for; returns False when it has not come within this time."""
         until = time.monotonic() + seconds

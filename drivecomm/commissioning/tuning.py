@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.bus import Job, carry_out, carry_out_async
 from drivecomm.errors import DriveError, NotSupported, ReplyError, UsageError
 from drivecomm.link import ReplyTimes
-from drivecomm.protocol import Pause
+from drivecomm.protocol import Pause, with_each_command
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from drivecomm.bus import AsyncDrive, Drive, Procedure
     from drivecomm.link import Peer, Statistics
-    from drivecomm.protocol import Codec, Exchange, LineFacts, Message
+    from drivecomm.protocol import Ask, Codec, Exchange, LineFacts, Message, Tell
 
 EXCHANGES = 300
 """How many exchanges the result has to hold for, unless told."""
@@ -313,19 +313,13 @@ def _ask(peer: Peer, probe: Callable[[], Exchange[None]], lengths: _Lengths, dri
 
 def _measured(exchange: Exchange[None], codec: Codec, lengths: _Lengths) -> Exchange[None]:
     """Carry out an exchange, and take down how long its telegrams are."""
-    reply: Message | None = None
-    error: ReplyError | None = None
-    while True:
-        try:
-            command = exchange.send(reply) if error is None else exchange.throw(error)
-        except StopIteration:
-            return
-        reply = error = None
+
+    def sent(command: Ask | Tell | Pause) -> Ask | Tell | Pause:
         lengths.sent += 0 if isinstance(command, Pause) else len(codec.encode(command.message))
-        try:
-            reply = yield command
-        except ReplyError as failure:
-            error = failure
-        if reply is not None:
-            lengths.received += len(codec.encode(reply))
-            lengths.replies += 1
+        return command
+
+    def heard(reply: Message) -> None:
+        lengths.received += len(codec.encode(reply))
+        lengths.replies += 1
+
+    return with_each_command(exchange, sent, heard)

@@ -91,8 +91,13 @@ def answered(exchange: Exchange[T], answer: Callable[[Ask | Tell], Message | Non
         exchange.close()
 
 
-def with_each_command(exchange: Exchange[T], change: Callable[[Command], Command]) -> Exchange[T]:
-    """Carry out an exchange with what a function makes of each of its commands; what it raises ends the exchange."""
+def with_each_command(
+    exchange: Exchange[T], change: Callable[[Command], Command], heard: Callable[[Message], None] | None = None
+) -> Exchange[T]:
+    """Carry out an exchange with what a function makes of each of its commands; what it raises ends the exchange.
+
+    heard: told each reply.
+    """
     try:
         command = next(exchange)
         while True:
@@ -102,6 +107,8 @@ def with_each_command(exchange: Exchange[T], change: Callable[[Command], Command
             except ReplyError as error:
                 command = exchange.throw(error)
             else:
+                if heard is not None and reply is not None:
+                    heard(reply)
                 command = exchange.send(reply)
     except StopIteration as end:
         result: T = end.value

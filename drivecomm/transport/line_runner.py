@@ -79,13 +79,9 @@ class LineRunner:
 
     def readable(self) -> None:
         """Take what has come."""
-        try:
-            data = self._inbox + self._port.take()
-        except LinkDownError as error:
-            self._lost(error)
-            self._end(None, error)
+        data, waiting = self._taken(), self._waiting
+        if data is None:
             return
-        waiting = self._waiting
         if waiting is not None and not isinstance(waiting, Wait) and len(data) >= waiting.at_least:
             self._inbox = b""
             self._go_on(_new(Arrival, (self._now(), data, "")))
@@ -102,14 +98,12 @@ class LineRunner:
             if now < until:
                 self._wake_at(until)
                 return
-            try:
-                # What is there may be less than was waited for.
-                self._inbox += self._port.take()
-            except LinkDownError as error:
-                self._lost(error)
-                self._end(None, error)
+            # What is there may be less than was waited for.
+            data = self._taken()
+            if data is None:
                 return
-            self._go_on(self._arrival())
+            self._inbox = b""
+            self._go_on(_new(Arrival, (self._now(), data, "")))
         elif until - now > _NOT_WORTH_SLEEPING_S:
             self._wake_precisely(until)
         else:
@@ -188,6 +182,15 @@ class LineRunner:
             if error is not None:
                 steps.close()
             self._ended(result, error)
+
+    def _taken(self) -> bytes | None:
+        """Return what has come with what was there before; None for a port that is lost, which ends the exchange."""
+        try:
+            return self._inbox + self._port.take()
+        except LinkDownError as error:
+            self._lost(error)
+            self._end(None, error)
+            return None
 
     def _arrival(self) -> Arrival:
         data, self._inbox = self._inbox, b""

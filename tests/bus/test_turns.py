@@ -91,11 +91,16 @@ class Interrupted:
             raise KeyboardInterrupt
 
 
+def has_turn(turns, turn, seconds):
+    """Ask for a turn that is held and wait for it, as a bus does; returns whether it came in time."""
+    return turns.ask(turn) or turns.wait(turn, seconds)
+
+
 def take(turns, rank, seconds=0.0):
     """Take a turn as a bus does; returns it, None when it has not come in time."""
     turn = Turn(rank)
     turn.held.acquire()
-    if turns.take(turn, seconds):
+    if has_turn(turns, turn, seconds):
         return turn
     turn.held.release()
     return None
@@ -222,7 +227,7 @@ class TestThreads:
         turn, gone = take(crowd.turns, Rank.READ), Turn(Rank.STOP)
         gone.called = Interrupted()
         with pytest.raises(KeyboardInterrupt), gone.held:
-            crowd.turns.take(gone, 10.0)
+            has_turn(crowd.turns, gone, 10.0)
         assert not crowd.turns.stop_waits()
         crowd.join("next", Rank.READ)
         give_back(crowd.turns, turn)
