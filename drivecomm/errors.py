@@ -9,10 +9,13 @@ DriveCommError                      exit code 1
 │   ├── ValueRefusedError           six digits for a telegram with room for five
 │   ├── NotSupported                DC brake on a drive that has none
 │   ├── ReadOnlyError               writing to a drive that the plant does not arm
+│   ├── NotAllowedError             a user without the right to command asks a server for a start
+│   ├── LeaseError                  somebody else commands the drive now
 │   └── FileFormatError             a vector or model file with a missing key
 ├── LinkError                   3   the line or its port
 │   ├── PortError                   the port does not exist or is in use
-│   └── LinkDownError               the adapter was unplugged, the serial server hung up
+│   ├── LinkDownError               the adapter was unplugged, the serial server hung up
+│   └── ServerLostError             the server that owns the lines has gone, or does not answer
 ├── ReplyError                  4   the reply is missing or damaged
 │   ├── NoReplyError                nothing came in time (also a TimeoutError)
 │   │   └── NotAnsweringError       it has not answered for some time, and is not asked now
@@ -92,6 +95,14 @@ class ReadOnlyError(UsageError):
     """The drive may be asked and stopped from here, and neither written nor commanded."""
 
 
+class NotAllowedError(UsageError):
+    """Whoever asks has no right to this, or is not known."""
+
+
+class LeaseError(UsageError):
+    """Somebody else commands the drive now, or the lease under which it was to be commanded is over."""
+
+
 class FileFormatError(UsageError):
     """A file (vectors, model, values) does not have the form that its reader expects."""
 
@@ -108,6 +119,10 @@ class PortError(LinkError):
 
 class LinkDownError(LinkError):
     """The port worked and has gone; it is opened again by the next exchange."""
+
+
+class ServerLostError(LinkError):
+    """The server that owns the lines has gone, or does not answer; what it was asked to do may have been done."""
 
 
 class ReplyError(DriveCommError):

@@ -3,6 +3,7 @@ from .board import (
     Board as Board,
     DriveEvent as DriveEvent,
     DriveView as DriveView,
+    Reachability as Reachability,
     Trend as Trend,
     WatchedValue as WatchedValue,
     state_words as state_words,

@@ -1,0 +1,141 @@
+"""What goes between a server and its clients, as JSON: exact decimals are numbers with all their digits.
+
+Readings, statuses and errors have one form each, which both sides use; it is the public one of the server's API.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from decimal import Decimal
+from enum import Enum
+from functools import cache
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from drivecomm import errors
+from drivecomm.errors import DriveCommError, RefusedError, TelegramError
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import DriveStatus, Reading
+
+Json: TypeAlias = "dict[str, Any] | list[Any] | str | int | float | Decimal | bool | None"
+
+
+def json_text(content: Any) -> str:
+    """Return JSON for what `plain` gives, with decimals as numbers that keep their digits: 10.00 stays 10.00."""
+    if isinstance(content, str):
+        return json.dumps(content)
+    if isinstance(content, Decimal):
+        # "1E+3" is JSON, too; what is no number has no other form than its name.
+        return str(content) if content.is_finite() else f'"{content}"'
+    if isinstance(content, dict):
+        return "{" + ",".join(f"{json.dumps(str(key))}:{json_text(each)}" for key, each in content.items()) + "}"
+    if isinstance(content, list | tuple):
+        return "[" + ",".join(map(json_text, content)) + "]"
+    return json.dumps(content, allow_nan=False)
+
+
+def parsed(text: str | bytes) -> Any:
+    """Return the content of JSON; numbers with a point or an exponent are exact decimals. Raises ValueError."""
+    return json.loads(text, parse_float=Decimal)
+
+
+def plain(value: Any) -> Any:
+    """Return a value in the types of JSON and exact decimals: dataclasses by their fields, bytes as hexadecimal."""
+    if value is None or (isinstance(value, str | int | float | Decimal) and not isinstance(value, Enum)):
+        return value
+    if type(value).__name__ == "Reading":
+        return {**{field.name: getattr(value, field.name) for field in dataclasses.fields(value)},
+                "quality": value.quality}  # fmt: skip
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, bytes):
+        return value.hex(" ").upper()
+    if isinstance(value, Mapping):
+        return {str(key): plain(each) for key, each in value.items()}
+    if isinstance(value, set | frozenset):
+        return sorted(map(plain, value))
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    return str(value)
+
+
+def reading_of(content: Mapping[str, Any]) -> Reading:
+    """Return the reading of which this is the plain form."""
+    from drivecomm.protocol import Reading  # noqa: PLC0415 - not for those who only ask who is there
+
+    fields = {key: each for key, each in content.items() if key != "quality"}
+    return Reading(**{**fields, "time_s": float(fields.get("time_s", 0.0))})
+
+
+def status_of(content: Mapping[str, Any]) -> DriveStatus:
+    """Return the status of which this is the plain form."""
+    from drivecomm.protocol import DriveState, DriveStatus  # noqa: PLC0415 - as above
+
+    exact = {
+        key: None if content.get(key) is None else Decimal(content[key]) for key in ("actual_percent", "actual_hz")
+    }
+    state, flags = DriveState(content["state"]), tuple(content.get("flags", ()))
+    return DriveStatus(**{**content, **exact, "state": state, "flags": flags})
+
+
+def result_of(content: Any) -> Any:
+    """Return what a verb has resulted in: a reading, a status, or what is plain already."""
+    if isinstance(content, dict):
+        if "raw" in content and "parameter" in content:
+            return reading_of(content)
+        if "word" in content and "state" in content:
+            return status_of(content)
+    return content
+
+
+def error_content(error: DriveCommError) -> dict[str, Any]:
+    """Return an error in plain form: its kind, its sentence, its exit code, and what it says of the drive."""
+    content: dict[str, Any] = {
+        "kind": type(error).__name__,
+        "text": " ".join(str(error).split()),
+        "exit_code": error.exit_code,
+    }
+    if error.says:
+        content["says"] = list(error.says)
+    if error.about:
+        content["about"] = dict(error.about)
+    if isinstance(error, RefusedError):
+        content |= {"parameter": error.parameter, "code": error.code, "reason": error.reason}
+    if isinstance(error, TelegramError):
+        content |= {"category": error.category, "field": error.field}
+    return content
+
+
+def error_of(content: Mapping[str, Any]) -> DriveCommError:
+    """Return the error of which this is the plain form; one of its branch where its kind is not known here."""
+    kind = _kinds().get(str(content.get("kind", "")))
+    text = str(content.get("text", "the server does not say why"))
+    made: DriveCommError
+    if kind is RefusedError:
+        made = RefusedError(str(content.get("parameter", "")), content.get("code"), str(content.get("reason", "")))
+        made.args = (text,)
+    elif kind is TelegramError:
+        made = TelegramError(content.get("category", "field"), text, field=str(content.get("field", "")))
+    else:
+        made = (kind or _by_exit_code().get(content.get("exit_code", 1), DriveCommError))(text)
+    made.says = tuple(content.get("says", ()))
+    if about := content.get("about"):
+        made.about = dict(about)
+    return made
+
+
+@cache
+def _kinds() -> dict[str, type[DriveCommError]]:
+    return {
+        name: each for name, each in vars(errors).items() if isinstance(each, type) and issubclass(each, DriveCommError)
+    }
+
+
+@cache
+def _by_exit_code() -> dict[int, type[DriveCommError]]:
+    branches = (errors.UsageError, errors.LinkError, errors.ReplyError, errors.DriveError)
+    return {each.exit_code: each for each in branches}

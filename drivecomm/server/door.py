@@ -1,0 +1,174 @@
+"""What a door is written against: who asks, what is asked, what came of it, and the plant as a door sees it.
+
+A door is made by the function that the entry point of its kind names (group `drivecomm.doors`), from its table in the
+plant file, and runs in a thread and an event loop of its own. All that it is given may be called from there. When it
+fails, the server says so, and starts it again after a while; nothing else notices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+
+    from drivecomm.errors import DriveCommError
+    from drivecomm.plant import Plant
+    from drivecomm.server.leases import Lease
+    from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState
+    from drivecomm.tomlfile import Table
+
+
+class Role(IntEnum):
+    """What somebody may do; each role may also do what those before it may."""
+
+    NOBODY = 0
+    VIEW = 1
+    """See values, states and events."""
+    OPERATE = 2
+    """Start, reset and reverse motors, and set references."""
+    COMMISSION = 3
+    """Write parameters, call what a protocol has of its own, scan and examine lines."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Caller:
+    """Who asks.
+
+    name: a user's, or what is known of them. door: by which they came, "local" for programs of this machine that found
+    the server's own socket.
+    """
+
+    name: str
+    role: Role
+    door: str
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.door})"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Command:
+    """Something to be done with a drive.
+
+    drive: its name in the plant; PROTOCOL:ADDRESS with line for one that the plant does not have, which only callers of
+    the local door may name, to ask and to stop it. verb: a method of `Drive`, such as read, write, start,
+    set_reference. line: the plant's name of its line, empty for a drive of the plant. arguments: by their names. id:
+    chosen by whoever asks; the same id again gets the first answer again. lease: the key of the lease under which it is
+    asked; without one, a short lease is taken for the command alone where nobody else has one. arm: command a drive
+    that the plant does not arm, which only callers of the local door may. options: what the caller says of the drive
+    itself, such as attempts=1 or another model; only callers of the local door may. issued_s, valid_s, session: of
+    commands that may have been under way for a while: when it was given, for how many seconds it counts, and the
+    session of the plant that it was meant for.
+    """
+
+    drive: str
+    verb: str
+    line: str = ""
+    arguments: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    id: str = ""
+    lease: str = ""
+    arm: bool = False
+    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    issued_s: float | None = None
+    valid_s: float = 2.0
+    session: str = ""
+
+
+Outcome: TypeAlias = Literal["done", "refused", "failed", "open"]
+"""done: it was carried out, and the drive has confirmed it. refused: nothing was sent. failed: the drive said no, or
+what was only to be read was not read. open: it was sent, and whether the drive acted is not known."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """What came of a command. result: a Reading, a DriveStatus, or what the verb returns. error: why not done."""
+
+    id: str
+    outcome: Outcome
+    result: Any = None
+    error: DriveCommError | None = None
+
+
+class Changes(Protocol):
+    """What changes from now on, for one event loop: batches of values and events, in their order.
+
+    A reader who takes their time gets the latest of each value, and `lost` tells how many events they missed.
+    """
+
+    lost: int
+
+    def __aiter__(self) -> AsyncIterator[tuple[Sequence[CurrentValue], Sequence[Event]]]:
+        """Wait for the next batch."""
+
+    def close(self) -> None:
+        """Want no more."""
+
+
+class ServedPlant(Protocol):
+    """The plant as a door sees it; everything may be called from a door's own thread.
+
+    name: what the plant is called. session: a random word of this run of the server; a command that names another one
+    was meant for an earlier run.
+    """
+
+    name: str
+    session: str
+    started_s: float
+    plant: Plant
+
+    def drives(self) -> Sequence[DriveState]:
+        """Return all drives, in the order of the plant."""
+
+    def drive(self, name: str) -> DriveState:
+        """Return one drive. Raises UsageError for a name that the plant does not have."""
+
+    def values(self) -> Sequence[CurrentValue]:
+        """Return all current values, drive by drive."""
+
+    def lines(self) -> Sequence[LineState]:
+        """Return all lines."""
+
+    def events(self) -> Sequence[Event]:
+        """Return the latest events, the oldest first."""
+
+    def changes(self) -> Changes:
+        """Return what changes from now on; called within the event loop that reads it."""
+
+    def leases(self) -> Sequence[Lease]:
+        """Return who commands what now."""
+
+    async def command(self, caller: Caller, command: Command) -> Answer:
+        """Carry out a command, if this caller may; never raises what is about the command, it is in the answer."""
+
+    async def stop_all(self, caller: Caller, how: str) -> Sequence[tuple[str, Answer]]:
+        """Stop all drives, all lines at once; returns an answer for each drive."""
+
+    async def take_lease(self, caller: Caller, drive: str, seconds: float) -> Lease:
+        """Take the right to command a drive. Raises LeaseError while somebody else has it."""
+
+    async def renew_lease(self, caller: Caller, drive: str, key: str, seconds: float) -> Lease:
+        """Have it for longer. Raises LeaseError for one that is over, or not theirs."""
+
+    async def end_lease(self, caller: Caller, drive: str, key: str) -> None:
+        """Give it back. A motor that was started under it, and kept, is treated by its link-loss policy."""
+
+
+class Door(Protocol):
+    """A way into the plant."""
+
+    @property
+    def name(self) -> str:
+        """How callers and events name it, such as "http 127.0.0.1:8080"."""
+
+    async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
+        """Serve until cancelled; raise what makes it impossible. opened: called when it can be used."""
+
+
+class MakeDoor(Protocol):
+    """What the entry point of a kind of door names."""
+
+    def __call__(self, table: Table) -> Door:
+        """Return the door that a `[[door]]` of the plant file describes. Raises FileFormatError with its line."""

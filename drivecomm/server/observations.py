@@ -1,0 +1,105 @@
+"""What a server knows of its plant, as values that do not change: current values, drives, lines, and what happened."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.plant.watching import Reachability
+    from drivecomm.polling import ResultQuality
+    from drivecomm.protocol import DriveConfig, DriveStatus, Reading
+    from drivecomm.server.leases import Lease
+
+STATUS = "status"
+"""What the status word is called among the values: its value is the state, raw the word, text the fault."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurrentValue:
+    """The latest of one quantity of one drive.
+
+    drive: its name in the plant. name: as the plant polls it, an address or a common name. reading: the last good one,
+    None where there is none that is young enough; its time is the source's. quality: good, uncertain, stale or bad.
+    cause: why there is none now. time_s: when this was found out, in seconds since 1970. keeps_s: how old it may
+    become before nobody shall take it for current.
+    """
+
+    drive: str
+    name: str
+    reading: Reading | None
+    quality: ResultQuality
+    cause: str = ""
+    time_s: float = 0.0
+    keeps_s: float = 3.0
+
+    @property
+    def source_s(self) -> float | None:
+        """When the reply with the value had arrived, None without a value."""
+        return None if self.reading is None else self.reading.time_s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveState:
+    """A drive as it was last seen.
+
+    line: the plant's name of its line. reachability: asking, answers or silent. status: the last one, None when there
+    was none or the drive has fallen silent. fault: what it tripped with, empty without a fault. error: why the last
+    question failed. answered_s: when it last answered, in seconds since 1970. lease: who commands it now. kept: the
+    link-loss policy under which this server keeps it running, empty where it does not. counters: by the names in
+    `drivecomm.link.COUNTERS`. reply_s: the mean of its reply times.
+    """
+
+    config: DriveConfig
+    line: str
+    reachability: Reachability = "asking"
+    status: DriveStatus | None = None
+    fault: str = ""
+    error: str = ""
+    answered_s: float | None = None
+    lease: Lease | None = None
+    kept: str = ""
+    counters: Mapping[str, int] = field(default_factory=dict)
+    reply_s: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """What the plant calls it."""
+        return self.config.name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineState:
+    """A line. port: what is opened. up: whether it is open. error: why not. late: polls that came too late so far."""
+
+    name: str
+    port: str
+    up: bool = False
+    error: str = ""
+    polls: int = 0
+    missed: int = 0
+
+
+EventKind: TypeAlias = Literal[
+    "fault", "fault over", "warning", "silent", "answers", "state", "command", "lease", "link loss", "line", "door",
+    "alarm", "server",
+]  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """Something that a person wants to know later.
+
+    number: counts up within one run of the server. time_s: in seconds since 1970. drive, line: what it is about, empty
+    where it is about neither. who: the caller or the program's part that caused it, empty for the plant itself.
+    """
+
+    number: int
+    time_s: float
+    kind: EventKind
+    text: str
+    drive: str = ""
+    line: str = ""
+    who: str = ""
