@@ -146,16 +146,23 @@ Examination: TypeAlias = Literal["scan", "doctor", "trace", "statistics"]
 
 
 class ServedPlant(Protocol):
-    """The plant as a door sees it; everything may be called from a door's own thread.
+    """The plant as a door sees it; everything may be called from a door's own thread."""
 
-    name: what the plant is called. session: a random word of this run of the server; a command that names another one
-    was meant for an earlier run.
-    """
+    @property
+    def name(self) -> str:
+        """What the plant is called."""
 
-    name: str
-    session: str
-    started_s: float
-    plant: Plant
+    @property
+    def session(self) -> str:
+        """A random word of this run; a command that names another one was meant for an earlier run."""
+
+    @property
+    def started_s(self) -> float:
+        """When the server was started, in seconds since 1970."""
+
+    @property
+    def plant(self) -> Plant:
+        """The plant as data, as it is now."""
 
     def drives(self) -> Sequence[DriveState]:
         """Return all drives, in the order of the plant."""
