@@ -1,3 +1,4 @@
+from .credentials import new_token as new_token, password_hash as password_hash, token_hash as token_hash
 from .door import (
     ANONYMOUS as ANONYMOUS,
     LOCAL as LOCAL,
@@ -16,6 +17,7 @@ from .door import (
 )
 from .freshness import check_fresh as check_fresh
 from .leases import Lease as Lease, Leases as Leases
+from .logins import Login as Login, Users as Users
 from .observations import (
     STATUS as STATUS,
     CurrentValue as CurrentValue,
@@ -36,4 +38,11 @@ from .settings import (
     HistorySettings as HistorySettings,
     ServerSettings as ServerSettings,
     read_settings as read_settings,
+)
+from .users import (
+    ROLES as ROLES,
+    User as User,
+    add_user as add_user,
+    read_users as read_users,
+    remove_user as remove_user,
 )
