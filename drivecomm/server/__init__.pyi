@@ -9,6 +9,7 @@ from .door import (
     Door as Door,
     Examination as Examination,
     History as History,
+    LoggedIn as LoggedIn,
     MakeDoor as MakeDoor,
     Outcome as Outcome,
     Role as Role,

@@ -119,14 +119,26 @@ class Changes(Protocol):
         """Want no more."""
 
 
+class LoggedIn(Protocol):
+    """A token that counts for a while. until_s: in seconds since 1970."""
+
+    @property
+    def token(self) -> str:
+        """What its owner shows."""
+
+    @property
+    def until_s(self) -> float:
+        """Until when it counts."""
+
+
 class Users(Protocol):
     """Who may come in by doors other than the local one; called from any thread."""
 
-    def authenticate(self, token: str) -> Caller | None:
-        """Return whose token this is, None for nobody's; the door puts its own name in."""
+    def caller(self, token: str, door: str) -> Caller:
+        """Return whose token this is. Raises NotAllowedError for nobody's."""
 
-    def login(self, name: str, password: str) -> tuple[str, float]:
-        """Return a token, and until when it counts, in seconds since 1970. Takes a while. Raises NotAllowedError."""
+    async def log_in(self, name: str, password: str) -> LoggedIn:
+        """Return a token for whoever knows the password. Raises NotAllowedError."""
 
 
 class History(Protocol):
