@@ -10,6 +10,8 @@ from .door import (
     ServedPlant as ServedPlant,
 )
 from .leases import Lease as Lease
+from .logs import LOG_LEVELS as LOG_LEVELS, logging_to as logging_to
+from .notify import ServiceManager as ServiceManager
 from .observations import (
     STATUS as STATUS,
     CurrentValue as CurrentValue,
