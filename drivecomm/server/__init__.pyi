@@ -1,4 +1,6 @@
 from .door import (
+    ANONYMOUS as ANONYMOUS,
+    LOCAL as LOCAL,
     Answer as Answer,
     Caller as Caller,
     Changes as Changes,
@@ -12,6 +14,8 @@ from .door import (
 from .leases import Lease as Lease
 from .logs import LOG_LEVELS as LOG_LEVELS, logging_to as logging_to
 from .notify import ServiceManager as ServiceManager
+from .freshness import check_fresh as check_fresh
+from .leases import Lease as Lease, Leases as Leases
 from .observations import (
     STATUS as STATUS,
     CurrentValue as CurrentValue,
@@ -19,4 +23,17 @@ from .observations import (
     Event as Event,
     EventKind as EventKind,
     LineState as LineState,
+)
+from .places import (
+    audit_file as audit_file,
+    history_file as history_file,
+    plant_id as plant_id,
+    state_folder as state_folder,
+)
+from .repeats import Repeats as Repeats
+from .rights import NEEDS as NEEDS, Rights as Rights
+from .settings import (
+    HistorySettings as HistorySettings,
+    ServerSettings as ServerSettings,
+    read_settings as read_settings,
 )

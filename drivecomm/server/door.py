@@ -21,6 +21,13 @@ if TYPE_CHECKING:
     from drivecomm.tomlfile import Table
 
 
+LOCAL = "local"
+"""The door for programs of this machine."""
+
+ANONYMOUS = "anonymous"
+"""What callers are called who have not said who they are; no user is called so."""
+
+
 class Role(IntEnum):
     """What somebody may do; each role may also do what those before it may."""
 
@@ -47,6 +54,11 @@ class Caller:
 
     def __str__(self) -> str:
         return f"{self.name} ({self.door})"
+
+    @property
+    def door_kind(self) -> str:
+        """The kind of door, with which its name begins: "http" of "http 127.0.0.1:8080"."""
+        return self.door.partition(" ")[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
