@@ -11,11 +11,10 @@ from .door import (
     Role as Role,
     ServedPlant as ServedPlant,
 )
-from .leases import Lease as Lease
-from .logs import LOG_LEVELS as LOG_LEVELS, logging_to as logging_to
-from .notify import ServiceManager as ServiceManager
 from .freshness import check_fresh as check_fresh
 from .leases import Lease as Lease, Leases as Leases
+from .logs import LOG_LEVELS as LOG_LEVELS, logging_to as logging_to
+from .notify import ServiceManager as ServiceManager
 from .observations import (
     STATUS as STATUS,
     CurrentValue as CurrentValue,
