@@ -6,10 +6,13 @@ from .door import (
     Changes as Changes,
     Command as Command,
     Door as Door,
+    Examination as Examination,
+    History as History,
     MakeDoor as MakeDoor,
     Outcome as Outcome,
     Role as Role,
     ServedPlant as ServedPlant,
+    Users as Users,
 )
 from .freshness import check_fresh as check_fresh
 from .leases import Lease as Lease, Leases as Leases
