@@ -96,3 +96,11 @@ def test_the_files_for_systemd_are_there(installed):
 
 def test_nothing_is_missing_that_the_packages_need(installed):
     installed.pip("check")
+
+
+def test_the_http_door_is_an_entry_point_and_can_be_loaded(installed):
+    installed.python(
+        "from importlib.metadata import entry_points\n"
+        "(door,) = entry_points(group='drivecomm.doors', name='http')\n"
+        "assert callable(door.load())\n"
+    )
