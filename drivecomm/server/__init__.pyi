@@ -19,6 +19,8 @@ from .door import (
 from .freshness import check_fresh as check_fresh
 from .leases import Lease as Lease, Leases as Leases
 from .logins import Login as Login, Users as Users
+from .logs import LOG_LEVELS as LOG_LEVELS, logging_to as logging_to
+from .notify import ServiceManager as ServiceManager
 from .observations import (
     STATUS as STATUS,
     CurrentValue as CurrentValue,
