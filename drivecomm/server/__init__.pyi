@@ -1,15 +1,21 @@
 from .door import (
+    ANONYMOUS as ANONYMOUS,
+    LOCAL as LOCAL,
     Answer as Answer,
     Caller as Caller,
     Changes as Changes,
     Command as Command,
     Door as Door,
+    Examination as Examination,
+    History as History,
     MakeDoor as MakeDoor,
     Outcome as Outcome,
     Role as Role,
     ServedPlant as ServedPlant,
+    Users as Users,
 )
-from .leases import Lease as Lease
+from .freshness import check_fresh as check_fresh
+from .leases import Lease as Lease, Leases as Leases
 from .observations import (
     STATUS as STATUS,
     CurrentValue as CurrentValue,
@@ -17,4 +23,17 @@ from .observations import (
     Event as Event,
     EventKind as EventKind,
     LineState as LineState,
+)
+from .places import (
+    audit_file as audit_file,
+    history_file as history_file,
+    plant_id as plant_id,
+    state_folder as state_folder,
+)
+from .repeats import Repeats as Repeats
+from .rights import NEEDS as NEEDS, Rights as Rights
+from .settings import (
+    HistorySettings as HistorySettings,
+    ServerSettings as ServerSettings,
+    read_settings as read_settings,
 )
