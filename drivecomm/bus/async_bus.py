@@ -16,6 +16,7 @@ from drivecomm.bus.scanning import Found, Search
 from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
 from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError
+from drivecomm.link import PortProxy
 from drivecomm.polling import poll_async
 from drivecomm.transport import runner_for
 
@@ -33,6 +34,10 @@ if TYPE_CHECKING:
     from drivecomm.transport import Runner
 
 T = TypeVar("T")
+
+
+_LOOK_S = 0.02
+"""How often whoever has the port for a while looks whether a stop waits."""
 
 
 class AsyncDrive(DriveVerbs["AsyncBus"], Awaited):
@@ -128,6 +133,34 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         finally:
             self._give_back()
 
+    async def lend(self, work: Callable[[Port, Port], T]) -> T:
+        """Let a function have the port for itself, in a thread, opened anew for it; return what it returns.
+
+        work: is given the port, and the same port as one that fails with LinkDownError as soon as a stop waits for the
+        line, or whoever lends it is cancelled. Raises PortError when it cannot be opened.
+        """
+        await self._take_turn(Rank.COMMAND, float("inf"), "the bus")
+        wanted = True
+
+        def carry_out() -> T:
+            port = self._open_port()
+            try:
+                return work(port, _Lent(port, lambda: self._lock.stop_waits() or not wanted))
+            finally:
+                port.close()
+
+        try:
+            self._let_go()
+            working = asyncio.ensure_future(asyncio.to_thread(carry_out))
+            try:
+                return await asyncio.shield(working)
+            except asyncio.CancelledError:
+                wanted = False
+                await asyncio.wait([working])
+                raise
+        finally:
+            self._give_back()
+
     async def close(self) -> None:
         """Give the port back; the bus cannot be used any more."""
         await self._take_turn(Rank.COMMAND, float("inf"), "the bus")
@@ -193,6 +226,34 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         if self._port is not None:
             self._port.close()
             self._port = None
+
+
+class _Lent(PortProxy):
+    """A port that somebody has for a while. taken_back: whether the while is over."""
+
+    def __init__(self, port: Port, taken_back: Callable[[], bool]) -> None:
+        super().__init__(port)
+        self._taken_back = taken_back
+
+    def write(self, data: bytes) -> None:
+        self._check()
+        super().write(data)
+
+    def read(self, until: float, at_least: int) -> bytes:
+        while True:
+            self._check()
+            came = super().read(min(until, self.now() + _LOOK_S), at_least)
+            if came or self.now() >= until:
+                return came
+
+    def wait(self, until: float) -> None:
+        while self.now() < until:
+            self._check()
+            super().wait(min(until, self.now() + _LOOK_S))
+
+    def _check(self) -> None:
+        if self._taken_back():
+            raise LinkDownError("the port was given up in the middle, because a stop went first")
 
 
 class _Opening:

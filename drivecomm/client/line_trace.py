@@ -61,7 +61,8 @@ def traced(bus: ServedBus, trace: Listener | None, record: Record | None) -> Ite
 def events_of(news: Iterator[Any]) -> Iterator[TraceEvent | None]:
     """Yield trace events of the lines of a stream, None where nothing came."""
     for each in news:
-        yield None if each is None else _event_of(each)
+        # The first line only says that the server listens.
+        yield None if each is None or "what" not in each else _event_of(each)
 
 
 def pieces_of(server: LocalServer, line: str, seconds: float | None) -> Iterator[Piece]:

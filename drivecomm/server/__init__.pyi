@@ -14,7 +14,6 @@ from .door import (
     Outcome as Outcome,
     Role as Role,
     ServedPlant as ServedPlant,
-    Users as Users,
 )
 from .freshness import check_fresh as check_fresh
 from .leases import Lease as Lease, Leases as Leases

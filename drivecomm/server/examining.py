@@ -7,16 +7,23 @@ from collections import deque
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import LineChoices
-from drivecomm.client import plain
+from drivecomm.client import drive_options, plain
+from drivecomm.commissioning.doctor import judge, measure, measured_content
 from drivecomm.errors import LeaseError, UsageError
+from drivecomm.transport import SerialPort
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable, Mapping
+    from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 
-    from drivecomm.link import TraceEvent
+    from drivecomm.commissioning.doctor import Measurements
+    from drivecomm.link import Port, TraceEvent
+    from drivecomm.protocol import DriveConfig
     from drivecomm.server.core import Core
     from drivecomm.server.door import Examination
     from drivecomm.server.served_line import ServedLine
+    from drivecomm.transport import PortReport
+
+_PROBES = 24
 
 MOST_WAITING = 10_000
 """So many telegrams of a trace wait for a slow reader; what comes then is counted."""
@@ -26,9 +33,12 @@ def examination(core: Core, line: str, what: Examination, choices: Mapping[str, 
     """Return what tells, item by item, what is found; for the core's event loop. Raises UsageError."""
     served = core.line(line)
     if what == "scan":
-        if kept := [each.name for each in served.drives if each.name in core.kept]:
-            raise LeaseError(f"{kept[0]} is kept running on line {line}, which a scan would hold up; stop it first")
         return _scan(served, choices)
+    if what == "doctor":
+        if kept := [each.name for each in served.drives if each.name in core.kept]:
+            raise LeaseError(f"{kept[0]} is kept running on line {line}, whose port is needed for this; stop it first")
+        place = core.plant.line(line)
+        return _doctor(served, [place.reached(each) for each in core.plant.on_line(line)], choices)
     if what == "trace":
         return _trace(served)
     if what == "statistics":
@@ -48,7 +58,7 @@ async def _scan(line: ServedLine, choices: Mapping[str, Any]) -> AsyncIterator[d
         given.pop("addresses", None),
         choices=tried,
         progress=lambda *step: progress.append(step),
-        **given.pop("options", {}),
+        **drive_options(given.pop("options", None) or {}),
     )
     coming = asyncio.ensure_future(anext(found, None))
     try:
@@ -57,7 +67,7 @@ async def _scan(line: ServedLine, choices: Mapping[str, Any]) -> AsyncIterator[d
             if progress:
                 asking, done, total = progress[-1]
                 progress.clear()
-                yield {"asking": asking, "done": done, "total": total}
+                yield {"progress": [asking, done, total]}
             if coming.done():
                 if (one := coming.result()) is None:
                     return
@@ -83,7 +93,7 @@ async def _trace(line: ServedLine) -> AsyncIterator[dict[str, Any]]:
     end = line.bus.listen(hear)
     try:
         # Before the first telegram, so that whoever listens knows from when on.
-        yield {"listening": line.line.name, "port": line.state().port, "time": line.bus.now()}
+        yield {"listening": line.line.name}
         while True:
             await came.wait()
             came.clear()
@@ -93,7 +103,7 @@ async def _trace(line: ServedLine) -> AsyncIterator[dict[str, Any]]:
                     "time": event.time,
                     "what": event.what,
                     "drive": event.drive,
-                    "data": event.data.hex(),
+                    "data": plain(event.data),
                     "detail": event.detail,
                     "lost": lost,
                 }
@@ -104,12 +114,50 @@ async def _trace(line: ServedLine) -> AsyncIterator[dict[str, Any]]:
 async def _statistics(line: ServedLine) -> AsyncIterator[dict[str, Any]]:
     """Tell, for each drive that was asked, what was counted."""
     for name, each in line.bus.statistics.items():
+        times = plain(each.reply_times)
+        shortest = times["shortest_s"] if each.reply_times.count else None
         yield {
             "drive": name,
             "counters": dict(each.counters),
-            "reply_times": plain(each.reply_times),
-            "now": line.bus.now(),
+            "reply_times": {**times, "shortest_s": shortest},
         }
+
+
+async def _doctor(line: ServedLine, drives: Sequence[DriveConfig], choices: Mapping[str, Any]) -> AsyncIterator[Any]:
+    """Examine a line as `drivecomm doctor` does, with its port, while nobody else has it but a stop."""
+    told: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+    loop, only = asyncio.get_running_loop(), choices.get("only")
+
+    def progress(*step: Any) -> None:
+        loop.call_soon_threadsafe(told.put_nowait, {"progress": list(step)})
+
+    def work(port: Port, lent: Port) -> tuple[PortReport | None, Measurements]:
+        report = port.report() if isinstance(port, SerialPort) else None
+        return report, measure(
+            lent,
+            only=only,
+            addresses=choices.get("addresses"),
+            expected=[each for each in drives if not only or each.protocol in only],
+            echo="expect" if line.line.echo else "off",
+            probes=int(choices.get("probes") or _PROBES),
+            search=bool(choices.get("search", True)),
+            progress=progress,
+            **drive_options(choices.get("options") or {}),
+        )
+
+    examining = asyncio.ensure_future(line.bus.lend(work))
+    try:
+        while not examining.done():
+            await asyncio.wait([examining], timeout=0.1)
+            while not told.empty():
+                yield told.get_nowait()
+        report, found = examining.result()
+    finally:
+        examining.cancel()
+        await asyncio.gather(examining, return_exceptions=True)
+    for finding in judge(found, report):
+        yield {"finding": plain(finding)}
+    yield {"measured": plain(measured_content(report, found))}
 
 
 class Crossing:
