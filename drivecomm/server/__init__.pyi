@@ -1,3 +1,4 @@
+from .audit import Audit as Audit
 from .credentials import new_token as new_token, password_hash as password_hash, token_hash as token_hash
 from .door import (
     ANONYMOUS as ANONYMOUS,
