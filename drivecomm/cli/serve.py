@@ -25,7 +25,7 @@ def serve(
     level: Annotated[str, typer.Option("--level", help="What is logged: debug, info, warning or error.")] = "info",
     json: Json = False,
 ) -> int:
-    """Own the lines of a plant, poll its drives, and serve them to commands, programs and people.
+    """Own the lines of a plant, and serve its drives to commands, programs and people.
 
     It ends with Ctrl-C or SIGTERM, and reads the plant file again at SIGHUP. Motors that it keeps running are treated
     by their link-loss policy when it ends. Nothing listens on a network unless a [[door]] of the plant file says so.

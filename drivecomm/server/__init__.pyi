@@ -37,6 +37,7 @@ from .places import (
 )
 from .repeats import Repeats as Repeats
 from .rights import NEEDS as NEEDS, Rights as Rights
+from .serving import Serving as Serving
 from .settings import (
     HistorySettings as HistorySettings,
     ServerSettings as ServerSettings,

@@ -24,10 +24,10 @@ from drivecomm.errors import (
     meant,
 )
 from drivecomm.protocol import DriveState, Stop, parse_drive
-from drivecomm.server.door import LOCAL, Answer, Command
+from drivecomm.server.door import LOCAL, Answer, Command, Role
 from drivecomm.server.freshness import check_fresh
 from drivecomm.server.kept import KeepOrder, KeptMotor
-from drivecomm.server.rights import NEEDS
+from drivecomm.server.rights import NEEDS, Needs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 _ALL = "*"
 """The address of all drives of a protocol."""
 
+_UNKNOWN = Needs(Role.COMMISSION)
+
 _ALONE_S = 10.0
 """How long a command without a lease of its own may take under the one that is taken for it alone."""
 
@@ -58,34 +60,36 @@ class Commands:
         """Carry out a command, if this caller may; what goes wrong is in the answer."""
         try:
             line, config = self._found(command)
-            if command.verb == "stop":
-                self._core.rights.check(caller, command, config)
-                return await self.stop(caller, line, config, _how(command.arguments), command.id)
             self._core.rights.check(caller, command, config)
+            if command.verb == "stop":
+                return await self._stop(caller, command, line, config)
             begin = partial(self._begin, caller, _kept_if_remote(caller, command), line, config, time.monotonic())
             return await self._core.answers.once(caller, command, begin)
         except DriveCommError as error:
+            if NEEDS.get(command.verb, _UNKNOWN).commands:
+                self._core.audit.refused(caller, command, _flat(error))
             return Answer(id=command.id, outcome="refused", error=error)
 
-    async def stop(self, caller: Caller, line: ServedLine, config: DriveConfig, how: Stop, id: str = "") -> Answer:
-        """Stop a drive, or all of a protocol. Raises UsageError for what cannot be sent."""
-        core, name = self._core, config.name
+    async def _stop(self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig) -> Answer:
+        """Stop a drive, or all of a protocol, and let go of it where it was kept."""
+        core, name, how, asked_s = self._core, config.name, _how(command.arguments), time.time()
         kept = core.kept.get(name)
         if kept is not None:
             kept.stop_by(how)
-        core.audit.stopped(caller, name, how.value, id)
+        number = core.audit.stop_asked(caller, command)
         core.table.happened("command", f"stop ({how.value})", drive=name, line=line.line.name, who=str(caller))
         try:
             whom = await self._built(line, config, arm=False)
-            answer = Answer(id=id, outcome="done", result=await whom.stop(how))
+            answer = Answer(id=command.id, outcome="done", result=await whom.stop(how))
         except UsageError as error:
-            answer = Answer(id=id, outcome="refused", error=error)
+            answer = Answer(id=command.id, outcome="refused", error=error)
         except DriveCommError as error:
-            answer = Answer(id=id, outcome="open", error=error)
+            answer = Answer(id=command.id, outcome="open", error=error)
             core.table.happened("command", f"stop is not confirmed: {_flat(error)}", drive=name, who=str(caller))
         if kept is not None:
             core.release(name)
-        core.remember(caller, name, "stop", {"how": how.value}, answer)
+        core.audit.outcome(caller, command, number, answer)
+        core.remember(caller, command, answer, asked_s)
         return answer
 
     async def stop_all(self, caller: Caller, how: Stop, lines: Sequence[str] = ()) -> Sequence[tuple[str, Answer]]:
@@ -96,12 +100,15 @@ class Commands:
 
     async def _stop_line(self, caller: Caller, line: ServedLine, how: Stop) -> Sequence[tuple[str, Answer]]:
         async def stop(config: DriveConfig) -> tuple[str, Answer]:
+            used = how
             try:
-                self._core.rights.check(caller, Command(drive=config.name, verb="stop"), config)
                 able = (await self._built(line, config, arm=False)).capabilities.stops
-                return config.name, await self.stop(caller, line, config, how if how in able else Stop.RAMP)
-            except DriveCommError as error:
-                return config.name, Answer(id="", outcome="refused", error=error)
+                used = how if how in able else Stop.RAMP
+            except DriveCommError:
+                # The stop says it again.
+                pass
+            stopping = Command(drive=config.name, verb="stop", arguments={"how": used.value})
+            return config.name, await self.carry_out(caller, stopping)
 
         return await asyncio.gather(*map(stop, line.drives))
 
@@ -154,7 +161,8 @@ class Commands:
         core = self._core
         if core.ending:
             raise UsageError("the server ends; nothing is commanded through it any more but a stop")
-        await core.audit.asked(caller, command, config)
+        asked_s = time.time()
+        number = await core.audit.asked(caller, command, lease)
         try:
             whom = await self._built(line, config, arm=command.arm)
             still_fresh()
@@ -165,8 +173,8 @@ class Commands:
             answer = Answer(id=command.id, outcome=_outcome(error), error=error)
         text = command.verb if answer.error is None else f"{command.verb}: {answer.outcome}, {_flat(answer.error)}"
         core.table.happened("command", text, drive=config.name, line=line.line.name, who=str(caller))
-        core.audit.ended(caller, command, config, answer)
-        core.remember(caller, config.name, command.verb, command.arguments, answer)
+        core.audit.outcome(caller, command, number, answer)
+        core.remember(caller, command, answer, asked_s)
         return answer
 
     def _still_fresh(self, fresh: Callable[..., None], came_s: float) -> None:

@@ -21,7 +21,7 @@ from drivecomm.server.served_line import ServedLine
 from drivecomm.server.table import Table
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
+    from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig
@@ -31,27 +31,33 @@ if TYPE_CHECKING:
     from drivecomm.server.observations import CurrentValue, DriveState, Event
 
 
-class Audit(Protocol):
-    """What takes down who commanded what."""
+class Trail(Protocol):
+    """What takes down who commanded what: an `Audit`."""
 
-    async def asked(self, caller: Caller, command: Command, drive: DriveConfig) -> None:
-        """Write what will be done, before it is done. Raises DriveCommError where that cannot be written."""
+    async def asked(self, caller: Caller, command: Command, lease: Lease | None = None) -> int:
+        """Write what is about to be sent; return its number. Raises NotAllowedError where that cannot be written."""
 
-    def ended(self, caller: Caller, command: Command, drive: DriveConfig, answer: Answer) -> None:
-        """Write what has come of it, soon."""
+    def stop_asked(self, caller: Caller, command: Command) -> int:
+        """Have it written that a stop is sent; it waits for nobody."""
 
-    def stopped(self, caller: Caller, drive: str, how: str, id: str) -> None:
-        """Write that a stop was asked for, soon; it waits for nobody."""
+    def refused(self, caller: Caller, command: Command, why: str) -> None:
+        """Have it written that a command was not let through."""
+
+    def outcome(self, caller: Caller, command: Command, number: int, answer: Answer) -> None:
+        """Have it written what has come of a command."""
 
 
 class Recorder(Protocol):
-    """What keeps values, events and commands; never waits."""
+    """What keeps values, events and commands, and never waits: a `Journal`."""
 
-    def add(self, values: Iterable[CurrentValue], events: Sequence[Event]) -> None:
-        """Take what has changed."""
+    def add_values(self, values: Sequence[CurrentValue]) -> None:
+        """Take values."""
 
-    def add_command(self, caller: Caller, drive: str, verb: str, arguments: Mapping[str, Any], answer: Answer) -> None:
-        """Take what was commanded, and what came of it."""
+    def add_events(self, events: Sequence[Event]) -> None:
+        """Take events."""
+
+    def add_command(self, caller: Caller, command: Command, answer: Answer, *, asked_s: float, done_s: float) -> None:
+        """Take a command, and what came of it."""
 
 
 LOOK_S = 0.1
@@ -69,7 +75,7 @@ class Core:
         self,
         plant: Plant,
         *,
-        audit: Audit,
+        audit: Trail,
         journal: Recorder | None = None,
         status_period_s: float = 1.0,
         port_of: Callable[[PlantLine], Any] | None = None,
@@ -96,7 +102,7 @@ class Core:
 
     async def __aenter__(self) -> Self:
         if self.journal is not None:
-            self.table.listen(self.journal.add)
+            self.table.listen(self._keep)
         for line in self.plant.lines:
             self._add(line)
         self._looking = asyncio.create_task(self._look(), name="leases")
@@ -196,10 +202,15 @@ class Core:
         self.table.happened("link loss", text, drive=lease.drive, who=str(lease.holder))
         self.release(lease.drive)
 
-    def remember(self, caller: Caller, drive: str, verb: str, arguments: Mapping[str, Any], answer: Answer) -> None:
+    def remember(self, caller: Caller, command: Command, answer: Answer, asked_s: float) -> None:
         """Write a command into the history."""
         if self.journal is not None:
-            self.journal.add_command(caller, drive, verb, arguments, answer)
+            self.journal.add_command(caller, command, answer, asked_s=asked_s, done_s=time.time())
+
+    def _keep(self, values: Sequence[CurrentValue], events: Sequence[Event]) -> None:
+        if self.journal is not None:
+            self.journal.add_values(values)
+            self.journal.add_events(events)
 
     # Lines
 

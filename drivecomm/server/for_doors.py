@@ -30,19 +30,15 @@ COMMANDING = frozenset(verb for verb, needs in NEEDS.items() if needs.commands)
 class PlantForDoors:
     """A `ServedPlant` of a core that runs in this event loop. name: what the plant is called."""
 
-    def __init__(
-        self,
-        core: Core,
-        name: str,
-        *,
-        users: Users | None = None,
-        history: History | None = None,
-        alarms: _Alarms | None = None,
-    ) -> None:
+    def __init__(self, core: Core, name: str, *, users: Users | None = None, history: History | None = None) -> None:
         self.name, self.users, self.history = name, users, history
-        self._alarms = alarms
         self._core = core
         self._loop = asyncio.get_running_loop()
+        self._alarms: StandingAlarms | None = None
+
+    def alarms_are(self, alarms: StandingAlarms) -> None:
+        """Take what watches over alarms; there is none before."""
+        self._alarms = alarms
 
     @property
     def session(self) -> str:
@@ -113,13 +109,13 @@ class PlantForDoors:
 
     def alarms(self) -> Sequence[Mapping[str, Any]]:
         """Return the alarms that are on, or that nobody has acknowledged."""
-        return () if self._alarms is None else self._alarms.list()
+        return [] if self._alarms is None else self._alarms.standing()
 
     async def acknowledge(self, caller: Caller, alarm: str) -> Mapping[str, Any]:
         """Acknowledge an alarm, and return it."""
         if self._alarms is None:
             raise UsageError("the plant file has no [[alarm]]")
-        return await self._handed(self._alarms.acknowledge(caller, alarm))
+        return self._alarms.acknowledge(caller, alarm)
 
     def kept_events(self, caller: Caller, drive: str) -> AsyncIterator[Mapping[str, Any]]:
         """Tell what happens to the motor that the server keeps running, until it does so no more."""
@@ -157,7 +153,11 @@ def _check(caller: Caller, role: Role) -> None:
         raise NotAllowedError(f"{caller.name} may not see this; it is for users with the role {role.name.lower()}")
 
 
-class _Alarms(Protocol):
-    def list(self) -> Sequence[Mapping[str, Any]]: ...
+class StandingAlarms(Protocol):
+    """What watches over alarms; called from any thread."""
 
-    def acknowledge(self, caller: Caller, alarm: str) -> Coroutine[Any, Any, Mapping[str, Any]]: ...
+    def standing(self) -> Sequence[Mapping[str, Any]]:
+        """Return the alarms that are on, or that nobody has acknowledged, in plain form."""
+
+    def acknowledge(self, caller: Caller, alarm: str) -> Mapping[str, Any]:
+        """Acknowledge one, and return it. Raises UsageError and NotAllowedError."""

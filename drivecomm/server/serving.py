@@ -13,15 +13,19 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.client import Registration, local_socket, register, written_again
 from drivecomm.errors import DriveCommError
 from drivecomm.plant import read_plant
+from drivecomm.server.alarm_watch import AlarmWatch
+from drivecomm.server.alarms import PlantAlarms, read_alarms
 from drivecomm.server.audit import Audit
 from drivecomm.server.core import Core
 from drivecomm.server.for_doors import PlantForDoors
 from drivecomm.server.history import Journal
 from drivecomm.server.http import LocalDoor
+from drivecomm.server.logins import Users
 from drivecomm.server.notify import ServiceManager
+from drivecomm.server.past import Past
+from drivecomm.server.places import state_folder
 from drivecomm.server.settings import read_settings
 from drivecomm.server.supervision import OpenDoor, kind_of_door
-from drivecomm.server.users import Users
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
@@ -30,7 +34,7 @@ if TYPE_CHECKING:
 
     from drivecomm.plant import PlantLine
     from drivecomm.server.door import Door
-    from drivecomm.server.observations import Event
+    from drivecomm.server.observations import Event, EventKind
 
 _log = logging.getLogger("drivecomm.server")
 
@@ -49,11 +53,13 @@ class Serving:
         self.plant = read_plant(path)
         self.settings = read_settings(path)
         self.socket = local_socket(path)
+        self._rules = read_alarms(self.settings.alarms, self.plant.drives)
         self._port_of = port_of
         self._made: list[Door] = [kind_of_door(kind)(table) for kind, table in self.settings.doors]
         self._manager = ServiceManager()
         self._reading: asyncio.Task[None] | None = None
         self._end: asyncio.Event | None = None
+        self._core: Core | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
 
     @property
@@ -77,9 +83,10 @@ class Serving:
         async with AsyncExitStack() as stack:
             record = stack.enter_context(register(self._registration()))
             stack.callback(self._manager.close)
-            journal = stack.enter_context(self._journal()) if self.settings.history else None
-            audit = stack.enter_context(Audit(self.settings.audit))
-            core = Core(
+            journal = self._journal(stack)
+            audit = Audit(self.settings.audit, self._tell("server"))
+            stack.push_async_callback(audit.close)
+            core = self._core = Core(
                 self.plant,
                 audit=audit,
                 journal=journal,
@@ -88,20 +95,32 @@ class Serving:
             )
             core.table.listen(lambda _, events: _logged(events))
             await stack.enter_async_context(core)
-            users = Users(self.settings.users) if self.settings.users else None
-            plant = PlantForDoors(core, self.settings.name, users=users, history=journal)
-            doors = [OpenDoor(door, plant, partial(self._told, core)) for door in (LocalDoor(self.socket), *self._made)]
-            stack.push_async_callback(self._closed, doors)
-            await self._opened(doors)
+            plant = PlantForDoors(
+                core,
+                self.settings.name,
+                users=Users(self.settings.users, self._tell("server")) if self.settings.users else None,
+                history=Past(self.settings.history.file) if self.settings.history else None,
+            )
+            doors = [OpenDoor(door, plant, self._tell("door")) for door in (LocalDoor(self.socket), *self._made)]
+            if self._rules:
+                alarms = AlarmWatch(
+                    PlantAlarms(
+                        plant, self._rules, file=state_folder(self.path) / "alarms.json", write_event=self._written
+                    )
+                )
+                plant.alarms_are(alarms)
+                doors.append(OpenDoor(alarms, plant, self._tell("alarm")))
+            stack.push_async_callback(_closed, doors)
+            await _opened(doors)
             with self._signals(core, record):
                 feeding = asyncio.create_task(self._manager.feed_watchdog())
-                self._manager.ready(f"{len(core.lines)} lines, {len(core.plant.drives)} drives")
+                self._manager.ready(self._size(core))
                 core.table.happened("server", f"begins, drivecomm {__version__}")
                 ready(plant)
                 await self._end.wait()
+                feeding.cancel()
                 self._manager.stopping("stops the motors that it keeps")
                 core.table.happened("server", "ends")
-                feeding.cancel()
                 # While everybody can still see it.
                 await core.release_all()
 
@@ -117,34 +136,43 @@ class Serving:
             version=__version__,
         )
 
-    def _journal(self) -> Journal:
+    def _journal(self, stack: AsyncExitStack) -> Journal | None:
         history = self.settings.history
-        assert history is not None  # noqa: S101 - whoever calls has looked
-        return Journal(history.file, days=history.days, megabytes=history.megabytes)
+        if history is None:
+            return None
+        history.file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        journal = Journal(history.file, history.days, history.megabytes, tell=self._tell("server"))
+        stack.callback(journal.close)
+        return journal
 
-    async def _opened(self, doors: list[OpenDoor]) -> None:
-        """Wait until the doors are open; one that is not within some seconds is not waited for."""
-        until = time.monotonic() + _OPEN_S
-        for door in doors:
-            left = max(0.0, until - time.monotonic())
-            if not await asyncio.to_thread(door.opened.wait, left):
-                _log.warning("door %s is not open yet", door.door.name)
+    def _tell(self, kind: EventKind) -> Callable[[str], None]:
+        """Return what makes events of sentences; it may be called in any thread."""
 
-    async def _closed(self, doors: list[OpenDoor]) -> None:
-        await asyncio.gather(*(asyncio.to_thread(door.close) for door in doors))
+        def tell(text: str) -> None:
+            self._written(kind, text)
 
-    def _told(self, core: Core, text: str) -> None:
-        """Take note of what becomes of a door, told from its thread."""
-        if self._loop is not None:
+        return tell
+
+    def _written(self, kind: EventKind, text: str, *, drive: str = "", who: str = "") -> None:
+        """Take note of something that another thread tells."""
+        loop, core = self._loop, self._core
+        if loop is not None and core is not None:
             with suppress(RuntimeError):
-                self._loop.call_soon_threadsafe(partial(core.table.happened, "door", text))
+                loop.call_soon_threadsafe(partial(core.table.happened, kind, text, drive=drive, who=who))
+
+    def _size(self, core: Core) -> str:
+        return f"{len(core.lines)} lines, {len(core.plant.drives)} drives"
 
     @contextmanager
     def _signals(self, core: Core, record: Path) -> Iterator[None]:
         """Let signals of the system end the server, or have it read the plant file again, for the time of the block."""
         loop, end = asyncio.get_running_loop(), self._end
         assert end is not None  # noqa: S101 - there is one as long as it runs
-        wished: dict[str, Callable[[], object]] = {"SIGTERM": end.set, "SIGINT": end.set, "SIGHUP": partial(self._read_again, core, record)}
+        wished: dict[str, Callable[[], object]] = {
+            "SIGTERM": end.set,
+            "SIGINT": end.set,
+            "SIGHUP": partial(self._read_again, core, record),
+        }
         taken = []
         for name, do in wished.items():
             # Neither Windows nor a thread of a test has them.
@@ -178,7 +206,19 @@ class Serving:
             with suppress(OSError):
                 written_again(record, self._registration())
             core.table.happened("server", f"plant file read again: {'; '.join(said) or 'nothing has changed'}")
-        self._manager.ready(f"{len(core.lines)} lines, {len(core.plant.drives)} drives")
+        self._manager.ready(self._size(core))
+
+
+async def _opened(doors: list[OpenDoor]) -> None:
+    """Wait until the doors are open; one that is not within some seconds is not waited for."""
+    until = time.monotonic() + _OPEN_S
+    for door in doors:
+        if not await asyncio.to_thread(door.opened.wait, max(0.0, until - time.monotonic())):
+            _log.warning("door %s is not open yet", door.door.name)
+
+
+async def _closed(doors: list[OpenDoor]) -> None:
+    await asyncio.gather(*(asyncio.to_thread(door.close) for door in doors))
 
 
 def _logged(events: Sequence[Event]) -> None:

@@ -15,7 +15,7 @@ from drivecomm.server.observations import Event
 
 if TYPE_CHECKING:
     import asyncio
-    from collections.abc import AsyncIterator, Callable, Collection, Iterable, Sequence
+    from collections.abc import AsyncIterator, Callable, Collection, Sequence
 
     from drivecomm.server.observations import CurrentValue, EventKind
 
@@ -84,17 +84,17 @@ class Table:
             self._later(0.0, self._tell)
 
     def _tell(self) -> None:
-        values, self._new_values = self._new_values, {}
+        values, self._new_values = tuple(self._new_values.values()), {}
         events, self._new_events = self._new_events, []
         if not values and not events:
             self._told_soon = False
             return
         for listener in self._listeners:
-            listener(values.values(), events)
+            listener(values, events)
         self._later(TOGETHER_S, self._tell)
 
 
-Listener: TypeAlias = "Callable[[Iterable[CurrentValue], Sequence[Event]], None]"
+Listener: TypeAlias = "Callable[[Sequence[CurrentValue], Sequence[Event]], None]"
 """Told of the latest values and the events of a short time."""
 
 MOST_EVENTS = 1000
@@ -131,7 +131,7 @@ class ChangesFor:
         """Want no more."""
         self._end()
 
-    def _told(self, values: Iterable[CurrentValue], events: Sequence[Event]) -> None:
+    def _told(self, values: Sequence[CurrentValue], events: Sequence[Event]) -> None:
         with self._lock:
             for value in values:
                 self._values[value.drive, value.name] = value

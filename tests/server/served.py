@@ -7,7 +7,7 @@ from functools import wraps
 from drivecomm.plant import read_plant
 from drivecomm.server import Caller, Command, Role
 from drivecomm.server.core import Core
-from drivecomm.testing.watched_line import ServingThread
+from drivecomm.testing import ServingThread
 from drivecomm.virtual import ControlClient, PlantServer, VirtualPlant
 
 PLANT = """\
@@ -55,16 +55,21 @@ class NoteBook:
     def __init__(self):
         self.asked_for, self.ended_with, self.stops, self.refuses = [], [], [], None
 
-    async def asked(self, caller, command, drive):
+    async def asked(self, caller, command, _lease=None):
         if self.refuses is not None:
             raise self.refuses
-        self.asked_for.append((str(caller), drive.name, command.verb))
+        self.asked_for.append((str(caller), command.drive, command.verb))
+        return len(self.asked_for)
 
-    def ended(self, _caller, command, drive, answer):
-        self.ended_with.append((drive.name, command.verb, answer.outcome))
+    def stop_asked(self, _caller, command):
+        self.stops.append((command.drive, command.arguments.get("how", "ramp")))
+        return 0
 
-    def stopped(self, _caller, drive, how, _id):
-        self.stops.append((drive, how))
+    def refused(self, _caller, command, why):
+        self.ended_with.append((command.drive, command.verb, f"refused: {why}"))
+
+    def outcome(self, _caller, command, _number, answer):
+        self.ended_with.append((command.drive, command.verb, answer.outcome))
 
 
 @contextmanager
