@@ -17,7 +17,7 @@ from pathlib import Path
 
 from drivecomm.protocol import Reading
 from drivecomm.server import CurrentValue
-from drivecomm.server.history import History, store
+from drivecomm.server.history import History, Store
 
 DRIVES, NAMES = 500, ("output_frequency", "output_current", "output_voltage", "status")
 A_COMMIT = 1000
@@ -41,7 +41,7 @@ def batch_of(first: int) -> list[CurrentValue]:
 def measure(rows: int, folder: Path) -> None:
     """Write so many rows and read them; print what it took."""
     file = folder / "history.sqlite"
-    one, bare = store.Store(file), sqlite3.connect(folder / "bare.sqlite", isolation_level=None)
+    one, bare = Store(file), sqlite3.connect(folder / "bare.sqlite", isolation_level=None)
     bare.executescript(
         "PRAGMA journal_mode = WAL; PRAGMA synchronous = NORMAL; CREATE TABLE t (row INTEGER PRIMARY KEY, a, b, c)"
     )
@@ -69,7 +69,7 @@ def measure(rows: int, folder: Path) -> None:
     print(f"sorted into segments       {sorting * us:.2f} us a row; the longest took {longest * 1000:.0f} ms")
     print(f"file                       {file.stat().st_size / rows:.1f} bytes a row")
     _read(file, rows)
-    one = store.Store(file)
+    one = Store(file)
     took = []
     for _ in range(5):
         began = time.perf_counter()

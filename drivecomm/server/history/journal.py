@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.protocol import Reading
-    from drivecomm.server.door import Answer, Caller, Command
-    from drivecomm.server.observations import CurrentValue, Event
+    from drivecomm.server import Answer, Caller, Command, CurrentValue, Event
 
 COMMITTED_EVERY_S = 0.5
 ROWS_A_COMMIT = 5_000

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 
 from drivecomm.client.wire import parsed
 from drivecomm.errors import FileFormatError, UsageError, meant
+from drivecomm.server import Event
 from drivecomm.server.history.records import FaultLogEntry, PastCommand, PastEvent, PastValue, Quantity, value_of
 from drivecomm.server.history.schema import open_for_reading
 from drivecomm.server.history.thinning import Point, thinned
-from drivecomm.server.observations import Event
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.protocol import Reading
-    from drivecomm.server.door import Answer, Caller, Command
-    from drivecomm.server.observations import CurrentValue, Event
+    from drivecomm.server import Answer, Caller, Command, CurrentValue, Event
 
 _FULL = 0.95
 """Up to this share of what it may have, a file is left alone."""
