@@ -118,6 +118,11 @@ class Table:
                 raise self.error(f"{key} is too large a number", key)
         return dict(self.content)
 
+    def without(self, key: str, name: str = "") -> Table:
+        """Return the same table without a key, for whoever reads the others. name: how its errors call it then."""
+        rest = {each: value for each, value in self.content.items() if each != key}
+        return Table(rest, self._shown, self._line_of, name or self.name, self._places)
+
     def table(self, key: str) -> Table:
         """Return the table behind a key, an empty one where there is none."""
         found = self.content.get(key, {})
@@ -212,10 +217,11 @@ def _key(key: object) -> str:
     return tomli_w.dumps({str(key): 0}).removesuffix(" = 0\n")
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_whole(path: Path, text: str, *, mode: int | None = None) -> None:
     """Write a file, in place of the one that is there: whatever happens, one of both is there whole.
 
-    Raises FileFormatError where it cannot be written.
+    mode: who may read and write it; as before, or as usual for new files, unless given. Raises FileFormatError where it
+    cannot be written.
     """
     import tempfile  # noqa: PLC0415 - as above
 
@@ -226,7 +232,7 @@ def write_whole(path: Path, text: str) -> None:
                 file.write(text)
                 file.flush()
                 os.fsync(file.fileno())
-            Path(beside).chmod(_mode(path))
+            Path(beside).chmod(_mode(path) if mode is None else mode)
             Path(beside).replace(path)
         except BaseException:
             Path(beside).unlink(missing_ok=True)

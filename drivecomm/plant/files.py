@@ -26,6 +26,8 @@ poll = [{ parameters = ["output_frequency"], period_s = 0.2, priority = 1 }]
                                     # of the protocol for reading, such as options = { type = "long" }
 link_loss = { policy = "ramp", watchdog_s = 5 }
                                     # optional: hold, ramp, coast or trip when its master falls silent; after 5 s
+network = { http = ["start", "reset"], write = ["480"] }
+                                    # optional: what may be done with it over a network, by the kind of door
 reply_delay_s = 0.005               # optional: how long the virtual drive takes to answer, and a forecast reckons with
 needs_pause_s = 0.001               # optional: after its reply, the virtual drive does not hear what begins sooner
 values = { "480" = 1000 }           # optional: raw values that parameters hold at the start
@@ -55,6 +57,8 @@ stuck = { parameter = "210", value = 0, from_s = 5, until_s = 9 }
 [[fault]]
 line = "hall"
 inject = { data = "04 41 FF", at_s = 3 }
+
+# [server], [[door]] and [[alarm]] are read by `drivecomm.server` alone
 """
 
 from __future__ import annotations
@@ -66,7 +70,7 @@ from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.plant.plant import Plant, PlantLine
 from drivecomm.plant.script import Noise, kind_named
 from drivecomm.plant.script_files import errors_in, fault_of
-from drivecomm.protocol import DriveConfig, LineSettings, LinkLossPolicy, PollGroup, parse_drive
+from drivecomm.protocol import DriveConfig, LineSettings, LinkLossPolicy, NetworkAccess, PollGroup, parse_drive
 from drivecomm.tomlfile import CHOICE, LIST, NUMBER, RAW, SECONDS, TABLE, TABLES, TEXT, WHOLE, read_toml
 
 if TYPE_CHECKING:
@@ -74,6 +78,9 @@ if TYPE_CHECKING:
 
     from drivecomm.tomlfile import Table
 
+_TOP = {
+    "format": WHOLE, "line": TABLES, "drive": TABLES, "fault": TABLES, "server": TABLE, "door": TABLES, "alarm": TABLES,
+}  # fmt: skip
 _SETTINGS = {"baudrate": WHOLE, "bytesize": WHOLE, "parity": TEXT, "stopbits": NUMBER}
 _LINE = {"name": TEXT, "listen": TEXT, "port": TEXT, "echo": CHOICE, "paced": CHOICE, **_SETTINGS, "noise": TABLE}
 _NOISE = {
@@ -94,6 +101,7 @@ _DRIVE = {
     "armed": CHOICE,
     "poll": LIST,
     "link_loss": TABLE,
+    "network": TABLE,
     "reply_delay_s": SECONDS,
     "needs_pause_s": SECONDS,
     "values": TABLE,
@@ -113,7 +121,7 @@ def read_plant(path: Path) -> Plant:
         )
     if top.content.get("format") != 1 or top.content["format"] is True:
         raise top.error("a plant begins with format = 1", "format")
-    top.take({"format": WHOLE, "line": TABLES, "drive": TABLES, "fault": TABLES})
+    top.take(_TOP)
     lines = tuple(_line(each) for each in top.tables("line"))
     if not lines:
         raise top.error("a plant has one or more [[line]]")
@@ -155,7 +163,17 @@ def _drive(table: Table, only_line: str) -> DriveConfig:
             given["poll"] = _poll(table)
         if "link_loss" in given:
             given["link_loss"] = LinkLossPolicy(**table.table("link_loss").take(_LINK_LOSS, "policy"))
+        if "network" in given:
+            given["network"] = _network(table.table("network"))
         return replace(drive, **given)
+
+
+def _network(table: Table) -> NetworkAccess:
+    for key, listed in table.take(dict.fromkeys(table.content, LIST)).items():
+        if not all(isinstance(each, str) for each in listed):
+            raise table.error(f'{key} holds texts in quotes, such as ["start", "reset"]', key)
+    lists = {key: tuple(listed) for key, listed in table.content.items()}
+    return NetworkAccess(write=lists.pop("write", ()), verbs=lists)
 
 
 def _poll(table: Table) -> tuple[PollGroup, ...]:

@@ -10,8 +10,10 @@ from .contract import (
 )
 from .drive_config import (
     LONGEST_DELAY_S as LONGEST_DELAY_S,
+    NETWORK_VERBS as NETWORK_VERBS,
     DriveConfig as DriveConfig,
     LinkLossPolicy as LinkLossPolicy,
+    NetworkAccess as NetworkAccess,
     PollGroup as PollGroup,
     parse_drive as parse_drive,
     parse_options as parse_options,

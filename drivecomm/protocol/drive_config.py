@@ -59,6 +59,37 @@ class LinkLossPolicy:
             raise UsageError(f"invalid watchdog_s = {self.watchdog_s:g}; write seconds above 0")
 
 
+NETWORK_VERBS = (
+    "start", "stop", "reset", "reverse", "reference", "jog", "hold", "select_setup", "select_preset", "set_relay",
+)  # fmt: skip
+"""What a plant file can allow the doors to a network, by the words that it uses; a stop they may give always."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NetworkAccess:
+    """What may be done with a drive over a network; nothing but asking and stopping unless it is listed here.
+
+    verbs: of `NETWORK_VERBS`, by the kind of door, such as "http". write: parameters that may be written, as they are
+    named in the command, and verbs of the protocol's own that may be called.
+    """
+
+    verbs: Mapping[str, tuple[str, ...]] = field(default_factory=dict, hash=False)
+    write: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if "local" in self.verbs:
+            raise UsageError("programs of this machine need no list in network; leave local out")
+        for door, verbs in self.verbs.items():
+            for verb in verbs:
+                if verb == "*":
+                    raise UsageError(f"network has no wildcard; list each verb that {door} may use")
+                if verb not in NETWORK_VERBS:
+                    raise UsageError(f"unknown verb {verb!r} for {door}; {meant(verb, NETWORK_VERBS, 'use')}")
+        for parameter in self.write:
+            if not parameter or "*" in parameter:
+                raise UsageError("network has no wildcard; list each parameter that may be written")
+
+
 T = TypeVar("T")
 
 
@@ -72,7 +103,8 @@ class DriveConfig:
 
     For masters: armed: it may be written and commanded; otherwise it is read-only for all that takes it from a plant,
     except for stopping it. read_only_reason: why this master may not command it, empty where it may. poll: what is
-    polled of it. link_loss: what its motor does when its master falls silent.
+    polled of it. link_loss: what its motor does when its master falls silent. network: what may be done with it over a
+    network where a server has such doors, if it is armed, too.
 
     For virtual drives: reply_delay_s: from the end of a request to the begin of the reply; None for the usual delay.
     needs_pause_s: from the end of its reply to the next request; it does not hear one that begins sooner.
@@ -90,6 +122,7 @@ class DriveConfig:
     read_only_reason: str = ""
     poll: tuple[PollGroup, ...] = ()
     link_loss: LinkLossPolicy | None = None
+    network: NetworkAccess = NetworkAccess()
     reply_delay_s: float | None = None
     needs_pause_s: float = 0.0
     values: Mapping[str, int | str] = field(default_factory=dict, hash=False)

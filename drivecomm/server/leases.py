@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import secrets
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from drivecomm.errors import LeaseError, UsageError, shortened
+
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from drivecomm.server.door import Caller
+
+LONGEST_S = 30.0
+"""For so long a lease is given at most; it is renewed for longer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -17,3 +25,88 @@ class Lease:
     holder: Caller
     until_s: float
     key: str
+
+
+class Leases:
+    """The leases of all drives; used from one thread.
+
+    now: of a clock that nobody sets, by which leases end. time_s: now, in seconds since 1970, to say when that will be.
+    """
+
+    def __init__(self) -> None:
+        self._held: dict[str, tuple[Lease, float]] = {}
+        self._replaced: list[Lease] = []
+
+    def take(self, caller: Caller, drive: str, seconds: float, *, now: float, time_s: float, key: str = "") -> Lease:
+        """Take the right to command a drive; whoever shows the key of the lease that there is has it for longer.
+
+        Raises LeaseError while somebody else has it, also another program of the same user.
+        """
+        if self.holder_of(drive, now=now):
+            return self.renew(caller, drive, key, seconds, now=now, time_s=time_s)
+        new = Lease(drive=drive, holder=caller, until_s=0.0, key=secrets.token_urlsafe(16))
+        return self._give(new, seconds, now, time_s)
+
+    def renew(self, caller: Caller, drive: str, key: str, seconds: float, *, now: float, time_s: float) -> Lease:
+        """Have it for longer, or shorter, from now on. Raises LeaseError for one that is over, or not theirs."""
+        return self._give(self._own(caller, drive, key, now), seconds, now, time_s)
+
+    def end(self, caller: Caller, drive: str, key: str, *, now: float) -> Lease:
+        """Give it back; return it. Raises LeaseError for one that is over, or not theirs."""
+        lease = self._own(caller, drive, key, now)
+        del self._held[drive]
+        return lease
+
+    def admit(self, caller: Caller, drive: str, key: str, *, now: float) -> Lease | None:
+        """Return the lease under which this caller commands the drive; None without a key, where nobody has one.
+
+        Raises LeaseError while somebody else has it, or the key is of one that is over.
+        """
+        held = self.holder_of(drive, now=now)
+        if held is None and not key:
+            return None
+        return self._own(caller, drive, key, now)
+
+    def expire(self, now: float) -> Sequence[Lease]:
+        """End those whose time is over; return them, each once, also when somebody else has the drive since."""
+        ended = [lease for lease, until in self._held.values() if until <= now]
+        for lease in ended:
+            del self._held[lease.drive]
+        ended[:0], self._replaced = self._replaced, []
+        return ended
+
+    def next_end(self) -> float | None:
+        """When the next one ends unless it is renewed, by the clock of now; None when there is none."""
+        return min((until for _, until in self._held.values()), default=None)
+
+    def holder_of(self, drive: str, *, now: float) -> Lease | None:
+        """Return the lease of a drive, None where nobody has one."""
+        lease, until = self._held.get(drive, (None, 0.0))
+        return lease if now < until else None
+
+    def all(self, *, now: float) -> Sequence[Lease]:
+        """Return all leases."""
+        return [lease for lease, until in self._held.values() if now < until]
+
+    def _own(self, caller: Caller, drive: str, key: str, now: float) -> Lease:
+        lease = self.holder_of(drive, now=now)
+        if lease is None:
+            raise LeaseError(f"the lease of {drive} is over; take it again")
+        same = (lease.holder.name, lease.holder.door) == (caller.name, caller.door)
+        if not same or not secrets.compare_digest(key.encode(errors="replace"), lease.key.encode()):
+            seconds = self._held[drive][1] - now
+            raise LeaseError(
+                f"{drive} is commanded by {lease.holder} for another {max(seconds, 1):.0f} s"
+                + (", by another program or page of the same user" if same else "")
+            )
+        return lease
+
+    def _give(self, lease: Lease, seconds: float, now: float, time_s: float) -> Lease:
+        if not isinstance(seconds, int | float) or not 0 < seconds <= LONGEST_S:
+            raise UsageError(f"a lease cannot be for {shortened(seconds)} s; take up to {LONGEST_S:g} s, and renew it")
+        given = replace(lease, until_s=time_s + seconds)
+        before = self._held.get(lease.drive)
+        if before is not None and before[0].key != lease.key:
+            self._replaced.append(before[0])
+        self._held[lease.drive] = given, now + seconds
+        return given

@@ -24,7 +24,19 @@ from drivecomm.plant import (
     read_plant,
     write_new,
 )
-from drivecomm.protocol import Ask, DriveConfig, Intent, LineSettings, LinkLossPolicy, Pause, PollGroup, Tell, installed
+from drivecomm.protocol import (
+    NETWORK_VERBS,
+    Ask,
+    DriveConfig,
+    Intent,
+    LineSettings,
+    LinkLossPolicy,
+    NetworkAccess,
+    Pause,
+    PollGroup,
+    Tell,
+    installed,
+)
 from drivecomm.testing import play
 from drivecomm.tomlfile import write_whole
 from drivecomm.virtual import VirtualLine, VirtualPlant
@@ -477,6 +489,15 @@ DRIVES = st.builds(
     link_loss=st.none()
     | st.builds(
         LinkLossPolicy, policy=st.sampled_from(["hold", "ramp", "coast", "trip"]), watchdog_s=st.floats(0.1, 100)
+    ),
+    network=st.builds(
+        NetworkAccess,
+        verbs=st.dictionaries(
+            NAMES.filter(lambda name: name not in ("write", "local")),
+            st.lists(st.sampled_from(NETWORK_VERBS), max_size=3).map(tuple),
+            max_size=2,
+        ),
+        write=st.lists(NAMES.filter(lambda name: "*" not in name), max_size=2).map(tuple),
     ),
 )
 LINES = st.builds(

@@ -19,7 +19,7 @@ from drivecomm.plant import (
     read_fault,
     read_plant,
 )
-from drivecomm.protocol import DriveConfig, LinkLossPolicy, PollGroup
+from drivecomm.protocol import DriveConfig, LinkLossPolicy, NetworkAccess, PollGroup
 from drivecomm.virtual import VirtualPlant
 
 HALL = '[[line]]\nname = "hall"\n'
@@ -56,6 +56,7 @@ def test_the_example_in_the_documentation_of_the_module(read):
             needs_pause_s=0.001,
             poll=(PollGroup(parameters=("output_frequency",), period_s=0.2, priority=1),),
             link_loss=LinkLossPolicy(policy="ramp", watchdog_s=5),
+            network=NetworkAccess(verbs={"http": ("start", "reset")}, write=("480",)),
             values={"480": 1000},
             motor={"rated_kw": 7.5},
         ),
@@ -151,6 +152,24 @@ def fault(text):
             "format = 1\n" + HALL + PUMP + 'link_loss = { policy = "ramp", watchdog_s = 0 }\n',
             ["drive 1 (pump): invalid watchdog_s = 0; write seconds above 0"],
         ),
+        (
+            "format = 1\n" + HALL + PUMP + 'network = { http = ["strat"] }\n',
+            ["drive 1 (pump): unknown verb 'strat' for http; did you mean 'start'?"],
+        ),
+        (
+            "format = 1\n" + HALL + PUMP + 'network = { http = ["*"] }\n',
+            ["drive 1 (pump): network has no wildcard; list each verb that http may use"],
+        ),
+        ("format = 1\n" + HALL + PUMP + 'network = { write = ["3-*"] }\n', ["network has no wildcard"]),
+        ("format = 1\n" + HALL + PUMP + 'network = { local = ["start"] }\n', ["leave local out"]),
+        (
+            "format = 1\n" + HALL + PUMP + 'network = { http = "start" }\n',
+            ["network: http cannot be 'start'"],
+        ),
+        ("format = 1\n" + HALL + PUMP + "network = { write = [480] }\n", ["network: write holds texts in quotes"]),
+        ("format = 1\n" + HALL + "door = 3\n", ["line 1 (hall): unknown key 'door'"]),
+        ("door = 3\nformat = 1\n" + HALL, ["line 1: door cannot be 3"]),
+        ("format = 1\n[[server]]\n" + HALL, ["server cannot be [{}]; write a table"]),
         ("format = 1\n" + HALL + PUMP + PUMP, ["two drives are named 'pump'"]),
         ("format = 1\n" + HALL + PUMP + 'line = "yard"\n', ["drive pump: there is no line 'yard'", "it has hall"]),
         ("format = 1\n" + HALL + '[[line]]\nname = "b"\n' + PUMP, ["drive 1 (pump): the key 'line' is missing"]),
@@ -200,6 +219,12 @@ def test_what_is_no_plant(read, tmp_path, text, sentences):
     assert said.startswith(f"{tmp_path / 'plant.toml'}{': ' if any(each in said for each in whole) else ', line '}")
     for sentence in sentences:
         assert sentence in said
+
+
+def test_what_a_server_reads_is_let_through(read):
+    alone = read("format = 1\n" + HALL + PUMP)
+    text = '[server]\nname = "hall 2"\n[[door]]\nkind = "http"\nanything = 3\n[[alarm]]\non = "fault"\n'
+    assert read("format = 1\n" + HALL + PUMP + text) == alone
 
 
 def test_a_file_that_is_not_there(tmp_path):

@@ -1,0 +1,51 @@
+"""Whether a command is meant for now: it names this run of the server, and is young by two clocks.
+
+Neither clock is trusted alone: what was under way before it came here counts by the wall clocks of both sides, and what
+it waited here by a clock that nobody sets. A stop is never too old.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import NotAllowedError, UsageError, shortened
+from drivecomm.protocol import is_duration
+
+if TYPE_CHECKING:
+    from drivecomm.server.door import Command
+
+LONGEST_VALID_S = 10.0
+"""For so long a command may count at most."""
+
+
+def check_fresh(command: Command, *, session: str, time_s: float, waited_s: float = 0.0) -> None:
+    """Raise NotAllowedError for a command that was meant for another time; UsageError where it does not say when.
+
+    session: of this run. time_s: now, in seconds since 1970. waited_s: for how long it has waited in this server.
+    """
+    if command.verb == "stop":
+        return
+    valid_s, issued_s = command.valid_s, command.issued_s
+    if not is_duration(valid_s) or not 0 < valid_s <= LONGEST_VALID_S:
+        raise UsageError(f"invalid valid_s {shortened(valid_s)}; give seconds above 0, at most {LONGEST_VALID_S:g}")
+    if issued_s is not None and not (isinstance(issued_s, int | float) and isfinite(issued_s)):
+        raise UsageError(f"invalid issued_s {shortened(issued_s)}; give seconds since 1970")
+    if command.session and command.session != session:
+        raise NotAllowedError("the command was meant for an earlier run of the server; read its session again")
+    if waited_s > valid_s:
+        raise NotAllowedError(
+            f"the command had to wait for {waited_s:.1f} s and counts for {valid_s:g} s only; it was not sent"
+        )
+    if issued_s is None:
+        return
+    age_s = time_s - issued_s
+    if age_s > valid_s:
+        raise NotAllowedError(
+            f"the command was given {age_s:.1f} s ago and counts for {valid_s:g} s only; it was not sent (are both "
+            "clocks right?)"
+        )
+    if -age_s > valid_s:
+        raise NotAllowedError(
+            f"the command says that it will be given in {-age_s:.1f} s; set the clock of its sender, or of the server"
+        )

@@ -1,0 +1,142 @@
+"""Who may do what: the role of who asks, what the drive allows the door by which they came, and whether it is armed.
+
+Asking needs a role only. A stop needs less than anything else: to be known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import NotAllowedError, ReadOnlyError, UsageError, meant, shortened
+from drivecomm.server.door import ANONYMOUS, LOCAL, Role
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import DriveConfig
+    from drivecomm.server.door import Caller, Command
+
+
+@dataclass(frozen=True, slots=True)
+class Needs:
+    """What a verb needs. network: the word by which a plant file allows it to a door, empty where none does."""
+
+    role: Role
+    commands: bool = True
+    network: str = ""
+
+
+NEEDS = {
+    **dict.fromkeys(
+        ("read", "polled", "status", "wait", "identify", "probe", "read_watchdog"), Needs(Role.VIEW, commands=False)
+    ),
+    "start": Needs(Role.OPERATE, network="start"),
+    "keep": Needs(Role.OPERATE, network="start"),
+    "reverse": Needs(Role.OPERATE, network="reverse"),
+    "reset": Needs(Role.OPERATE, network="reset"),
+    "set_reference": Needs(Role.OPERATE, network="reference"),
+    "jog": Needs(Role.OPERATE, network="jog"),
+    "hold": Needs(Role.OPERATE, network="hold"),
+    "select_setup": Needs(Role.OPERATE, network="select_setup"),
+    "select_preset": Needs(Role.OPERATE, network="select_preset"),
+    "set_relay": Needs(Role.OPERATE, network="set_relay"),
+    "write": Needs(Role.COMMISSION, network="write"),
+    "write_and_read": Needs(Role.COMMISSION, network="write"),
+    "call": Needs(Role.COMMISSION, network="write"),
+    "set_watchdog": Needs(Role.COMMISSION),
+    "stop": Needs(Role.VIEW, commands=False),
+}
+"""What each verb needs; commands: also that the drive is armed, a lease, and that it is noted who gave it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rights:
+    """Tells what may be done. plant_file, users_file: where refusals say that more can be allowed."""
+
+    plant_file: str = "the plant file"
+    users_file: str = "the users file"
+
+    def check(self, caller: Caller, command: Command, drive: DriveConfig) -> None:
+        """Raise NotAllowedError or ReadOnlyError unless the caller may have this command carried out; else nothing."""
+        if command.verb not in NEEDS:
+            raise UsageError(f"unknown verb {shortened(command.verb)}; {meant(command.verb, NEEDS, 'use')}")
+        self._check_role(caller, command.verb, drive.name)
+        if caller.door != LOCAL:
+            self._check_said(command)
+        if command.verb == "stop" or not NEEDS[command.verb].commands:
+            return
+        if command.line:
+            raise ReadOnlyError(
+                f"{self.plant_file} has no {command.drive} on line {command.line}, so it can only be read and stopped; "
+                "write a [[drive]] there"
+            )
+        if caller.door != LOCAL:
+            self._check_network(caller, command, drive)
+        # What a protocol has of its own may only ask; a drive that is not armed finds that out by its telegrams.
+        if not command.arm and not (caller.door == LOCAL and command.verb == "call"):
+            self._check_armed(drive)
+
+    def check_stored(self, caller: Caller, drive: DriveConfig, parameter: str) -> None:
+        """Raise NotAllowedError where what would end in EEPROM comes over a network: its cells wear out."""
+        if caller.door != LOCAL:
+            raise NotAllowedError(
+                f"{parameter} of {drive.name} cannot be stored over a network, because EEPROM cells wear out; "
+                "store it by a program on the server's machine"
+            )
+
+    def verbs_for(self, caller: Caller, drive: DriveConfig) -> list[str]:
+        """Return the verbs that this caller may use with this drive now; of write and call, for some parameters."""
+        return [verb for verb in NEEDS if self._may(caller, verb, drive)]
+
+    def _may(self, caller: Caller, verb: str, drive: DriveConfig) -> bool:
+        try:
+            self._check_role(caller, verb, drive.name)
+            if NEEDS[verb].commands:
+                self._check_armed(drive)
+        except (NotAllowedError, ReadOnlyError):
+            return False
+        if caller.door == LOCAL or not NEEDS[verb].commands:
+            return True
+        word, network = NEEDS[verb].network, drive.network
+        return bool(network.write) if word == "write" else word in network.verbs.get(caller.door_kind, ())
+
+    def _check_role(self, caller: Caller, verb: str, drive: str) -> None:
+        role = NEEDS[verb].role
+        if verb == "stop" and caller.name == ANONYMOUS and caller.door != LOCAL:
+            raise NotAllowedError(f"{drive} is stopped only for users who are known; log in, or send a token")
+        if caller.role >= role:
+            return
+        if caller.role is Role.NOBODY:
+            raise NotAllowedError(f"{verb} of {drive} is only for users who are known; log in, or send a token")
+        raise NotAllowedError(
+            f"{caller.name} has the role {caller.role.name.lower()}, and {verb} of {drive} needs {role.name.lower()}; "
+            f'write role = "{role.name.lower()}" in {self.users_file}'
+        )
+
+    def _check_said(self, command: Command) -> None:
+        armed = command.arm and command.verb != "stop"
+        for what, said in (("line", command.line), ("options", command.options), ("arm", armed)):
+            if said:
+                raise NotAllowedError(f"{what} is only for programs on the server's machine; leave it out")
+
+    def _check_armed(self, drive: DriveConfig) -> None:
+        if reason := drive.read_only_reason or drive.why_read_only(self.plant_file):
+            raise ReadOnlyError(reason)
+
+    def _check_network(self, caller: Caller, command: Command, drive: DriveConfig) -> None:
+        word, given = NEEDS[command.verb].network, command.arguments
+        if not word:
+            raise NotAllowedError(f"{command.verb} is only for programs on the server's machine")
+        if given.get("store"):
+            self.check_stored(caller, drive, shortened(given.get("parameter", command.verb)))
+        if word == "write":
+            key, allowed = "write", drive.network.write
+            wanted = [given.get("verb" if command.verb == "call" else "parameter")]
+        else:
+            key, allowed = caller.door_kind, drive.network.verbs.get(caller.door_kind, ())
+            wanted = [word, "reverse"] if word == "start" and given.get("reverse") else [word]
+        for each in wanted:
+            if each not in allowed:
+                raise NotAllowedError(
+                    f"{self.plant_file} does not allow {command.verb} of {drive.name} over {caller.door_kind}; "
+                    f"to allow it, add {shortened(each)} to network = {{ {key} = [...] }} of this drive there"
+                )

@@ -1,0 +1,122 @@
+"""What a plant file says to its server: its name, its files, its doors and its alarms.
+
+[server]                            # all of it is optional
+name = "hall 2"                     # the file's name without its ending, unless given
+status_period_s = 1.0               # how often each drive's status is asked
+users = "users.toml"                # who may come in over a network; beside the plant file, as all files named here
+audit = "audit.jsonl"               # who commanded what; in the server's state folder unless given
+history = { file = "history.sqlite", days = 30, megabytes = 1000 }
+                                    # values and events; false: none is kept
+
+[[door]]                            # a way into the plant for others than programs of this machine
+kind = "http"                       # which; its other keys are its own
+
+[[alarm]]                           # its keys are read where alarms are
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import meant
+from drivecomm.server.door import LOCAL
+from drivecomm.server.places import audit_file, history_file
+from drivecomm.tomlfile import SECONDS, TEXT, Kind, read_toml
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+    from drivecomm.tomlfile import Table
+
+_HISTORY_OR_NONE = Kind((bool, dict), 'false, or a table such as { file = "history.sqlite", days = 30 }')
+_SERVER = {"name": TEXT, "status_period_s": SECONDS, "users": TEXT, "audit": TEXT, "history": _HISTORY_OR_NONE}
+_NUMBER = Kind((int, float), "a number above 0")
+_HISTORY = {"file": TEXT, "days": _NUMBER, "megabytes": _NUMBER}
+_LONGEST_PERIOD_S = 3600.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HistorySettings:
+    """Where values and events are kept, for how many days, and in how many megabytes at most."""
+
+    file: Path
+    days: float = 30.0
+    megabytes: float = 1000.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServerSettings:
+    """What is said to the server of a plant.
+
+    name: what the plant is called. status_period_s: how often each drive's status is asked. users: the file of those
+    who may come in over a network, None where there is none. history: None where none is kept. doors: the kind of each,
+    and its own keys. alarms: as they stand in the file.
+    """
+
+    name: str
+    audit: Path
+    status_period_s: float = 1.0
+    users: Path | None = None
+    history: HistorySettings | None = None
+    doors: tuple[tuple[str, Table], ...] = ()
+    alarms: tuple[Table, ...] = ()
+
+
+def read_settings(path: Path) -> ServerSettings:
+    """Read what a plant file says to its server. Raises FileFormatError with file, line, entry and what is wrong."""
+    top = read_toml(path, "a plant")
+    table = top.table("server")
+    given = table.take(_SERVER)
+    for key in ("name", "users", "audit"):
+        if not given.get(key, "said"):
+            raise table.error(f"{key} is empty; leave it out", key)
+    period = given.get("status_period_s", 1.0)
+    if not 0 < period <= _LONGEST_PERIOD_S:
+        raise table.error(f"invalid status_period_s = {period:g}; write seconds above 0", "status_period_s")
+    doors = tuple(_door(each) for each in top.tables("door"))
+    _check_networks(top, {kind for kind, _ in doors})
+    return ServerSettings(
+        name=given.get("name", path.stem),
+        status_period_s=float(period),
+        users=path.parent / given["users"] if "users" in given else None,
+        audit=path.parent / given["audit"] if "audit" in given else audit_file(path),
+        history=_history(path, table, given.get("history", True)),
+        doors=doors,
+        alarms=tuple(top.tables("alarm")),
+    )
+
+
+def _history(path: Path, table: Table, said: Any) -> HistorySettings | None:
+    if said is False:
+        return None
+    if said is True:
+        return HistorySettings(file=history_file(path))
+    inner = table.table("history")
+    given = inner.take(_HISTORY)
+    for key in ("days", "megabytes"):
+        if not given.get(key, 1) > 0:
+            raise inner.error(f"invalid {key} = {given[key]:g}; write {_NUMBER.words}", key)
+    file = path.parent / given.pop("file") if given.get("file") else history_file(path)
+    return HistorySettings(**{**given, "file": file})
+
+
+def _door(table: Table) -> tuple[str, Table]:
+    kind = table.content.get("kind")
+    if not isinstance(kind, str) or not kind:
+        raise table.error('write the kind of door, such as kind = "http"', "kind")
+    if kind == LOCAL:
+        raise table.error("the local door is always open; leave this one out", "kind")
+    return kind, table.without("kind", table.name if "(" in table.name else f"{table.name} ({kind})")
+
+
+def _check_networks(top: Table, kinds: Iterable[str]) -> None:
+    """Raise FileFormatError for a drive whose network names a door that neither the file nor anybody else has."""
+    from importlib.metadata import entry_points  # noqa: PLC0415 - not for those who only want a value's type
+
+    known = sorted({*kinds, *(each.name for each in entry_points(group="drivecomm.doors"))})
+    for drive in top.tables("drive"):
+        network = drive.content.get("network", {})
+        for kind in sorted(set(network) - {"write", *known} if isinstance(network, dict) else ()):
+            raise drive.error(f"network: unknown kind of door {kind!r}; {meant(kind, known, 'there are')}", "network")

@@ -1,0 +1,177 @@
+"""Commands that were under way for a while: meant for now, and carried out once."""
+
+import asyncio
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, strategies as st
+
+from drivecomm.errors import NotAllowedError, UsageError
+from drivecomm.server.door import Answer, Caller, Command, Role
+from drivecomm.server.freshness import check_fresh
+from drivecomm.server.repeats import MOST, REMEMBERED_S, Repeats
+
+NOW_S = 1_790_000_000.0
+START = Command(drive="pump", verb="start", id="1")
+ANNA = Caller(name="anna", role=Role.OPERATE, door="http")
+BEN = Caller(name="ben", role=Role.OPERATE, door="http")
+
+
+def fresh(command, time_s=NOW_S, waited_s=0.0):
+    try:
+        check_fresh(command, session="now", time_s=time_s, waited_s=waited_s)
+    except NotAllowedError:
+        return False
+    return True
+
+
+def test_what_says_nothing_of_its_time_may_only_wait_so_long():
+    assert fresh(START)
+    assert fresh(START, waited_s=2.0)
+    assert not fresh(START, waited_s=2.1)
+    assert fresh(replace(START, valid_s=10), waited_s=9)
+
+
+def test_the_session():
+    assert fresh(replace(START, session="now"))
+    with pytest.raises(NotAllowedError, match="meant for an earlier run of the server; read its session again"):
+        check_fresh(replace(START, session="before"), session="now", time_s=NOW_S)
+
+
+@pytest.mark.parametrize("valid_s", [0, -1, 10.1, math.inf, math.nan, "2", None])
+def test_for_how_long_a_command_can_count(valid_s):
+    with pytest.raises(UsageError, match="give seconds above 0, at most 10"):
+        check_fresh(replace(START, valid_s=valid_s), session="now", time_s=NOW_S)
+
+
+@pytest.mark.parametrize("issued_s", [math.inf, math.nan, "now"])
+def test_when_a_command_can_be_given(issued_s):
+    with pytest.raises(UsageError, match="give seconds since 1970"):
+        check_fresh(replace(START, issued_s=issued_s), session="now", time_s=NOW_S)
+
+
+@given(issued=st.floats(-1e5, 1e5), valid_s=st.floats(0.1, 10), waited_s=st.floats(0, 20), set_by=st.floats(-1e5, 1e5))
+def test_whatever_the_clocks_do_nothing_old_passes(issued, valid_s, waited_s, set_by):
+    """set_by: how far the server's clock was set while the command waited."""
+    command = replace(START, issued_s=NOW_S + issued, valid_s=valid_s)
+    time_s = NOW_S + waited_s + set_by
+    passed = fresh(command, time_s, waited_s)
+    assert passed == (waited_s <= valid_s and abs(time_s - command.issued_s) <= valid_s)
+    assert fresh(replace(command, verb="stop", session="before"), time_s, waited_s), "a stop is never too old"
+
+
+def test_an_old_one_is_told_how_old_it_is():
+    with pytest.raises(NotAllowedError, match=r"given 3600.0 s ago and counts for 2 s only; it was not sent"):
+        check_fresh(replace(START, issued_s=NOW_S - 3600), session="now", time_s=NOW_S)
+    with pytest.raises(NotAllowedError, match=r"will be given in 3600.0 s; set the clock"):
+        check_fresh(replace(START, issued_s=NOW_S + 3600), session="now", time_s=NOW_S)
+    with pytest.raises(NotAllowedError, match=r"had to wait for 3.0 s and counts for 2 s only"):
+        check_fresh(START, session="now", time_s=NOW_S, waited_s=3)
+
+
+class Acting:
+    """Counts how often a command acts."""
+
+    def __init__(self):
+        self.times = 0
+        self.go_on = asyncio.Event()
+        self.go_on.set()
+        self.fails = None
+
+    async def __call__(self):
+        self.times += 1
+        mine = self.times
+        await self.go_on.wait()
+        if self.fails:
+            raise self.fails
+        return Answer(id="1", outcome="done", result=mine)
+
+
+def run(test):
+    return asyncio.run(test())
+
+
+def test_the_same_again_gets_the_first_answer():
+    async def test():
+        time = [0.0]
+        repeats, act = Repeats(lambda: time[0]), Acting()
+        assert (await repeats.once(ANNA, START, act)).result == 1
+        time[0] = REMEMBERED_S - 1
+        assert (await repeats.once(ANNA, START, act)).result == 1
+        assert (await repeats.once(BEN, START, act)).result == 2, "ids are each caller's own"
+        assert (await repeats.once(replace(ANNA, door="mqtt"), START, act)).result == 3
+        time[0] = REMEMBERED_S
+        assert (await repeats.once(ANNA, START, act)).result == 4, "it is forgotten after a while"
+
+    run(test)
+
+
+def test_without_an_id_each_acts():
+    async def test():
+        repeats, act = Repeats(), Acting()
+        assert [(await repeats.once(ANNA, replace(START, id=""), act)).result for _ in range(3)] == [1, 2, 3]
+
+    run(test)
+
+
+def test_while_the_first_is_under_way_the_second_waits_for_it():
+    async def test():
+        repeats, act = Repeats(), Acting()
+        act.go_on.clear()
+        first, second = (asyncio.create_task(repeats.once(ANNA, START, act)) for _ in range(2))
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        assert (act.times, first.done(), second.done()) == (1, False, False)
+        # Whoever goes away takes the command with them from nobody.
+        first.cancel()
+        act.go_on.set()
+        assert (await second).result == 1
+        assert act.times == 1
+
+    run(test)
+
+
+def test_an_id_for_something_else():
+    async def test():
+        repeats, act = Repeats(), Acting()
+        await repeats.once(ANNA, START, act)
+        for other in (
+            replace(START, drive="fan"),
+            replace(START, verb="reset"),
+            replace(START, line="x"),
+            replace(START, arguments={"reverse": True}),
+        ):
+            with pytest.raises(UsageError, match="the id '1' was used for another command"):
+                await repeats.once(ANNA, other, act)
+        assert (await repeats.once(ANNA, replace(START, issued_s=3.0, lease="key"), act)).result == 1
+        with pytest.raises(UsageError, match="at most 200 characters"):
+            await repeats.once(ANNA, replace(START, id="x" * 201), act)
+        assert act.times == 1
+
+    run(test)
+
+
+def test_what_went_wrong_in_the_server_itself_is_no_answer():
+    async def test():
+        repeats, act = Repeats(), Acting()
+        act.fails = RuntimeError("a mistake")
+        with pytest.raises(RuntimeError):
+            await repeats.once(ANNA, START, act)
+        act.fails = None
+        assert (await repeats.once(ANNA, START, act)).result == 2
+
+    run(test)
+
+
+def test_it_does_not_grow_without_end():
+    async def test():
+        repeats, act = Repeats(lambda: 0.0), Acting()
+        for number in range(MOST + 5):
+            await repeats.once(ANNA, replace(START, id=str(number)), act)
+        await repeats.once(ANNA, replace(START, id="5"), act)
+        assert act.times == MOST + 5, "the oldest are forgotten first"
+        await repeats.once(ANNA, replace(START, id="4"), act)
+        assert act.times == MOST + 6
+
+    run(test)

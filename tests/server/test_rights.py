@@ -1,0 +1,185 @@
+"""Who may do what with a drive, by which door."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, strategies as st
+
+from drivecomm.bus import AsyncDrive
+from drivecomm.errors import NotAllowedError, ReadOnlyError, UsageError
+from drivecomm.protocol import NETWORK_VERBS, DriveConfig, NetworkAccess
+from drivecomm.server.door import ANONYMOUS, LOCAL, Caller, Command, Role
+from drivecomm.server.rights import NEEDS, Rights
+
+RIGHTS = Rights("plant.toml", "users.toml")
+ALL = NetworkAccess(verbs={"http": NETWORK_VERBS}, write=("3-41", "jog"))
+PUMP = DriveConfig(protocol="danfoss-fc", address=1, name="pump", line="hall", armed=True, network=ALL)
+HTTP = "http 127.0.0.1:8080"
+
+
+def caller(role, door=HTTP, name="anna"):
+    return Caller(name=name, role=role, door=door)
+
+
+def command(verb, /, **arguments):
+    return Command(drive="pump", verb=verb, arguments=arguments)
+
+
+def may(who, what, drive=PUMP):
+    try:
+        RIGHTS.check(who, what, drive)
+    except (NotAllowedError, ReadOnlyError):
+        return False
+    return True
+
+
+ARGUMENTS = {"write": {"parameter": "3-41"}, "write_and_read": {"parameter": "3-41"}, "call": {"verb": "jog"}}
+
+
+@pytest.mark.parametrize("verb", NEEDS)
+@pytest.mark.parametrize("door", [HTTP, LOCAL])
+def test_no_command_passes_by_a_role_below(verb, door):
+    allowed = [role for role in Role if may(caller(role, door), command(verb, **ARGUMENTS.get(verb, {})))]
+    if verb == "set_watchdog" and door != LOCAL:
+        assert not allowed
+    else:
+        assert allowed == [role for role in Role if role >= NEEDS[verb].role]
+
+
+def test_what_each_role_is_for():
+    for verb, needs in NEEDS.items():
+        if verb in ("read", "polled", "status", "wait", "identify", "probe", "read_watchdog", "stop"):
+            assert needs.role is Role.VIEW
+            assert not needs.commands
+        elif verb in ("write", "write_and_read", "call", "set_watchdog"):
+            assert needs.role is Role.COMMISSION
+            assert needs.commands
+        else:
+            assert needs.role is Role.OPERATE
+            assert needs.commands
+
+
+def test_every_verb_of_a_drive_has_its_needs_and_every_word_of_the_plant_file_its_verb():
+    declared = {
+        name for name in dir(AsyncDrive) if name[0] != "_" and hasattr(getattr(AsyncDrive, name), "__wrapped__")
+    }
+    assert declared <= set(NEEDS)
+    assert {needs.network for needs in NEEDS.values()} - {"", "write"} | {"stop"} == set(NETWORK_VERBS)
+
+
+@pytest.mark.parametrize("verb", [verb for verb in NEEDS if NEEDS[verb].commands])
+def test_a_network_needs_to_be_allowed_verb_by_verb(verb):
+    who, what = caller(Role.COMMISSION), command(verb, **ARGUMENTS.get(verb, {}))
+    assert not may(who, what, replace(PUMP, network=NetworkAccess()))
+    assert not may(who, what, replace(PUMP, network=NetworkAccess(verbs={"mqtt": NETWORK_VERBS})))
+    others = tuple(each for each in NETWORK_VERBS if each != NEEDS[verb].network)
+    write = () if NEEDS[verb].network == "write" else ALL.write
+    assert not may(who, what, replace(PUMP, network=NetworkAccess(verbs={"http": others}, write=write)))
+    assert may(replace(who, door=LOCAL), what, replace(PUMP, network=NetworkAccess()))
+
+
+@pytest.mark.parametrize("verb", [verb for verb in NEEDS if NEEDS[verb].commands])
+def test_an_unarmed_drive_is_commanded_by_nobody(verb):
+    unarmed = replace(PUMP, armed=False)
+    what = command(verb, **ARGUMENTS.get(verb, {}))
+    assert not may(caller(Role.COMMISSION), what, unarmed)
+    assert not may(caller(Role.COMMISSION), replace(what, arm=True), unarmed)
+    local = caller(Role.COMMISSION, LOCAL)
+    assert may(local, replace(what, arm=True), unarmed)
+    # A verb of the protocol's own may only ask: the drive itself, which is read-only, refuses the others.
+    assert may(local, what, unarmed) == (verb == "call")
+
+
+@pytest.mark.parametrize("drive", [PUMP, replace(PUMP, armed=False, network=NetworkAccess())])
+def test_a_stop_needs_to_be_known_and_nothing_else(drive):
+    for role in (Role.VIEW, Role.OPERATE, Role.COMMISSION):
+        for door in (HTTP, LOCAL, "mqtt"):
+            assert may(caller(role, door), command("stop", how="coast"), drive)
+            assert may(caller(role, door), replace(command("stop"), arm=True), drive)
+    with pytest.raises(NotAllowedError, match="pump is stopped only for users who are known; log in, or send a token"):
+        RIGHTS.check(caller(Role.VIEW, name=ANONYMOUS), command("stop"), drive)
+    assert not may(caller(Role.NOBODY), command("stop"), drive)
+
+
+def test_starting_backwards_is_reversing():
+    forwards = replace(PUMP, network=NetworkAccess(verbs={"http": ("start",)}))
+    who = caller(Role.OPERATE)
+    assert may(who, command("start"), forwards)
+    assert may(who, command("start", reverse=False), forwards)
+    for verb in ("start", "keep"):
+        with pytest.raises(NotAllowedError, match="add 'reverse' to network"):
+            RIGHTS.check(who, command(verb, reverse=True), forwards)
+
+
+@pytest.mark.parametrize("verb", ["write", "write_and_read"])
+def test_what_may_be_written_over_a_network(verb):
+    who = caller(Role.COMMISSION)
+    assert may(who, command(verb, parameter="3-41", value=5, store=False))
+    for arguments in ({"parameter": "3-42"}, {"parameter": ""}, {}, {"parameter": 341}, {"parameter": ["3-41"]}):
+        assert not may(who, command(verb, **arguments))
+    with pytest.raises(NotAllowedError, match="'3-41' of pump cannot be stored over a network, because EEPROM"):
+        RIGHTS.check(who, command(verb, parameter="3-41", value=5, store=True), PUMP)
+    assert may(caller(Role.COMMISSION, LOCAL), command(verb, parameter="9-99", store=True))
+
+
+def test_what_would_be_stored_anyway():
+    with pytest.raises(NotAllowedError, match="481 of pump cannot be stored over a network"):
+        RIGHTS.check_stored(caller(Role.COMMISSION), PUMP, "481")
+    RIGHTS.check_stored(caller(Role.COMMISSION, LOCAL), PUMP, "481")
+
+
+@pytest.mark.parametrize("verb", ["read", "status", "stop", "start"])
+@pytest.mark.parametrize("said", [{"line": "hall"}, {"options": {"model": "fc101"}}])
+def test_drives_and_options_that_the_plant_does_not_have_are_for_programs_of_this_machine(verb, said):
+    what = replace(command(verb), **said)
+    with pytest.raises(NotAllowedError, match="only for programs on the server's machine"):
+        RIGHTS.check(caller(Role.COMMISSION), what, PUMP)
+    assert may(caller(Role.COMMISSION, LOCAL), what) == (verb != "start" or "line" not in said)
+
+
+def test_sentences_say_what_to_write():
+    with pytest.raises(NotAllowedError) as caught:
+        RIGHTS.check(caller(Role.VIEW), command("start"), PUMP)
+    assert str(caught.value) == (
+        'anna has the role view, and start of pump needs operate; write role = "operate" in users.toml'
+    )
+    with pytest.raises(NotAllowedError) as caught:
+        RIGHTS.check(caller(Role.OPERATE), command("start"), replace(PUMP, network=NetworkAccess()))
+    assert str(caught.value) == (
+        "plant.toml does not allow start of pump over http; to allow it, add 'start' to network = { http = [...] } "
+        "of this drive there"
+    )
+    with pytest.raises(ReadOnlyError) as caught:
+        RIGHTS.check(caller(Role.OPERATE), command("start"), replace(PUMP, armed=False))
+    assert str(caught.value) == "pump is read-only in plant.toml; write armed = true there"
+    with pytest.raises(UsageError, match="unknown verb 'strat'; did you mean 'start'"):
+        RIGHTS.check(caller(Role.OPERATE), command("strat"), PUMP)
+
+
+def test_what_a_caller_may():
+    own = replace(PUMP, network=NetworkAccess(verbs={"http": ("start", "reset")}))
+    asking = ["read", "polled", "status", "wait", "identify", "probe", "read_watchdog"]
+    assert RIGHTS.verbs_for(caller(Role.OPERATE), own) == [*asking, "start", "keep", "reset", "stop"]
+    assert RIGHTS.verbs_for(caller(Role.VIEW), own) == [*asking, "stop"]
+    assert RIGHTS.verbs_for(caller(Role.VIEW, name=ANONYMOUS), own) == asking
+    assert RIGHTS.verbs_for(caller(Role.NOBODY), own) == []
+    assert RIGHTS.verbs_for(caller(Role.COMMISSION, LOCAL), own) == list(NEEDS)
+    assert RIGHTS.verbs_for(caller(Role.COMMISSION), replace(PUMP, armed=False)) == [*asking, "stop"]
+
+
+@given(
+    role=st.sampled_from(Role),
+    door=st.sampled_from([HTTP, LOCAL, "mqtt broker"]),
+    armed=st.booleans(),
+    verbs=st.dictionaries(st.sampled_from(["http", "mqtt"]), st.lists(st.sampled_from(NETWORK_VERBS)).map(tuple)),
+    write=st.lists(st.sampled_from(["3-41", "jog"])).map(tuple),
+    verb=st.sampled_from(list(NEEDS)),
+)
+def test_what_is_said_that_they_may_is_what_they_may(*, role, door, armed, verbs, write, verb):
+    drive = replace(PUMP, armed=armed, network=NetworkAccess(verbs=verbs, write=write))
+    who = caller(role, door)
+    listed = verb in RIGHTS.verbs_for(who, drive)
+    arguments = [{"parameter": "3-41"}, {"parameter": "jog"}, {"verb": "jog"}, {"verb": "3-41"}]
+    able = any(may(who, command(verb, **each), drive) for each in arguments)
+    only_asks = verb == "call" and door == LOCAL and not armed
+    assert listed == able or (only_asks and able)

@@ -1,0 +1,122 @@
+"""What a plant file says to its server, and what is said about what cannot be."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from drivecomm.errors import FileFormatError
+from drivecomm.plant import read_plant
+from drivecomm.server.places import audit_file, history_file, plant_id, state_folder
+from drivecomm.server.settings import HistorySettings, read_settings
+from drivecomm.tomlfile import TEXT
+
+PLANT = """\
+format = 1
+[[line]]
+name = "hall"
+[[drive]]
+name = "pump"
+drive = "vabus:1"
+"""
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    return tmp_path / "plant.toml"
+
+
+def settings_of(file, text):
+    file.write_text(PLANT + text)
+    read_plant(file)
+    return read_settings(file)
+
+
+def test_what_is_not_said(file):
+    said = settings_of(file, "")
+    assert (said.name, said.status_period_s, said.users, said.doors, said.alarms) == ("plant", 1.0, None, (), ())
+    assert said.audit == audit_file(file)
+    assert said.history == HistorySettings(file=history_file(file), days=30, megabytes=1000)
+
+
+def test_all_that_can_be_said(file):
+    said = settings_of(
+        file,
+        """\
+network = { http = ["start"] }
+[server]
+name = "hall 2"
+status_period_s = 0.5
+users = "users.toml"
+audit = "/var/log/audit.jsonl"
+history = { file = "history.sqlite", days = 3, megabytes = 10 }
+[[door]]
+kind = "http"
+listen = "127.0.0.1:8080"
+[[door]]
+kind = "mqtt"
+name = "cloud"
+[[alarm]]
+on = "fault"
+""",
+    )
+    assert (said.name, said.status_period_s, said.users) == ("hall 2", 0.5, file.parent / "users.toml")
+    assert said.audit == Path("/var/log/audit.jsonl")
+    assert said.history == HistorySettings(file=file.parent / "history.sqlite", days=3, megabytes=10)
+    (http, first), (mqtt, second) = said.doors
+    assert (http, first.take({"listen": TEXT})) == ("http", {"listen": "127.0.0.1:8080"})
+    assert str(first.error("no", "listen")) == f"{file}, line 16: door 1 (http): no"
+    assert (mqtt, second.name, dict(second.content)) == ("mqtt", "door 2 (cloud)", {"name": "cloud"})
+    assert [dict(each.content) for each in said.alarms] == [{"on": "fault"}]
+
+
+def test_no_history(file):
+    assert settings_of(file, "[server]\nhistory = false\n").history is None
+    assert settings_of(file, "[server]\nhistory = true\n").history.file == history_file(file)
+    assert settings_of(file, "[server]\nhistory = { days = 2 }\n").history.file == history_file(file)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[server]\nnmae = 'x'\n", "line 8: server: unknown key 'nmae'; did you mean 'name'?"),
+        ("[server]\nname = ''\n", "line 8: server: name is empty; leave it out"),
+        ("[server]\nusers = ''\n", "line 8: server: users is empty; leave it out"),
+        ("[server]\nstatus_period_s = 0\n", "line 8: server: invalid status_period_s = 0; write seconds above 0"),
+        ("[server]\nstatus_period_s = nan\n", "line 8: server: invalid status_period_s = nan"),
+        ("[server]\nhistory = 3\n", "line 8: server: history cannot be 3; write false, or a table"),
+        ("[server]\nhistory = { day = 3 }\n", "line 8: server, history: unknown key 'day'; did you mean 'days'?"),
+        ("[server]\nhistory = { days = 0 }\n", "line 8: server, history: invalid days = 0; write a number above 0"),
+        ("[[door]]\nlisten = 'x'\n", 'line 7: door 1: write the kind of door, such as kind = "http"'),
+        ("[[door]]\nkind = 3\n", "line 8: door 1: write the kind of door"),
+        ("[[door]]\nkind = 'local'\n", "line 8: door 1: the local door is always open; leave this one out"),
+        (
+            "network = { htpp = ['start'] }\n[[door]]\nkind = 'http'\n",
+            "line 7: drive 1 (pump): network: unknown kind of door 'htpp'; did you mean 'http'?",
+        ),
+    ],
+)
+def test_what_cannot_be(file, text, sentence):
+    with pytest.raises(FileFormatError) as caught:
+        settings_of(file, text)
+    assert str(caught.value).startswith(f"{file}, {sentence}")
+
+
+def test_a_plant_has_one_name_by_whatever_path(tmp_path):
+    file = tmp_path / "hall.toml"
+    file.touch()
+    (tmp_path / "link.toml").symlink_to(file)
+    assert plant_id(tmp_path / "link.toml") == plant_id(Path(os.path.relpath(file))) == plant_id(file)
+    assert plant_id(file).startswith("hall-")
+    assert plant_id(tmp_path / "other" / "hall.toml") != plant_id(file)
+
+
+def test_where_the_state_is(tmp_path, monkeypatch):
+    file = tmp_path / "plant.toml"
+    monkeypatch.setenv("STATE_DIRECTORY", f"{tmp_path}{os.pathsep}/elsewhere")
+    assert state_folder(file) == tmp_path / plant_id(file)
+    monkeypatch.delenv("STATE_DIRECTORY")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "home"))
+    if os.name == "posix":
+        assert state_folder(file) == tmp_path / "home" / "drivecomm" / plant_id(file)
