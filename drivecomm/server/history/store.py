@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
-from drivecomm.client.wire import json_text, plain
+from drivecomm.client import json_text, plain
 from drivecomm.server.history.records import whole_and_exponent
 from drivecomm.server.history.schema import ROWS_A_SEGMENT, open_for_writing
 

@@ -112,7 +112,7 @@ def test_a_journal_drops_what_is_too_old_after_an_hour(file, monkeypatch):
         with History(file) as history:
             return sum(each.quality == "good" for each in history.values())
 
-    for wanted, now_s in ((5000, 3500.0), (1000, 3700.0)):
+    for wanted, now_s in ((5000, 3500.0), (1000, 8000.0)):
         steady_s[0] = now_s
         for _ in range(200):
             if kept() == wanted:
