@@ -41,6 +41,10 @@ COMMANDS = {
     ),
     "cohabit": ("cohabit:cohabit", "Check whether drives on one line can mistake each other's telegrams."),
     "simulate": ("simulate:simulate", "Serve virtual drives to other programs."),
+    "serve": (
+        "serve:serve",
+        "Own the lines of a plant, and serve its drives to commands, programs and people.",
+    ),
     "replay": ("replay:replay", "Replay a capture: with --listen as its drives, otherwise as its master."),
     "sniff": ("sniff.command:sniff", "Listen to a line without ever sending, or read a capture."),
     "plant": ("", "Control the virtual drives of drivecomm simulate."),

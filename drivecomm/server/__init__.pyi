@@ -8,6 +8,9 @@ from .door import (
     Changes as Changes,
     Command as Command,
     Door as Door,
+    Examination as Examination,
+    History as History,
+    LoggedIn as LoggedIn,
     MakeDoor as MakeDoor,
     Outcome as Outcome,
     Role as Role,
@@ -16,6 +19,8 @@ from .door import (
 from .freshness import check_fresh as check_fresh
 from .leases import Lease as Lease, Leases as Leases
 from .logins import Login as Login, Users as Users
+from .logs import LOG_LEVELS as LOG_LEVELS, logging_to as logging_to
+from .notify import ServiceManager as ServiceManager
 from .observations import (
     STATUS as STATUS,
     CurrentValue as CurrentValue,
@@ -32,6 +37,7 @@ from .places import (
 )
 from .repeats import Repeats as Repeats
 from .rights import NEEDS as NEEDS, Rights as Rights
+from .serving import Serving as Serving
 from .settings import (
     HistorySettings as HistorySettings,
     ServerSettings as ServerSettings,

@@ -119,17 +119,62 @@ class Changes(Protocol):
         """Want no more."""
 
 
+class LoggedIn(Protocol):
+    """A token that counts for a while. until_s: in seconds since 1970."""
+
+    @property
+    def token(self) -> str:
+        """What its owner shows."""
+
+    @property
+    def until_s(self) -> float:
+        """Until when it counts."""
+
+
+class Users(Protocol):
+    """Who may come in by doors other than the local one; called from any thread."""
+
+    def caller(self, token: str, door: str) -> Caller:
+        """Return whose token this is. Raises NotAllowedError for nobody's."""
+
+    async def log_in(self, name: str, password: str) -> LoggedIn:
+        """Return a token for whoever knows the password. Raises NotAllowedError."""
+
+
+class History(Protocol):
+    """What the journal holds."""
+
+    async def points(
+        self, drive: str, name: str, from_s: float, to_s: float, points: int
+    ) -> Sequence[tuple[float, float | None, str]]:
+        """Return a quantity's time, value and quality, thinned to about so many. Raises UsageError."""
+
+    async def events(self, *, drive: str, kind: str, from_s: float, to_s: float, limit: int) -> Sequence[Event]:
+        """Return the latest events that fit, the oldest first; an empty drive or kind fits all."""
+
+
+Examination: TypeAlias = Literal["scan", "doctor", "trace", "statistics"]
+"""What can be asked of a line as a whole."""
+
+
 class ServedPlant(Protocol):
-    """The plant as a door sees it; everything may be called from a door's own thread.
+    """The plant as a door sees it; everything may be called from a door's own thread."""
 
-    name: what the plant is called. session: a random word of this run of the server; a command that names another one
-    was meant for an earlier run.
-    """
+    @property
+    def name(self) -> str:
+        """What the plant is called."""
 
-    name: str
-    session: str
-    started_s: float
-    plant: Plant
+    @property
+    def session(self) -> str:
+        """A random word of this run; a command that names another one was meant for an earlier run."""
+
+    @property
+    def started_s(self) -> float:
+        """When the server was started, in seconds since 1970."""
+
+    @property
+    def plant(self) -> Plant:
+        """The plant as data, as it is now."""
 
     def drives(self) -> Sequence[DriveState]:
         """Return all drives, in the order of the plant."""
@@ -155,8 +200,8 @@ class ServedPlant(Protocol):
     async def command(self, caller: Caller, command: Command) -> Answer:
         """Carry out a command, if this caller may; never raises what is about the command, it is in the answer."""
 
-    async def stop_all(self, caller: Caller, how: str) -> Sequence[tuple[str, Answer]]:
-        """Stop all drives, all lines at once; returns an answer for each drive."""
+    async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[tuple[str, Answer]]:
+        """Stop all drives, those of some lines only if named; all lines at once; returns an answer for each drive."""
 
     async def take_lease(self, caller: Caller, drive: str, seconds: float) -> Lease:
         """Take the right to command a drive. Raises LeaseError while somebody else has it."""
@@ -166,6 +211,34 @@ class ServedPlant(Protocol):
 
     async def end_lease(self, caller: Caller, drive: str, key: str) -> None:
         """Give it back. A motor that was started under it, and kept, is treated by its link-loss policy."""
+
+    @property
+    def users(self) -> Users | None:
+        """Who may come in; None where the plant has no users, and only the local door has callers with a name."""
+
+    @property
+    def history(self) -> History | None:
+        """What was, None where no journal is kept."""
+
+    def may(self, caller: Caller, drive: str) -> Sequence[str]:
+        """Return the verbs that this caller may use on a drive."""
+
+    def alarms(self) -> Sequence[Mapping[str, Any]]:
+        """Return the alarms that are on, or that nobody has acknowledged, each with its `id`, in plain form."""
+
+    async def acknowledge(self, caller: Caller, alarm: str) -> Mapping[str, Any]:
+        """Acknowledge an alarm, and return it. Raises UsageError for one that is not there, and NotAllowedError."""
+
+    def kept_events(self, caller: Caller, drive: str) -> AsyncIterator[Mapping[str, Any]]:
+        """Tell what happens to the motor that the server keeps running, until it does so no more; in plain form."""
+
+    def examine(
+        self, caller: Caller, line: str, what: Examination, choices: Mapping[str, Any]
+    ) -> AsyncIterator[Mapping[str, Any]]:
+        """Tell what a scan, the doctor, the trace or the statistics of a line find, in plain form; for the local door.
+
+        Raises UsageError, from the first item on, for choices that cannot be.
+        """
 
 
 class Door(Protocol):

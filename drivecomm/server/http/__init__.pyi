@@ -1,0 +1,1 @@
+from .door import HttpDoor as HttpDoor, LocalDoor as LocalDoor, http_door as http_door

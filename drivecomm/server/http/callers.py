@@ -1,0 +1,107 @@
+"""Who a request comes from: by a token, by the user at the other end of a socket, or anonymous."""
+
+from __future__ import annotations
+
+import hmac
+import os
+import socket
+import struct
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Protocol
+
+from drivecomm.errors import NotAllowedError
+from drivecomm.server import ANONYMOUS, LOCAL, Caller, Role
+
+if TYPE_CHECKING:
+    from starlette.types import Scope
+
+    from drivecomm.server.door import Users
+
+
+class Callers(Protocol):
+    """How a door knows its callers."""
+
+    def of(self, scope: Scope) -> Caller | None:
+        """Return who asks, None for nobody that is known."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TokenCallers:
+    """Callers known by `Authorization: Bearer TOKEN`. anonymous: what those may who give none."""
+
+    users: Users | None
+    door: str
+    anonymous: Role
+
+    def of(self, scope: Scope) -> Caller | None:
+        """Return who asks; a wrong token is nobody, and not somebody without one."""
+        token = bearer(scope)
+        if token is None:
+            if self.anonymous is Role.NOBODY:
+                return None
+            return Caller(name=ANONYMOUS, role=self.anonymous, door=self.door)
+        if self.users is None:
+            return None
+        try:
+            return self.users.caller(token, self.door)
+        except NotAllowedError:
+            return None
+
+
+class SocketCallers:
+    """Callers of a unix socket: the user of this process, and root, may everything; others may look."""
+
+    def of(self, scope: Scope) -> Caller | None:
+        """Return who asks, as the system knows them."""
+        connected = scope["state"]["transport"].get_extra_info("socket")
+        uid = _peer(connected)
+        if uid is None:
+            return None
+        role = Role.COMMISSION if uid in (0, os.getuid()) else Role.VIEW
+        return Caller(name=_user_name(uid), role=role, door=LOCAL)
+
+
+@dataclass(frozen=True, slots=True)
+class SecretCallers:
+    """Callers of the local door where there are no unix sockets: whoever could read the secret is its owner."""
+
+    secret: str
+
+    def of(self, scope: Scope) -> Caller | None:
+        """Return who asks."""
+        if hmac.compare_digest((bearer(scope) or "").encode(), self.secret.encode()):
+            from getpass import getuser  # noqa: PLC0415 - only where there are no unix sockets
+
+            return Caller(name=getuser(), role=Role.COMMISSION, door=LOCAL)
+        return None
+
+
+def bearer(scope: Scope) -> str | None:
+    """Return the token of a request, None for one without; what is no bearer token is an empty one, which is wrong."""
+    for name, value in scope["headers"]:
+        if name == b"authorization":
+            scheme, _, token = value.decode("latin-1").partition(" ")
+            return token.strip() if scheme.lower() == "bearer" else ""
+    return None
+
+
+def _peer(connected: socket.socket) -> int | None:
+    if not hasattr(socket, "SO_PEERCRED"):
+        # The socket and its folder are closed to everybody else but root.
+        return os.getuid()
+    try:
+        found = connected.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
+    except OSError:
+        return None
+    return int(struct.unpack("3i", found)[1])
+
+
+@lru_cache(maxsize=256)
+def _user_name(uid: int) -> str:
+    import pwd  # noqa: PLC0415 - not there on Windows
+
+    try:
+        return pwd.getpwuid(uid).pw_name
+    except KeyError:
+        return f"uid {uid}"

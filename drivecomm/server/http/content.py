@@ -1,0 +1,103 @@
+"""What the API says of plants, drives, values and leases, in plain form."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.client import error_content, json_text, plain
+from drivecomm.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from drivecomm.server import Answer, Caller, CurrentValue, DriveState, Lease, ServedPlant
+
+
+def plant_content(plant: ServedPlant, caller: Caller) -> dict[str, Any]:
+    """Return what is said of the plant as a whole, and of whoever asks."""
+    return {
+        "name": plant.name,
+        "file": plant.plant.file,
+        "session": plant.session,
+        "version": __version__,
+        "started_s": plant.started_s,
+        "time_s": time.time(),
+        "you": {"name": caller.name, "role": caller.role.name.lower(), "door": caller.door},
+        "lines": plain(plant.lines()),
+        "drives": [drive.name for drive in plant.drives()],
+        "alarms": len(plant.alarms()),
+    }
+
+
+def drive_text(plant: ServedPlant, drive: DriveState, values: Iterable[CurrentValue], caller: Caller) -> str:
+    """Return the JSON of a drive and its values."""
+    now = time.time()
+    config = drive.config
+    content = {
+        **config.labels,
+        "line": drive.line,
+        "title": config.title,
+        "model": str(config.options.get("model") or ""),
+        "armed": config.armed,
+        "may": list(plant.may(caller, drive.name)),
+        "reachability": drive.reachability,
+        "state": None if drive.status is None else drive.status.state.value,
+        "status": plain(drive.status),
+        "fault": drive.fault,
+        "error": drive.error,
+        "answered_s": drive.answered_s,
+        "age_s": None if drive.answered_s is None else _age_s(now, drive.answered_s),
+        "lease": None if drive.lease is None else lease_content(drive.lease, caller),
+        "kept": drive.kept,
+        "counters": dict(drive.counters),
+        "reply_s": drive.reply_s,
+    }
+    inside = ",".join(aged(value_head(value), value, now) for value in values)
+    return f'{json_text(content)[:-1]},"values":[{inside}]}}'
+
+
+def value_head(value: CurrentValue) -> str:
+    """Return the JSON of a value but for its age, which `aged` adds: it stays the same until the value changes."""
+    content = {
+        "drive": value.drive,
+        "name": value.name,
+        "quality": value.quality,
+        "cause": value.cause,
+        "time_s": value.time_s,
+        "source_s": value.source_s,
+        "reading": plain(value.reading),
+    }
+    return json_text(content)[:-1]
+
+
+def aged(head: str, value: CurrentValue, now: float) -> str:
+    """Return the JSON of a value, with its age now."""
+    source_s = value.source_s
+    return f'{head},"age_s":{"null" if source_s is None else _age_s(now, source_s)}}}'
+
+
+def lease_content(lease: Lease, caller: Caller) -> dict[str, Any]:
+    """Return what everybody may know of a lease."""
+    return {
+        "drive": lease.drive,
+        "holder": lease.holder.name,
+        "door": lease.holder.door,
+        "until_s": lease.until_s,
+        "yours": (lease.holder.name, lease.holder.door) == (caller.name, caller.door),
+    }
+
+
+def answer_content(answer: Answer) -> dict[str, Any]:
+    """Return what came of a command."""
+    return {
+        "id": answer.id,
+        "outcome": answer.outcome,
+        "result": plain(answer.result),
+        "error": None if answer.error is None else error_content(answer.error),
+    }
+
+
+def _age_s(now: float, then: float) -> float:
+    # A clock that was set back makes nothing younger than now.
+    return round(max(0.0, now - then), 3)

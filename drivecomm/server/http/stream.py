@@ -1,0 +1,292 @@
+"""Values and events as they come, for many clients at once (Server-Sent Events).
+
+What the plant tells is taken once for the whole door and encoded once for each group of clients that want the same. It
+is written straight to those who keep up, a slice of them at a time, so that no crowd holds the loop up. Those who do
+not read are left out until they do: they then get the latest of each value, and are told how many events they missed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import takewhile
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.client import json_text, plain
+from drivecomm.server.http.content import aged, value_head
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from starlette.types import Receive, Send
+
+    from drivecomm.server import Changes, CurrentValue, Event, ServedPlant
+
+PING_S = 15.0
+NOT_READING_S = 30.0
+_SLICE_S = 0.001
+_SHARE = 3
+"""After a batch the stream rests for so many times as long as it took: a crowd costs a quarter of a core at most."""
+_PIECE = 100
+"""Values in one piece for a client that has to catch up."""
+_BEHIND = 64 * 1024
+"""Bytes that wait for a client; where they are more, nothing else is written until it reads."""
+_SOCKET_BUFFER = 128 * 1024
+_HEADERS = [(b"content-type", b"text/event-stream; charset=utf-8"), (b"x-accel-buffering", b"no")]
+
+
+@dataclass(slots=True, eq=False)
+class _Seen:
+    """The latest of one value. number: counts up with each change of any."""
+
+    number: int
+    value: CurrentValue
+    head: str = ""
+
+    def text(self, now: float) -> str:
+        self.head = self.head or value_head(self.value)
+        return aged(self.head, self.value, now)
+
+
+@dataclass(slots=True, eq=False)
+class _Client:
+    """One who listens.
+
+    values, events: the number of the last that it was given. missed: events that came while it did not read. keeps_up:
+    is written to directly.
+    """
+
+    transport: asyncio.Transport
+    send: Send
+    values: int = 0
+    events: int = 0
+    missed: int = 0
+    keeps_up: bool = False
+    catching_up: asyncio.Task[None] | None = None
+
+
+@dataclass(slots=True, eq=False)
+class _Group:
+    """Clients that want the same drives (all if None), and values at most so often."""
+
+    drives: frozenset[str] | None
+    every_s: float
+    clients: set[_Client] = field(default_factory=set)
+    values: int = 0
+    ticking: asyncio.Task[None] | None = None
+
+    def wants(self, drive: str) -> bool:
+        return self.drives is None or drive in self.drives
+
+    def is_about(self, event: Event) -> bool:
+        return not event.drive or self.wants(event.drive)
+
+
+class Streams:
+    """All streams of one door; used within its event loop."""
+
+    def __init__(self, plant: ServedPlant) -> None:
+        self._plant = plant
+        self._groups: dict[tuple[frozenset[str] | None, float], _Group] = {}
+        # The latest at the end.
+        self._latest: dict[tuple[str, str], _Seen] = {}
+        self._number = 0
+        self._reading: asyncio.Task[None] | None = None
+        self._pinging: asyncio.Task[None] | None = None
+
+    @property
+    def clients(self) -> int:
+        """How many listen."""
+        return sum(len(group.clients) for group in self._groups.values())
+
+    async def serve(
+        self,
+        connection: tuple[asyncio.Transport, Receive, Send],
+        hello: str,
+        drives: frozenset[str] | None,
+        every_s: float,
+        after: int | None,
+    ) -> None:
+        """Serve one client until it goes. after: the number of the last event that it had before."""
+        transport, receive, send = connection
+        with suppress(OSError, AttributeError):
+            # What it has not read is to wait here, where it is replaced by what is newer, and not in the system.
+            transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SOCKET_BUFFER)
+        await send({"type": "http.response.start", "status": 200, "headers": list(_HEADERS)})
+        await send(_body(_message("hello", hello)))
+        group = self._group(drives, every_s)
+        latest = max((each.number for each in self._plant.events()), default=0)
+        client = _Client(transport, send, events=latest if after is None else min(after, latest))
+        group.clients.add(client)
+        self._catch_up(group, client)
+        try:
+            while (await receive())["type"] != "http.disconnect":
+                pass
+        finally:
+            group.clients.discard(client)
+            if client.catching_up is not None:
+                client.catching_up.cancel()
+            self._clear_up(group)
+
+    async def close(self) -> None:
+        """End all streams: those who read are told so, the others are cut off."""
+        for group in self._groups.values():
+            for client in group.clients:
+                if client.keeps_up:
+                    client.transport.write(b"0\r\n\r\n")
+                    client.transport.close()
+                else:
+                    client.transport.abort()
+        tasks = [self._reading, self._pinging, *(group.ticking for group in self._groups.values())]
+        for task in tasks:
+            if task is not None:
+                task.cancel()
+
+    def _group(self, drives: frozenset[str] | None, every_s: float) -> _Group:
+        if self._reading is None:
+            changes = self._plant.changes()
+            self._note(self._plant.values())
+            self._reading = asyncio.create_task(self._read(changes))
+            self._pinging = asyncio.create_task(self._ping())
+        key = (drives, every_s)
+        group = self._groups.get(key)
+        if group is None:
+            group = self._groups[key] = _Group(drives, every_s, values=self._number)
+            if every_s:
+                group.ticking = asyncio.create_task(self._tick(group))
+        return group
+
+    def _clear_up(self, group: _Group) -> None:
+        if not group.clients:
+            self._groups.pop((group.drives, group.every_s), None)
+            if group.ticking is not None:
+                group.ticking.cancel()
+        if not self._groups:
+            for task in (self._reading, self._pinging):
+                if task is not None:
+                    task.cancel()
+            self._reading = self._pinging = None
+            self._latest.clear()
+
+    async def _read(self, changes: Changes) -> None:
+        try:
+            async for values, events in changes:
+                began = time.monotonic()
+                self._note(values)
+                for group in list(self._groups.values()):
+                    if not group.every_s:
+                        await self._give_values(group)
+                    if events:
+                        await self._give_events(group, events)
+                if (took_s := time.monotonic() - began) > _SLICE_S:
+                    await asyncio.sleep(took_s * _SHARE)
+        finally:
+            changes.close()
+
+    def _note(self, values: Iterable[CurrentValue]) -> None:
+        for value in values:
+            key = (value.drive, value.name)
+            self._latest.pop(key, None)
+            self._number += 1
+            self._latest[key] = _Seen(self._number, value)
+
+    async def _tick(self, group: _Group) -> None:
+        while True:
+            await asyncio.sleep(group.every_s)
+            await self._give_values(group)
+
+    async def _ping(self) -> None:
+        while True:
+            await asyncio.sleep(PING_S)
+            for group in list(self._groups.values()):
+                await self._write(group, list(group.clients), b": ping\n\n")
+
+    async def _give_values(self, group: _Group) -> None:
+        news = self._after(group, group.values)
+        if not news:
+            return
+        before, group.values = group.values, news[-1].number
+        if any(each.keeps_up for each in group.clients):
+            data = _message("values", await _joined(news))
+            up_to_date = [each for each in group.clients if each.keeps_up and before <= each.values < group.values]
+            await self._write(group, up_to_date, data, values=group.values)
+
+    async def _give_events(self, group: _Group, events: Sequence[Event]) -> None:
+        if wanted := [each for each in events if group.is_about(each)]:
+            data, last = _told(wanted), wanted[-1].number
+            await self._write(group, [each for each in group.clients if each.events < last], data, events=wanted)
+
+    async def _write(
+        self, group: _Group, clients: Sequence[_Client], data: bytes, *, values: int = 0, events: Sequence[Event] = ()
+    ) -> None:
+        framed = b"%x\r\n%b\r\n" % (len(data), data)
+        until = time.monotonic() + _SLICE_S
+        for client in clients:
+            if client.keeps_up and client.transport.get_write_buffer_size() > _BEHIND:
+                client.keeps_up = False
+                self._catch_up(group, client)
+            if client.keeps_up:
+                client.transport.write(framed)
+                client.values = max(client.values, values)
+                client.events = max(client.events, events[-1].number if events else 0)
+            else:
+                client.missed += len(events)
+            if time.monotonic() > until:
+                await asyncio.sleep(0)
+                until = time.monotonic() + _SLICE_S
+
+    def _catch_up(self, group: _Group, client: _Client) -> None:
+        client.catching_up = asyncio.create_task(self._give_missed(group, client))
+
+    async def _give_missed(self, group: _Group, client: _Client) -> None:
+        """Give a client what it has not, as fast as it reads, until it keeps up."""
+        try:
+            while True:
+                async with asyncio.timeout(NOT_READING_S):
+                    # Goes out when there is room, so that what comes next is the latest.
+                    await client.send(_body(b":\n\n"))
+                events = [each for each in self._plant.events() if each.number > client.events and group.is_about(each)]
+                news = self._after(group, client.values)[:_PIECE]
+                lost, client.missed = max(0, client.missed - len(events)), 0
+                if not (events or news or lost):
+                    client.values, client.keeps_up = self._number, True
+                    return
+                if lost:
+                    await client.send(_body(_message("lost", json_text({"events": lost}))))
+                if events:
+                    client.events = events[-1].number
+                    await client.send(_body(_told(events)))
+                if news:
+                    client.values = news[-1].number
+                    await client.send(_body(_message("values", await _joined(news))))
+        except TimeoutError:
+            client.transport.abort()
+
+    def _after(self, group: _Group, number: int) -> list[_Seen]:
+        newer = takewhile(lambda seen: seen.number > number, reversed(self._latest.values()))
+        return [seen for seen in newer if group.wants(seen.value.drive)][::-1]
+
+
+async def _joined(news: Sequence[_Seen]) -> str:
+    texts, until, now = [], time.monotonic() + _SLICE_S, time.time()
+    for seen in news:
+        texts.append(seen.text(now))
+        if time.monotonic() > until:
+            await asyncio.sleep(0)
+            until = time.monotonic() + _SLICE_S
+    return f"[{','.join(texts)}]"
+
+
+def _told(events: Sequence[Event]) -> bytes:
+    return f"id: {events[-1].number}\n".encode() + _message("events", json_text(plain(list(events))))
+
+
+def _message(name: str, data: str) -> bytes:
+    return f"event: {name}\ndata: {data}\n\n".encode()
+
+
+def _body(data: bytes) -> dict[str, Any]:
+    return {"type": "http.response.body", "body": data, "more_body": True}
