@@ -40,6 +40,8 @@ COMMANDS = {
         "Estimate how long a round of a poll plan takes.",
     ),
     "cohabit": ("cohabit:cohabit", "Check whether drives on one line can mistake each other's telegrams."),
+    "alarms": ("", "Alarms of a plant that drivecomm serve runs."),
+    "alarms check": ("alarms:check", "Show the alarms of a plant file in words, or try one out."),
     "simulate": ("simulate:simulate", "Serve virtual drives to other programs."),
     "replay": ("replay:replay", "Replay a capture: with --listen as its drives, otherwise as its master."),
     "sniff": ("sniff.command:sniff", "Listen to a line without ever sending, or read a capture."),

@@ -75,6 +75,7 @@ CALLS = {
     "plot": "nowhere.csv -o values.png",
     "forecast": "Lüfter output_frequency@1",
     "cohabit": "--drive vabus:1",
+    "alarms check": "nowhere.toml",
     "simulate": "nowhere.toml",
     "replay": "heard.jsonl --port PORT --faster 100 --timeout 5",
     "sniff": "heard.jsonl",

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from threading import Condition, Thread
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.server.alarms.messages import message_of
 from drivecomm.server.alarms.receivers import WITHIN_S
 
 if TYPE_CHECKING:
@@ -174,15 +175,3 @@ class _Queue:
             gone = {id(each) for each in done}
             self._waiting = deque(each for each in self._waiting if id(each) not in gone)
         self._changed()
-
-
-def message_of(plant: str, entries: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the message that tells of these, as receivers get it."""
-    first = entries[0]
-    about = first["title"] if len(entries) == 1 else f"{len(entries)} alarms"
-    return {
-        "plant": plant,
-        "title": f"{plant}: {about}",
-        "text": "\n".join(each["text"] for each in entries),
-        "alarms": [dict(each) for each in entries],
-    }

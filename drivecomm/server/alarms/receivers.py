@@ -194,6 +194,11 @@ def receivers_of(entries: Sequence[str], environment: Mapping[str, str]) -> dict
     }
 
 
+def label_of(entry: str) -> str:
+    """Return how a receiver is named without any secret."""
+    return entry if entry.startswith("@") else _receiver(entry, "").label
+
+
 def key_of(entry: str) -> str:
     """Return what stands for an entry in files: it may be a URL with a password in it."""
     return sha256(entry.encode()).hexdigest()[:16]
