@@ -232,7 +232,7 @@ def _host(url: str, schemes: set[str]) -> str:
         port = f":{parts.port}" if parts.port else ""
     except ValueError as error:
         raise UsageError(f"invalid URL of a webhook: {error}") from None
-    if parts.scheme not in schemes or not parts.hostname or re.search(r"[\x00-\x20\x7f]", url):
+    if parts.scheme not in schemes or not parts.hostname or not re.fullmatch(r"[!-~]+", url):
         raise UsageError("invalid URL of a webhook; write webhook:https://example.com/hook, for example")
     return f"{parts.hostname}{port}"
 
