@@ -1,4 +1,5 @@
 from .connection import LocalServer as LocalServer
+from .kept_motor import KeptMotor as KeptMotor
 from .line_streams import examined as examined
 from .line_trace import pieces_of as pieces_of
 from .registration import (

@@ -203,7 +203,8 @@ def examine(fake, line, body, tell):
     try:
         found = measure(port, only=only, addresses=body["addresses"],
                         expected=[each for each in drives if not only or each.protocol in only],
-                        probes=body["probes"], search=body["search"], **drive_options(body.get("options") or {}))  # fmt: skip
+                        probes=body["probes"], search=body["search"],
+                        **drive_options(body.get("options") or {}))  # fmt: skip
     finally:
         port.close()
     for one in judge(found, report):

@@ -2,7 +2,11 @@
 
 import os
 import re
+import signal
+import subprocess
+import sys
 import threading
+import time
 
 import pytest
 from fake_server import serving
@@ -27,7 +31,7 @@ drive = "vabus:1"
 options = {{ model = "agile" }}
 armed = true
 poll = [{{ parameters = ["output_frequency"], period_s = 0 }}]
-link_loss = {{ policy = "ramp", watchdog_s = 5 }}
+link_loss = {{ policy = "trip", watchdog_s = 5 }}
 reply_delay_s = 0.0
 
 [[drive]]
@@ -160,3 +164,104 @@ def test_the_same_through_a_server_as_on_bare_ports(place, command):
         asked = [each for each in server.requests if each[1] != "/healthz"]
     assert served == bare
     assert asked or bare[0] == 2, "it did not go through the server"
+
+
+def started(*arguments, end=lambda process: process.send_signal(signal.SIGINT)):
+    """Run a start that stays, end it when it says that the motor was started, and return what came of it."""
+    command = [sys.executable, "-m", "drivecomm", "start", *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        said = []
+        for text in process.stdout:
+            said.append(text)
+            if "started" in text:
+                end(process)
+        complaint = process.stderr.read()
+    return process.returncode, masked("".join(said)), masked(complaint)
+
+
+@pytest.mark.parametrize("further", [[], ["--json"], ["--watchdog", "3", "--percent", "40", "--reverse"]], ids=str)
+def test_a_start_that_stays_until_ctrl_c(place, further):
+    bare = started("pump", *further)
+    with serving(place.file):
+        served = started("pump", *further)
+    assert served == bare
+    assert bare[0] == 0
+    assert place("wait", "pump", "ready")[0] == 0
+
+
+def test_a_start_is_ended_by_the_stop_of_another_program(place):
+    def stop(_):
+        subprocess.run([sys.executable, "-m", "drivecomm", "stop", "pump"], check=True, capture_output=True)
+
+    bare = started("pump", end=stop)
+    with serving(place.file):
+        served = started("pump", end=stop)
+    assert served == bare
+    assert bare[0] == 0
+
+
+def test_a_start_refuses_what_the_server_refuses(place):
+    bare = place("start", "fan", "--arm", "--link-loss", "ramp", "--watchdog", "0.00001")
+    with serving(place.file):
+        served = place("start", "fan", "--arm", "--link-loss", "ramp", "--watchdog", "0.00001")
+    assert served == bare
+    assert bare[0] == 2
+
+
+@pytest.mark.parametrize("as_json", [[], ["--json"]], ids=["text", "json"])
+def test_stop_all_through_the_server_tells_what_each_drive_has_confirmed(place, as_json):
+    code, bare, _ = place("stop", "--all", *as_json)
+    with serving(place.file):
+        code_served, served, complaint = place("stop", "--all", *as_json)
+    assert code_served == code == 0
+    assert complaint == ""
+    assert served.splitlines() == [text for text in bare.splitlines() if ":*" not in text]
+
+
+def test_stop_all_of_a_port_stops_the_drives_of_its_line(place):
+    with serving(place.file) as server:
+        code, said, _ = place("stop", "--all", "--port", PORT)
+        assert ("POST", "/api/v1/stop", {"how": "ramp", "lines": ["hall"]}) in server.requests
+    assert code == 0
+    assert said == "hall: pump  stop (ramp) confirmed\nhall: fan  stop (ramp) confirmed\n"
+
+
+@pytest.mark.parametrize("command", [["stop", "pump"], ["stop", "--all"]], ids=" ".join)
+def test_a_stop_goes_to_the_port_when_the_server_does_not_answer(place, command):
+    bare = place(*command)
+    with serving(place.file) as server:
+        for plant in server.plants.values():
+            plant.close()
+        server.hang.set()
+        began = time.monotonic()
+        code, said, complaint = place(*command)
+        took_s = time.monotonic() - began
+    assert (code, said) == bare[:2]
+    assert "does not answer" in complaint
+    assert "tried now" in complaint
+    assert took_s < 4
+
+
+def test_a_command_names_the_server_that_does_not_answer(place):
+    with serving(place.file) as server:
+        server.hang.set()
+        code, _, complaint = place("read", "pump", "480")
+    assert code == 3
+    assert f"the server of {place.file} (PID) does not answer" in complaint
+
+
+@pytest.mark.parametrize("command", [["tune", "pump"], ["replay", "{folder}/said.jsonl"]], ids=lambda each: each[0])
+def test_what_needs_the_port_for_itself_names_the_server(place, command):
+    assert place("read", "pump", "480", "--record", "{folder}/said.jsonl")[0] == 0
+    with serving(place.file):
+        code, _, complaint = place(*command)
+    assert code == 3
+    assert f"in use by drivecomm serve {place.file} (PID), and {command[0]} needs it for itself; end that" in complaint
+
+
+@pytest.mark.parametrize("flag", ["--rs485", "--echo", "--low-latency"])
+def test_what_the_server_has_decided_is_refused(place, flag):
+    with serving(place.file):
+        code, _, complaint = place("read", "pump", "480", flag)
+    assert code == 2
+    assert f"so {flag} has no effect; leave it out" in complaint
