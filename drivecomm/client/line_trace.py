@@ -69,6 +69,7 @@ def events_of(news: Iterator[Any]) -> Iterator[TraceEvent | None]:
     for each in news:
         if each is not None and "error" in each:
             raise error_of(each["error"])
+        # The first line only says that the server listens.
         yield _event_of(each) if each is not None and "what" in each else None
 
 

@@ -153,7 +153,7 @@ ROUTES = (
         method="POST", path=f"{V1}/drives/{{name}}/keep", answer="Answer", carry_out=commanding.keep, named=True,
         summary="Set a drive's watchdog, start its motor, and keep it while the lease is renewed.",
         body={
-            "policy": Field(kind=TEXT, about="what the motor does when its master falls silent", needed=True),
+            "policy": Field(kind=TEXT, about="what the motor does when its master falls silent; as the plant says"),
             "watchdog_s": Field(kind=NUMBER, about="after how many seconds the drive notices", low=0.001, high=3600),
             "reverse": Field(kind=CHOICE, about="backwards"),
             "percent": Field(kind=NUMBER, about="the reference, as a share of its range"),
@@ -192,7 +192,7 @@ ROUTES = (
             "addresses": Field(kind=WHOLES, about="these addresses only"),
             "probes": Field(kind=WHOLE, about="how often each drive is asked", low=1, high=1000),
             "search": Field(kind=CHOICE, about="whether other baud rates are tried where nobody answers"),
-            "options": Field(kind=OBJECT, about="further options"),
+            "options": Field(kind=OBJECT, about="line settings and timing for all drives"),
         },
     ),
     Route(
