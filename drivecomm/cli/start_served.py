@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.cli.signals import until_stopped
 from drivecomm.client import KeptMotor, error_of
-from drivecomm.errors import DriveError
+from drivecomm.errors import DriveError, ServerLostError
 from drivecomm.protocol import exact
 
 if TYPE_CHECKING:
@@ -25,15 +25,22 @@ def start_and_stay(
 
     choices: its reference and its direction. What happens is told as where no server is.
     """
+    ended = ""
     silence_s = exact(watchdog_s, "watchdog time")
     with until_stopped() as stop, KeptMotor(drive, float(silence_s)) as kept:
         watch = watch_of(stop)
         kept.start(policy, watchdog_s=silence_s, **choices)
         for event in kept.events(stop):
+            ended = event["done"]
             if "error" in event:
-                watch.failed(error_of(event["error"]))
+                error = error_of(event["error"])
+                if ended == "failed":
+                    raise error
+                watch.failed(error)
                 continue
-            watch.fault = watch.fault or event["done"] == "fault"
+            watch.fault = watch.fault or ended == "fault"
             said = {"watchdog_s": watchdog_s} if "watchdog_s" in event else {}
             watch.tell(**{**event, **said})
+    if ended != "stop commanded":
+        raise ServerLostError(f"{drive.name}: its server keeps it no more, and does not say why; look at the motor")
     return DriveError.exit_code if watch.fault else 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from contextlib import ExitStack, contextmanager
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 Listener: TypeAlias = "Callable[[TraceEvent], None]"
 
 # What was done is told at once, but by another connection than its result.
-_AFTERWARDS_S = 0.3
+_AFTERWARDS_S = 0.05
 _BEGIN_S = 1.0
 _SENT = frozenset({"sent"})
 _HEARD = frozenset({"received", "stray", "damaged", "noise"})
@@ -44,14 +45,18 @@ def traced(bus: ServedBus, trace: Listener | None, record: Record | None) -> Ite
     with bus.server.stream(path_of(bus.line, "trace")) as news, _recording(bus, record) as keep:
 
         def listen() -> None:
+            ends_s = math.inf
             for event in events_of(news):
                 begun.set()
                 if event is not None:
                     keep(event)
                     if trace is not None:
                         trace(event)
-                elif over.is_set():
-                    return
+                if over.is_set():
+                    ends_s = min(ends_s, time.monotonic() + _AFTERWARDS_S)
+                    # A line on which others go on talking has no end of its own.
+                    if event is None or time.monotonic() >= ends_s:
+                        return
 
         thread = threading.Thread(target=_until_lost, args=(listen,), name=f"trace of {bus.line}", daemon=True)
         thread.start()
@@ -61,7 +66,7 @@ def traced(bus: ServedBus, trace: Listener | None, record: Record | None) -> Ite
             yield
         finally:
             over.set()
-            thread.join(_AFTERWARDS_S)
+            thread.join()
 
 
 def events_of(news: Iterator[Any]) -> Iterator[TraceEvent | None]:
@@ -106,8 +111,8 @@ class LineEar:
 def _until_lost(listen: Callable[[], None]) -> None:
     try:
         listen()
-    except (DriveCommError, OSError, ValueError):
-        # The server has gone, of which whoever asks it something is told, or the stream was closed.
+    except DriveCommError:
+        # The server has gone, of which whoever asks it something is told.
         return
 
 

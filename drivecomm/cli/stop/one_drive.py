@@ -51,7 +51,7 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> Non
     request = StopRequest(how=how, drives=((name.name, name.protocol, name.address, options),))
     without = ""
     with reached.named_in_errors(), naming(name):
-        by_server = one_stopped_by_server(reached.named_port, name, how, as_json=line.json)
+        by_server = one_stopped_by_server(reached.named_port, name, how, line.said_facts, as_json=line.json)
     if not by_server:
         if _stopped_by_holder(line, reached, request):
             return

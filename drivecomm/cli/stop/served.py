@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 from drivecomm.cli.output import complain
 from drivecomm.client import server_of_plant, server_of_port
-from drivecomm.errors import LinkError, ServerLostError
+from drivecomm.errors import LinkError, ServerLostError, UsageError
 from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:
@@ -48,10 +48,11 @@ def all_stopped_by_server(plant: Path | None, port: str | None, how: Stop, *, as
     return [_result(each, lines_by_drive.get(str(each["drive"]), "")) for each in answers]
 
 
-def one_stopped_by_server(port: str, drive: DriveConfig, how: Stop, *, as_json: bool) -> bool:
+def one_stopped_by_server(port: str, drive: DriveConfig, how: Stop, said: dict[str, Any], *, as_json: bool) -> bool:
     """Have the server that has a port stop a drive; False where there is no server, or none that answers.
 
-    Raises the error that the drive answered with.
+    said: line facts of the command line, which are left out where they cannot be. Raises the error that the drive
+    answered with.
     """
     if (found := server_of_port(port)) is None:
         return False
@@ -66,7 +67,9 @@ def one_stopped_by_server(port: str, drive: DriveConfig, how: Stop, *, as_json: 
         path = f"drives/{quote(known[str(drive)], safe='')}"
     asked = {"id": os.urandom(8).hex(), "arguments": {"how": how.value}}
     try:
-        answer = _ordered(server, f"/api/v1/{path}/stop", asked)
+        answer = _ordered(server, f"/api/v1/{path}/stop", {**asked, **({"options": said} if said else {})})
+        if said and (answer.get("error") or {}).get("exit_code") == UsageError.exit_code:
+            answer = _ordered(server, f"/api/v1/{path}/stop", {**asked, "id": os.urandom(8).hex()})
     except ServerLostError as error:
         complain(f"{error}; the port itself is tried now", as_json=as_json)
         return False
