@@ -34,13 +34,23 @@ COMMANDS = {
     "restore": ("parameter_sets.restore:restore", "Write the parameters in a file to a drive."),
     "poll": ("poll:poll", "Read parameters periodically."),
     "watch": ("watch.command:watch", "Watch drives on a live screen in the terminal."),
-    "plot": ("plot:plot", "Plot a log of values."),
+    "plot": ("plot:plot", "Plot a log or a history."),
+    "history": (
+        "history:history",
+        "Show what a server kept: values, events, commands, and the drives' own fault logs.",
+    ),
     "forecast": (
         "forecast:forecast",
         "Estimate how long a round of a poll plan takes.",
     ),
     "cohabit": ("cohabit:cohabit", "Check whether drives on one line can mistake each other's telegrams."),
+    "alarms": ("", "Alarms of a plant that drivecomm serve runs."),
+    "alarms check": ("alarms:check", "Show the alarms of a plant file in words, or try one out."),
     "simulate": ("simulate:simulate", "Serve virtual drives to other programs."),
+    "serve": (
+        "serve:serve",
+        "Own the lines of a plant, and serve its drives to commands, programs and people.",
+    ),
     "replay": ("replay:replay", "Replay a capture: with --listen as its drives, otherwise as its master."),
     "sniff": ("sniff.command:sniff", "Listen to a line without ever sending, or read a capture."),
     "plant": ("", "Control the virtual drives of drivecomm simulate."),
@@ -57,6 +67,10 @@ COMMANDS = {
     "models names": ("models.show:names", "List the common names: what each means on every drive, and its unit."),
     "models grow": ("models.grow:grow", "Write a model file from what a drive reports of its parameters."),
     "conformance": ("package_tests:conformance", "Run the conformance tests of a protocol package."),
+    "users": ("", "Who may reach a served plant over a network: add, list or remove users."),
+    "users add": ("users:add", "Add a user, and print the token by which the user comes in; it is shown this once."),
+    "users list": ("users:list_users", "List the users with their roles, and by what they are recognised."),
+    "users remove": ("users:remove", "Remove a user; a running server lets them in no longer."),
     "vectors": ("", "Test vectors: run them, or make them from a capture."),
     "vectors check": ("package_tests:check", "Run every check of every vector."),
     "vectors from-capture": ("package_tests:from_capture", "Turn a capture into vectors."),
@@ -66,7 +80,7 @@ COMMANDS = {
 READING = frozenset(
     {
         *("protocols", "decode", "encode", "scan", "doctor", "stats", "read", "status", "wait", "compare", "poll"),
-        *("forecast", "cohabit", "replay", "sniff", "conformance", "models", "vectors", "demo"),
+        *("forecast", "cohabit", "replay", "sniff", "conformance", "models", "vectors", "demo", "history"),
     }
 )
 """Commands that only print: they end when their output cannot be written. The others finish their work."""

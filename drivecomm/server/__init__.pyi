@@ -1,3 +1,5 @@
+from .audit import Audit as Audit
+from .credentials import new_token as new_token, password_hash as password_hash, token_hash as token_hash
 from .door import (
     ANONYMOUS as ANONYMOUS,
     LOCAL as LOCAL,
@@ -13,10 +15,12 @@ from .door import (
     Outcome as Outcome,
     Role as Role,
     ServedPlant as ServedPlant,
-    Users as Users,
 )
 from .freshness import check_fresh as check_fresh
 from .leases import Lease as Lease, Leases as Leases
+from .logins import Login as Login, Users as Users
+from .logs import LOG_LEVELS as LOG_LEVELS, logging_to as logging_to
+from .notify import ServiceManager as ServiceManager
 from .observations import (
     STATUS as STATUS,
     CurrentValue as CurrentValue,
@@ -28,13 +32,20 @@ from .observations import (
 from .places import (
     audit_file as audit_file,
     history_file as history_file,
-    plant_id as plant_id,
     state_folder as state_folder,
 )
 from .repeats import Repeats as Repeats
 from .rights import NEEDS as NEEDS, Rights as Rights
+from .serving import Serving as Serving
 from .settings import (
     HistorySettings as HistorySettings,
     ServerSettings as ServerSettings,
     read_settings as read_settings,
+)
+from .users import (
+    ROLES as ROLES,
+    User as User,
+    add_user as add_user,
+    read_users as read_users,
+    remove_user as remove_user,
 )

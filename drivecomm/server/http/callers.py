@@ -16,7 +16,7 @@ from drivecomm.server import ANONYMOUS, LOCAL, Caller, Role
 if TYPE_CHECKING:
     from starlette.types import Scope
 
-    from drivecomm.server import Users
+    from drivecomm.server.door import Users
 
 
 class Callers(Protocol):

@@ -1,0 +1,40 @@
+"""A process that delivers one message by apprise: {"url": ..., "message": ...} on standard input, no message to check.
+
+What went wrong is the last line of standard error.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+
+
+def main() -> int:
+    """Deliver the message; return the exit status."""
+    given = json.load(sys.stdin)
+    try:
+        import apprise  # noqa: PLC0415 - it is not there without the extra
+    except ImportError:
+        return _failed("apprise is not installed; install drivecomm[server]")
+    said: list[str] = []
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
+    logging.getLogger("apprise").addHandler(handler)
+    service = apprise.Apprise.instantiate(given["url"])
+    if service is None:
+        # What it logs holds the URL.
+        return _failed("apprise cannot make anything of its URL; see https://github.com/caronc/apprise/wiki")
+    message = given["message"]
+    if message and not service.notify(title=message["title"], body=message["text"]):
+        return _failed(f"apprise could not deliver it: {'; '.join(said) or 'it does not say why'}")
+    return 0
+
+
+def _failed(why: str) -> int:
+    sys.stderr.write(" ".join(why.split()) + "\n")
+    return 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,60 @@
+"""Whether what a rule watches is there, by what is known of a drive or value now. No I/O, no clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal
+from math import isfinite
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from drivecomm.server import CurrentValue, DriveState
+    from drivecomm.server.alarms.rules import Limit, Watched
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """What came of a look. holds: None where nobody knows now. which: the fault, where there can be several."""
+
+    holds: bool | None
+    text: str
+    which: str = ""
+
+
+def of_drive(on: Watched, state: DriveState) -> Finding:
+    """Look at a drive's state: its fault, its warning, its silence."""
+    if on == "silent":
+        if state.reachability == "asking":
+            return Finding(holds=None, text="it has not been asked yet")
+        if state.reachability == "silent":
+            return Finding(holds=True, text=f"does not answer: {state.error}" if state.error else "does not answer")
+        return Finding(holds=False, text="answers")
+    status = state.status
+    if status is None:
+        return Finding(holds=None, text="the drive does not answer")
+    if on == "fault":
+        if status.fault or state.fault:
+            which = (state.fault or status.fault_text).removeprefix("fault").strip()
+            return Finding(holds=True, text=f"fault {which}".rstrip(), which=which)
+        return Finding(holds=False, text="no fault")
+    if status.warning is None:
+        return Finding(holds=None, text="the status does not say whether there is a warning")
+    return Finding(holds=status.warning, text="a warning is active" if status.warning else "no warning")
+
+
+def of_value(limit: Limit, value: CurrentValue, *, before: bool) -> Finding:
+    """Look at a value. before: whether it was beyond the limit when it was last known."""
+    reading = value.reading
+    if reading is None or value.quality not in {"good", "uncertain"}:
+        return Finding(holds=None, text=f"{limit.quantity} is {value.quality}" + f": {value.cause}" * bool(value.cause))
+    number = reading.value
+    if isinstance(number, str) or not (number.is_finite() if isinstance(number, Decimal) else isfinite(number)):
+        return Finding(holds=None, text=f"{limit.quantity} is {number}, which is no number")
+    unit = f" {reading.unit}" * bool(reading.unit)
+    holds = limit.passed(number, before=before)
+    where = f"{limit.side} {limit.at}{unit}"
+    if not holds:
+        where = f"no longer {where}" if before else f"not {where}"
+    elif not limit.passed(number, before=False):
+        where = f"not yet back by {limit.hysteresis}{unit} from {limit.at}{unit}"
+    return Finding(holds=holds, text=f"{limit.quantity} is {number}{unit}, {where}")

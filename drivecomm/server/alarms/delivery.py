@@ -1,0 +1,179 @@
+"""Delivery of messages: a thread for each receiver, which tries again until they have arrived, or an hour is over.
+
+At least once: a receiver that took a message and said so too late gets it again, with the same id. What happens within
+a second goes out as one message, and what has gathered while a receiver could not be reached as well.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import dataclass
+from threading import Condition, Thread
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.server.alarms.messages import message_of
+from drivecomm.server.alarms.receivers import WITHIN_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from drivecomm.server.alarms.receivers import Receiver
+
+MOST = 1000
+"""So many entries wait for a receiver; then the oldest are given up."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Waiting:
+    """What a receiver has still to be told. to: their entry in the plant file. entry: one of a message's alarms."""
+
+    to: str
+    entry: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pace:
+    """How deliveries are timed, in seconds.
+
+    within_s: for one try. first_s, longest_s: the pause after a failure doubles from one to the other. give_up_s: how
+    long a message is tried. gather_s: what happens within it is one message.
+    """
+
+    within_s: float = WITHIN_S
+    first_s: float = 1.0
+    longest_s: float = 60.0
+    give_up_s: float = 3600.0
+    gather_s: float = 1.0
+
+
+class Delivery:
+    """Brings messages to receivers, each in a thread of its own.
+
+    receivers: by their entry in the plant file. plant: its name. say: called with what went wrong, and with what was
+    delivered after all; from the threads. changed: called when less is waiting; likewise.
+    """
+
+    def __init__(
+        self,
+        receivers: Mapping[str, Receiver],
+        *,
+        plant: str,
+        say: Callable[[str], None],
+        changed: Callable[[], None] = lambda: None,
+        pace: Pace | None = None,
+    ) -> None:
+        pace = pace or Pace()
+        self._queues = {entry: _Queue(one, plant, say, changed, pace) for entry, one in receivers.items()}
+
+    def start(self) -> None:
+        """Begin to deliver."""
+        for each in self._queues.values():
+            each.start()
+
+    def put(self, waiting: Iterable[Waiting]) -> None:
+        """Deliver these, soon; returns at once."""
+        for each in waiting:
+            if queue := self._queues.get(each.to):
+                queue.put(each)
+
+    def waiting(self) -> Sequence[Waiting]:
+        """Return what has not been delivered yet."""
+        return [each for queue in self._queues.values() for each in queue.waiting()]
+
+    def close(self, within_s: float = 2.0) -> None:
+        """Try once more what is waiting, all receivers at once, for no longer than this."""
+        until = time.monotonic() + within_s
+        for each in self._queues.values():
+            each.close(until)
+        for each in self._queues.values():
+            each.join(until)
+
+
+class _Queue:
+    """What waits for one receiver, and the thread that delivers it."""
+
+    def __init__(
+        self, receiver: Receiver, plant: str, say: Callable[[str], None], changed: Callable[[], None], pace: Pace
+    ) -> None:
+        self._receiver = receiver
+        self._plant = plant
+        self._say = say
+        self._changed = changed
+        self._pace = pace
+        self._waiting: deque[tuple[float, Waiting]] = deque()
+        self._news = Condition()
+        self._closing_until: float | None = None
+        self._failures = 0
+        self._full = False
+        # Nobody waits for one that hangs, also not when the program ends.
+        self._thread = Thread(target=self._run, name=f"alarms to {receiver.label}", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def put(self, waiting: Waiting) -> None:
+        with self._news:
+            self._waiting.append((time.monotonic(), waiting))
+            if full := len(self._waiting) > MOST:
+                self._waiting.popleft()
+            news, self._full = full and not self._full, self._full or full
+            self._news.notify()
+        if news:
+            self._say(f"more than {MOST} alarms wait for {self._receiver.label}; the oldest are given up")
+
+    def waiting(self) -> list[Waiting]:
+        with self._news:
+            return [each for _, each in self._waiting]
+
+    def close(self, until: float) -> None:
+        with self._news:
+            self._closing_until = until
+            self._news.notify()
+
+    def join(self, until: float) -> None:
+        if self._thread.is_alive():
+            self._thread.join(max(0.0, until - time.monotonic()))
+
+    def _run(self) -> None:
+        if problem := self._receiver.problem():
+            self._say(f"no alarm can be delivered to {self._receiver.label}: {problem}")
+        while True:
+            with self._news:
+                self._news.wait_for(lambda: self._waiting or self._closing_until is not None)
+                self._news.wait_for(lambda: self._closing_until is not None, self._pace.gather_s)
+                now, closing = [*self._waiting], self._closing_until
+            if not now:
+                return
+            left_s = self._pace.within_s if closing is None else closing - time.monotonic()
+            if left_s <= 0:
+                return
+            self._try(now, min(left_s, self._pace.within_s))
+            if closing is not None:
+                return
+
+    def _try(self, now: Sequence[tuple[float, Waiting]], within_s: float) -> None:
+        failure = self._receiver.deliver(message_of(self._plant, [each.entry for _, each in now]), within_s)
+        if not failure:
+            if self._failures:
+                self._say(f"alarms were delivered to {self._receiver.label}, after {self._failures + 1} tries")
+            self._failures = 0
+            self._done(now)
+            return
+        self._failures += 1
+        if self._failures == 1:
+            self._say(f"an alarm could not be delivered to {self._receiver.label}, it is tried again: {failure}")
+        until = time.monotonic() - self._pace.give_up_s
+        if too_old := [each for each in now if each[0] <= until]:
+            self._say(f"an alarm was not delivered to {self._receiver.label}, and is given up: {failure}")
+            self._done(too_old)
+        pause_s = min(self._pace.longest_s, self._pace.first_s * 2 ** min(self._failures - 1, 20))
+        with self._news:
+            self._news.wait_for(lambda: self._closing_until is not None, pause_s)
+
+    def _done(self, done: Sequence[tuple[float, Waiting]]) -> None:
+        with self._news:
+            gone = {id(each) for each in done}
+            self._waiting = deque(each for each in self._waiting if id(each) not in gone)
+            self._full = len(self._waiting) >= MOST
+        self._changed()

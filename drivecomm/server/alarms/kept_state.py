@@ -1,0 +1,69 @@
+"""What a restart of the server must not forget: the alarms that stand, and what was not delivered yet."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import FileFormatError
+from drivecomm.server.alarms.alarm import Alarm
+from drivecomm.server.alarms.delivery import Waiting
+from drivecomm.server.alarms.receivers import key_of
+from drivecomm.tomlfile import write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+_FORMAT = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeptState:
+    """number: of the last alarm. alarms: those that stand. waiting: what is to be delivered."""
+
+    number: int = 0
+    alarms: tuple[Alarm, ...] = ()
+    waiting: tuple[Waiting, ...] = ()
+
+
+def write_state(path: Path, state: KeptState) -> None:
+    """Write the state in place of the one that is there. Raises FileFormatError where that cannot be."""
+    content = {
+        "format": _FORMAT,
+        "number": state.number,
+        "alarms": [dataclasses.asdict(alarm) for alarm in state.alarms],
+        "waiting": [{"to": key_of(each.to), "entry": dict(each.entry)} for each in state.waiting],
+    }
+    write_whole(path, json.dumps(content, indent=1) + "\n")
+
+
+def read_state(path: Path, receivers: Iterable[str]) -> KeptState:
+    """Return the state in a file, an empty one where there is no file yet. receivers: entries of the plant file.
+
+    Raises FileFormatError for a file that is damaged.
+    """
+    try:
+        text = path.read_bytes()
+    except FileNotFoundError:
+        return KeptState()
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+    by_key = {key_of(entry): entry for entry in receivers}
+    try:
+        content = json.loads(text)
+        if content["format"] != _FORMAT:
+            raise FileFormatError(f"{path}: format {content['format']} is not known")
+        return KeptState(
+            number=int(content["number"]),
+            alarms=tuple(Alarm(**each) for each in content["alarms"]),
+            waiting=_waiting(content["waiting"], by_key),
+        )
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise FileFormatError(f"{path}: cannot be read as the state of alarms: {error}") from error
+
+
+def _waiting(content: Sequence[Any], by_key: dict[str, str]) -> tuple[Waiting, ...]:
+    return tuple(Waiting(to=by_key[each["to"]], entry=each["entry"]) for each in content if each["to"] in by_key)

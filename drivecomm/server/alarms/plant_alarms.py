@@ -1,0 +1,195 @@
+"""The alarms of a server: reads what changes in its plant, writes events, and lets messages be delivered."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from contextlib import suppress
+from threading import Lock
+from typing import TYPE_CHECKING, Protocol
+
+from drivecomm.errors import FileFormatError, NotAllowedError
+from drivecomm.server import STATUS, Role
+from drivecomm.server.alarms.delivery import Delivery, Waiting
+from drivecomm.server.alarms.kept_state import KeptState, read_state, write_state
+from drivecomm.server.alarms.messages import entry_of
+from drivecomm.server.alarms.receivers import receivers_of
+from drivecomm.server.alarms.states import Alarms
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from drivecomm.server import Caller, Changes, CurrentValue, Event, EventKind, ServedPlant
+    from drivecomm.server.alarms.alarm import Alarm, Transition
+    from drivecomm.server.alarms.delivery import Pace
+    from drivecomm.server.alarms.rules import AlarmRule
+
+_LOOK_S = 0.2
+
+
+class WriteEvent(Protocol):
+    """Where events go; called from several threads."""
+
+    def __call__(self, kind: EventKind, text: str, *, drive: str = "", who: str = "") -> None:
+        """Write down what happened."""
+
+
+class PlantAlarms:
+    """The alarms of a plant, in the event loop of whoever runs it; all else may be called from any thread.
+
+    file: where what stands survives a restart. Raises UsageError where a receiver cannot be what the plant file says.
+    """
+
+    def __init__(
+        self,
+        plant: ServedPlant,
+        rules: Sequence[AlarmRule],
+        *,
+        file: Path,
+        write_event: WriteEvent,
+        pace: Pace | None = None,
+        environment: Mapping[str, str] = os.environ,
+    ) -> None:
+        self._plant = plant
+        self._file = file
+        self._write_event = write_event
+        self._deliver = {rule.name: rule.deliver for rule in rules}
+        entries = list(dict.fromkeys(entry for rule in rules for entry in rule.deliver))
+        state = self._read(entries)
+        self._lock = Lock()
+        self._alarms = Alarms(
+            rules,
+            run=plant.session,
+            stood=state.alarms,
+            number=state.number,
+            now_s=time.monotonic(),
+            time_s=time.time(),
+        )
+        self._delivery = Delivery(
+            receivers_of(entries, environment), plant=plant.name, say=self._say, changed=self._change, pace=pace
+        )
+        self._outbox = [*state.waiting]
+        self._changed = bool(state.waiting)
+        self._kept = True
+
+    def standing(self) -> Sequence[Alarm]:
+        """Return all alarms whose condition is there, or that nobody has acknowledged, in their order."""
+        with self._lock:
+            return self._alarms.standing()
+
+    def acknowledge(self, caller: Caller, alarm_id: str) -> Alarm:
+        """Take note that somebody looks after an alarm, and return it: nobody is reminded of it any more.
+
+        Raises NotAllowedError for a caller who may only look, UsageError for an alarm that does not stand.
+        """
+        if caller.role < Role.OPERATE:
+            raise NotAllowedError(f"{caller} may not acknowledge alarms; that needs the role operate")
+        with self._lock:
+            done = self._alarms.acknowledge(alarm_id, caller.name, time.time())
+            if done is None:
+                return next(each for each in self._alarms.standing() if each.id == alarm_id)
+        self._tell([done], who=str(caller))
+        return done.alarm
+
+    async def run(self) -> None:
+        """Watch the plant until cancelled; then what is waiting is tried for 2 s, and the rest is kept in the file."""
+        self._delivery.start()
+        changes = self._plant.changes()
+        try:
+            self._see_all()
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._follow(changes))
+                tasks.create_task(self._look())
+        finally:
+            changes.close()
+            await asyncio.to_thread(self._close)
+
+    async def _follow(self, changes: Changes) -> None:
+        lost = changes.lost
+        async for values, events in changes:
+            if changes.lost != lost:
+                lost = changes.lost
+                self._see_all()
+            self._see(values, events)
+
+    async def _look(self) -> None:
+        while True:
+            with self._lock:
+                found = self._alarms.look(time.monotonic(), time.time())
+            self._tell(found)
+            if self._changed:
+                await asyncio.to_thread(self._keep)
+            await asyncio.sleep(_LOOK_S)
+
+    def _see_all(self) -> None:
+        with self._lock:
+            now_s, time_s = time.monotonic(), time.time()
+            found = [each for state in self._plant.drives() for each in self._alarms.drive_seen(state, now_s, time_s)]
+            for value in self._plant.values():
+                found += self._alarms.value_seen(value, now_s, time_s)
+        self._tell(found)
+
+    def _see(self, values: Iterable[CurrentValue], events: Iterable[Event]) -> None:
+        drives = {event.drive for event in events}
+        found: list[Transition] = []
+        with self._lock:
+            now_s, time_s = time.monotonic(), time.time()
+            for value in values:
+                if value.name == STATUS:
+                    drives.add(value.drive)
+                else:
+                    found += self._alarms.value_seen(value, now_s, time_s)
+            for drive in drives:
+                if self._alarms.watches(drive):
+                    found += self._alarms.drive_seen(self._plant.drive(drive), now_s, time_s)
+        self._tell(found)
+
+    def _tell(self, found: Sequence[Transition], who: str = "") -> None:
+        for each in found:
+            self._write_event("alarm", each.text, drive=each.alarm.drive, who=who)
+            if each.what != "acknowledged":
+                entry = entry_of(each)
+                with self._lock:
+                    self._outbox += (Waiting(to=to, entry=entry) for to in self._deliver.get(each.alarm.rule, ()))
+            self._change()
+
+    def _keep(self) -> None:
+        """Write what stands to the file, and only then let be delivered what is new."""
+        with self._lock:
+            self._changed = False
+            new, self._outbox = self._outbox, []
+            waiting = (*self._delivery.waiting(), *new)
+            state = KeptState(number=self._alarms.number, alarms=tuple(self._alarms.standing()), waiting=waiting)
+        try:
+            write_state(self._file, state)
+        except FileFormatError as error:
+            if self._kept:
+                self._say(f"alarms would not survive a restart now: {error}")
+            self._kept = False
+        else:
+            self._kept = True
+        self._delivery.put(new)
+
+    def _read(self, entries: Sequence[str]) -> KeptState:
+        try:
+            return read_state(self._file, entries)
+        except FileFormatError as error:
+            # Alarms that are raised again are better than none.
+            aside = self._file.with_name(f"{self._file.name}.damaged")
+            with suppress(OSError):
+                self._file.replace(aside)
+            self._say(f"alarms before this start are not known, their file is {aside.name} now: {error}")
+            return KeptState()
+
+    def _close(self) -> None:
+        self._keep()
+        self._delivery.close()
+        self._keep()
+
+    def _say(self, text: str) -> None:
+        self._write_event("alarm", text)
+
+    def _change(self) -> None:
+        self._changed = True

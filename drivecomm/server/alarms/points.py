@@ -1,0 +1,158 @@
+"""One rule on one drive: its delays, its alarm, and when that is told. No I/O, no clock.
+
+Two times are given with everything: now_s never goes back and measures all that lasts, time_s is the time of day and
+is only written down, so a clock that is set changes nothing but what people read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+from typing import TYPE_CHECKING
+
+from drivecomm.server.alarms.alarm import Alarm, Transition
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from drivecomm.server.alarms.alarm import What
+    from drivecomm.server.alarms.conditions import Finding
+    from drivecomm.server.alarms.rules import AlarmRule
+
+AGAIN_S = 60.0
+"""An alarm that lapsed into not being acknowledged is told again at most so often."""
+
+
+class Point:
+    """A rule on a drive. alarm: the one that stands, None without one. holds: the condition when it was last known."""
+
+    def __init__(self, rule: AlarmRule, drive: str) -> None:
+        self.rule = rule
+        self.drive = drive
+        self.alarm: Alarm | None = None
+        self.holds: bool | None = None
+        self._text = ""
+        self._which = ""
+        self._since_s = 0.0
+        # For how long the condition was there, or gone, and known to be, up to _known_from; None: not known now.
+        self._held_s = 0.0
+        self._known_from: float | None = None
+        self._went = False
+        self._told_at = 0.0
+        self._again = False
+
+    @property
+    def busy(self) -> bool:
+        """Whether time alone can change something."""
+        return bool(self.holds) or self.active
+
+    @property
+    def active(self) -> bool:
+        """Whether its alarm is not over."""
+        return self.alarm is not None and self.alarm.over_s is None
+
+    def restore(self, alarm: Alarm, now_s: float, time_s: float) -> None:
+        """Go on with an alarm that stood when the server ended; it holds until somebody knows otherwise."""
+        self.alarm = alarm
+        self._text = alarm.text
+        self._since_s = alarm.since_s
+        self._which = alarm.which
+        if alarm.over_s is None:
+            self.holds = alarm.present
+            self._held_s = self.rule.for_s if alarm.present else 0.0
+        # Whatever was done to the clock meanwhile, a reminder is neither lost nor due more than once.
+        self._told_at = now_s - min(max(time_s - alarm.told_s, 0.0), self.rule.remind_s or AGAIN_S)
+
+    def shown(self) -> Alarm | None:
+        """Return the alarm as it is now."""
+        if self.alarm is None or not self.active:
+            return self.alarm
+        return replace(self.alarm, text=self._text, present=bool(self.holds), which=self._which)
+
+    def see(self, finding: Finding, now_s: float, time_s: float) -> None:
+        """Take note of what the condition is now; what is due before must have been asked for."""
+        if finding.holds is None:
+            self._held_s = self._held(now_s)
+            self._known_from = None
+            if self.active:
+                self._text = f"{self._text.partition('; not known now')[0]}; not known now: {finding.text}"
+            return
+        if finding.holds is not self.holds:
+            self._held_s = 0.0
+            self._known_from = now_s
+            self._since_s = time_s
+            self._went = self._went or (self.active and not finding.holds)
+        elif self._known_from is None:
+            self._known_from = now_s
+        self.holds = finding.holds
+        self._text = finding.text
+        if self.active and finding.holds and finding.which:
+            if self._which not in {"", finding.which}:
+                self._lapse()
+            self._which = finding.which
+        elif not self.active:
+            self._which = finding.which
+
+    def due(self, now_s: float, time_s: float, number: Callable[[], tuple[int, str]]) -> Iterator[Transition]:
+        """Yield what has happened by now. number: makes the number and the id of a new alarm."""
+        held = self._held(now_s)
+        if self.holds and held >= self.rule.for_s:
+            if not self.active:
+                before = self.alarm.times if self.alarm else 0
+                count, identity = number()
+                self.alarm = Alarm(
+                    id=identity, number=count, rule=self.rule.name, drive=self.drive, text=self._text,
+                    since_s=self._since_s, raised_s=time_s, times=before + 1,
+                )  # fmt: skip
+                self._went = False
+                yield self._tell("raised", now_s, time_s)
+            elif self._went:
+                self._came_back()
+        if self.active and self.holds and now_s >= self._reminder_at():
+            yield self._tell("reminded", now_s, time_s)
+        if self.active and self.holds is False and held >= self.rule.over_s:
+            told = self._tell("over", now_s, time_s)
+            if told.alarm.acknowledged_by:
+                self.alarm = None
+            yield told
+
+    def acknowledge(self, by: str, time_s: float) -> Transition | None:
+        """Take note of who has acknowledged the alarm; None when somebody has before."""
+        alarm = self.shown()
+        if alarm is None or alarm.acknowledged_by:
+            return None
+        alarm = replace(alarm, acknowledged_by=by, acknowledged_s=time_s)
+        self.alarm = alarm if self.active else None
+        self._again = False
+        return Transition(what="acknowledged", alarm=alarm, time_s=time_s)
+
+    def _held(self, now_s: float) -> float:
+        return self._held_s + (now_s - self._known_from if self._known_from is not None else 0.0)
+
+    def _came_back(self) -> None:
+        """Count that the condition is there again, before the alarm was over: whoever acknowledged it knew nothing."""
+        self._went = False
+        if self.alarm is not None:
+            self.alarm = replace(self.alarm, times=1 if self.alarm.acknowledged_by else self.alarm.times + 1)
+            if self.alarm.acknowledged_by:
+                self._lapse()
+
+    def _lapse(self) -> None:
+        if self.alarm is not None:
+            self.alarm = replace(self.alarm, acknowledged_by="", acknowledged_s=None)
+            self._again = True
+
+    def _reminder_at(self) -> float:
+        if self.alarm is None or self.alarm.acknowledged_by:
+            return inf
+        each = self.rule.remind_s or inf
+        return self._told_at + (min(each, AGAIN_S) if self._again else each)
+
+    def _tell(self, what: What, now_s: float, time_s: float) -> Transition:
+        shown = self.shown()
+        assert shown is not None  # noqa: S101 - only called with an alarm
+        over_s = time_s if what == "over" else None
+        self.alarm = replace(shown, told=shown.told + 1, told_s=time_s, over_s=over_s)
+        self._told_at = now_s
+        self._again = False
+        return Transition(what=what, alarm=self.alarm, time_s=time_s)

@@ -1,0 +1,253 @@
+"""To whom alarms are delivered: webhooks, commands of this machine, and everything that apprise knows, such as e-mail.
+
+Each receiver gets a message as JSON and answers with why it could not be delivered, empty when it was.
+"""
+
+from __future__ import annotations
+
+import base64
+import http.client
+import json
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from socket import SHUT_RDWR
+from threading import Timer
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from urllib.parse import unquote, urlsplit
+
+from drivecomm.errors import UsageError, near
+from drivecomm.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+Message: TypeAlias = "Mapping[str, Any]"
+
+_SECRET = re.compile(r"@([A-Za-z0-9_-]+)")
+_ENVIRONMENT = "DRIVECOMM_ALARM_"
+
+
+class Receiver(Protocol):
+    """Somebody who is told about alarms. label: names them without any secret."""
+
+    @property
+    def label(self) -> str:
+        """How events name it."""
+
+    def problem(self) -> str:
+        """Return why nothing could ever be delivered, empty when it can be tried; may take seconds."""
+
+    def deliver(self, message: Message, within_s: float) -> str:
+        """Deliver a message; return why not, empty when it was. Takes no longer than this."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Webhook:
+    """A URL that takes the message as the body of a POST, and answers with 2xx."""
+
+    label: str
+    url: str
+
+    def problem(self) -> str:
+        """Nothing is known before it is tried."""
+        return ""
+
+    def deliver(self, message: Message, within_s: float) -> str:
+        """POST the message."""
+        parts = urlsplit(self.url)
+        secure = parts.scheme == "https"
+        make = http.client.HTTPSConnection if secure else http.client.HTTPConnection
+        connection = make(parts.hostname or "", parts.port, timeout=within_s)
+        # The time-out of a connection is one for each read: somebody who sends a byte now and then goes on for ever.
+        until = time.monotonic() + within_s
+        ending = Timer(within_s, _cut, [connection])
+        ending.daemon = True
+        ending.start()
+        headers = {"Content-Type": "application/json", "User-Agent": f"drivecomm/{__version__}"}
+        if parts.username is not None:
+            user = f"{unquote(parts.username)}:{unquote(parts.password or '')}"
+            headers["Authorization"] = f"Basic {base64.b64encode(user.encode()).decode()}"
+        path = f"{parts.path or '/'}?{parts.query}" if parts.query else parts.path or "/"
+        try:
+            connection.request("POST", path, json.dumps(message).encode(), headers)
+            status = connection.getresponse().status
+        except TimeoutError:
+            return f"no answer within {within_s:g} s"
+        except (OSError, ValueError, http.client.HTTPException) as error:
+            late = time.monotonic() >= until
+            return f"no answer within {within_s:g} s" if late else _reason(error)
+        finally:
+            ending.cancel()
+            connection.close()
+        if 200 <= status < 300:
+            return ""
+        return f"it answered {status} {http.client.responses.get(status, '')}".rstrip()
+
+
+def _cut(connection: http.client.HTTPConnection) -> None:
+    with suppress(OSError, AttributeError):
+        connection.sock.shutdown(SHUT_RDWR)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Command:
+    """A program of this machine that takes the message on its standard input, and ends with exit status 0."""
+
+    label: str
+    argv: tuple[str, ...]
+
+    def problem(self) -> str:
+        """Return whether there is no such program."""
+        from shutil import which  # noqa: PLC0415 - only who has a command needs it
+
+        return "" if which(self.argv[0]) else f"there is no program {self.argv[0]}"
+
+    def deliver(self, message: Message, within_s: float) -> str:
+        """Run the command, and end it with all that it has started when it takes too long."""
+        return _run(self.argv, json.dumps(message), within_s)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ByApprise:
+    """A URL of apprise, in a process of its own: it takes a second and 45 MB to load, and its services may hang."""
+
+    label: str
+    url: str
+
+    def problem(self) -> str:
+        """Return whether apprise cannot make anything of the URL."""
+        return self._send({}, 30.0)
+
+    def deliver(self, message: Message, within_s: float) -> str:
+        """Let apprise deliver the message; it has 20 s more to be loaded and to wait for a mail server."""
+        return self._send(message, within_s + 20 if within_s >= WITHIN_S else within_s)
+
+    def _send(self, message: Message, within_s: float) -> str:
+        argv = (sys.executable, "-m", "drivecomm.server.alarms.by_apprise")
+        # Not as an argument, which everybody on this machine can read.
+        return _run(argv, json.dumps({"url": self.url, "message": message}), within_s)
+
+
+WITHIN_S = 10.0
+
+
+def _run(argv: Sequence[str], given: str, within_s: float) -> str:
+    # Files and no pipes: nothing that the command starts can hold up anybody by keeping one open.
+    with tempfile.TemporaryFile() as stdin, tempfile.TemporaryFile() as stderr:
+        stdin.write(given.encode())
+        stdin.seek(0)
+        try:
+            process = subprocess.Popen(  # noqa: S603 - what the plant file says
+                argv, stdin=stdin, stdout=subprocess.DEVNULL, stderr=stderr, start_new_session=True
+            )
+        except (OSError, ValueError) as error:
+            return _reason(error)
+        try:
+            status = process.wait(within_s)
+        except subprocess.TimeoutExpired:
+            _kill(process)
+            return f"it did not end within {within_s:g} s and was killed"
+        if status == 0:
+            return ""
+        stderr.seek(max(0, stderr.seek(0, os.SEEK_END) - 2000))
+        said = stderr.read().decode(errors="replace").strip().splitlines()
+        return f"it ended with exit status {status}" + (f": {said[-1][:200]}" if said else "")
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    if hasattr(os, "killpg"):
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
+    process.wait()
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    return str(error) or type(error).__name__
+
+
+def check_entry(entry: str) -> None:
+    """Raise UsageError for what cannot be an entry of deliver; secrets are not looked up."""
+    if not entry.startswith("@"):
+        _receiver(entry, "")
+    elif not _SECRET.fullmatch(entry):
+        raise UsageError(f"invalid name of a secret {entry!r}; write @ and letters, digits, - or _, such as @mail")
+
+
+def receivers_of(entries: Sequence[str], environment: Mapping[str, str]) -> dict[str, Receiver]:
+    """Return who is meant by entries of deliver, by entry. Raises UsageError where a secret cannot be looked up."""
+    return {
+        entry: _receiver(_secret(entry, environment), entry) if entry.startswith("@") else _receiver(entry, "")
+        for entry in entries
+    }
+
+
+def label_of(entry: str) -> str:
+    """Return how a receiver is named without any secret."""
+    return entry if entry.startswith("@") else _receiver(entry, "").label
+
+
+def key_of(entry: str) -> str:
+    """Return what stands for an entry in files: it may be a URL with a password in it."""
+    return sha256(entry.encode()).hexdigest()[:16]
+
+
+def _receiver(entry: str, label: str) -> Receiver:
+    kind, colon, rest = entry.partition(":")
+    if kind == "webhook":
+        return Webhook(label=label or f"webhook {_host(rest, {'http', 'https'})}", url=rest)
+    if kind == "command":
+        try:
+            argv = tuple(shlex.split(rest, posix=os.name != "nt"))
+        except ValueError as error:
+            raise UsageError(f"invalid command {rest!r}: {error}") from None
+        if not argv:
+            raise UsageError("the command is missing; write command:/usr/local/bin/page-me")
+        return Command(label=label or f"command {Path(argv[0]).name}", argv=argv)
+    if not colon or not rest.startswith("//"):
+        question = near(kind, ["webhook", "command"])
+        raise UsageError(
+            f"unknown receiver{'' if label else f' {entry!r}'}; {question or 'write'} "
+            "webhook:URL, command:PROGRAM, a URL of apprise such as mailto://..., or @NAME of a secret"
+        )
+    # What comes after the scheme may be a token as a whole.
+    return ByApprise(label=label or kind, url=entry)
+
+
+def _host(url: str, schemes: set[str]) -> str:
+    try:
+        parts = urlsplit(url)
+        port = f":{parts.port}" if parts.port else ""
+    except ValueError as error:
+        raise UsageError(f"invalid URL of a webhook: {error}") from None
+    if parts.scheme not in schemes or not parts.hostname or not re.fullmatch(r"[!-~]+", url):
+        raise UsageError("invalid URL of a webhook; write webhook:https://example.com/hook, for example")
+    return f"{parts.hostname}{port}"
+
+
+def _secret(entry: str, environment: Mapping[str, str]) -> str:
+    name = entry[1:]
+    variable = _ENVIRONMENT + re.sub("-", "_", name).upper()
+    if folder := environment.get("CREDENTIALS_DIRECTORY"):
+        with suppress(FileNotFoundError):
+            try:
+                return (Path(folder) / name).read_text(encoding="utf-8").strip()
+            except (PermissionError, IsADirectoryError, UnicodeDecodeError) as error:
+                raise UsageError(f"the secret {entry} cannot be read from {folder}: {_reason(error)}") from None
+    if found := environment.get(variable, "").strip():
+        return found
+    raise UsageError(
+        f"there is no secret {entry}; put it into the file {name} of $CREDENTIALS_DIRECTORY, or into ${variable}"
+    )

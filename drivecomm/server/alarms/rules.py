@@ -1,0 +1,190 @@
+"""What is an alarm, from the `[[alarm]]` tables of a plant file.
+
+[[alarm]]
+name = "pump tripped"            # optional: what it watches unless given
+drives = ["pump"]                # optional: all drives (with a quantity: all that it is polled of) unless given
+on = "fault"                     # fault, warning or silent; or a limit instead:
+# quantity = "output_current"    # as it is polled, with above or below
+# above = 12.5                   # in the unit of the quantity
+# hysteresis = 0.5               # optional: the condition goes on until the value is back by so much
+for_s = 5                        # optional: it must hold for so long
+over_s = 60                      # optional: it must be gone for so long; 60 unless given
+remind_s = 3600                  # optional: told again so often, until somebody acknowledges it
+deliver = ["webhook:https://example.com/hook", "command:/usr/local/bin/page-me", "@mail"]   # optional
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal
+from math import inf
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+
+from drivecomm.errors import UsageError, meant
+from drivecomm.server.alarms.receivers import check_entry, label_of
+from drivecomm.tomlfile import LIST, NUMBER, SECONDS, TEXT
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from drivecomm.protocol import DriveConfig
+    from drivecomm.tomlfile import Table
+
+Watched: TypeAlias = Literal["fault", "warning", "silent", "limit"]
+OVER_S = 60.0
+"""A condition that comes and goes more often than this is one alarm."""
+
+_STATES = tuple(each for each in get_args(Watched) if each != "limit")
+_KEYS = {
+    "name": TEXT,
+    "drives": LIST,
+    "on": TEXT,
+    "quantity": TEXT,
+    "above": NUMBER,
+    "below": NUMBER,
+    "hysteresis": NUMBER,
+    "for_s": SECONDS,
+    "over_s": SECONDS,
+    "remind_s": SECONDS,
+    "deliver": LIST,
+}
+_LEAST_S = {"for_s": 0.0, "over_s": 1.0, "remind_s": 60.0}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limit:
+    """A limit of a quantity. side: above or below, where the alarm is. at, hysteresis: exact."""
+
+    quantity: str
+    side: Literal["above", "below"]
+    at: Decimal
+    hysteresis: Decimal = Decimal(0)
+
+    def passed(self, value: Decimal | float, *, before: bool) -> bool:
+        """Tell whether a value is beyond the limit. before: whether the one before it was."""
+        exact = value if isinstance(value, Decimal) else Decimal(str(value))
+        back = self.hysteresis if before else Decimal(0)
+        return exact > self.at - back if self.side == "above" else exact < self.at + back
+
+    def __str__(self) -> str:
+        return f"{self.quantity} {self.side} {self.at}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlarmRule:
+    """What is an alarm. drives: the names of those that it watches, all of them. deliver: as the plant file has it."""
+
+    name: str
+    on: Watched
+    drives: tuple[str, ...]
+    limit: Limit | None = None
+    for_s: float = 0.0
+    over_s: float = OVER_S
+    remind_s: float | None = None
+    deliver: tuple[str, ...] = ()
+
+    @property
+    def labels(self) -> list[str]:
+        """Who is told, without any secret."""
+        return [label_of(entry) for entry in self.deliver]
+
+    def __str__(self) -> str:
+        """Return the rule in words."""
+        limit = self.limit
+        if limit is None:
+            words = {"fault": "a fault", "warning": "a warning", "silent": "silence"}.get(self.on, "")
+        else:
+            back = f" (over when back by {limit.hysteresis})" if limit.hysteresis else ""
+            words = f"{limit}{back}"
+        held = f" for {self.for_s:g} s" if self.for_s else ""
+        reminded = f", with a reminder each {self.remind_s:g} s" if self.remind_s else ""
+        return f"{words} of {', '.join(self.drives)}{held}{reminded}; over after {self.over_s:g} s without it"
+
+
+def read_alarms(tables: Sequence[Table], drives: Sequence[DriveConfig]) -> tuple[AlarmRule, ...]:
+    """Return the rules of a plant file. tables: its `[[alarm]]`. drives: all drives of the plant.
+
+    Raises FileFormatError with the file, the line, the entry and what is wrong in it.
+    """
+    rules: dict[str, AlarmRule] = {}
+    for table in tables:
+        rule = _rule(table, drives)
+        if rule.name in rules:
+            raise table.error(f"two alarms are called {rule.name!r}; give this one another name", "name")
+        rules[rule.name] = rule
+    return tuple(rules.values())
+
+
+def _rule(table: Table, drives: Sequence[DriveConfig]) -> AlarmRule:
+    given = table.take(_KEYS)
+    for key, least in _LEAST_S.items():
+        if key in given and not least <= given[key] < inf:
+            raise table.error(f"invalid {key} = {given[key]}; write {least:g} seconds or more", key)
+    times = {key: float(given[key]) for key in _LEAST_S if key in given}
+    limit = _limit(table) if "quantity" in given else None
+    if limit is None:
+        for key in ("above", "below", "hysteresis"):
+            if key in given:
+                raise table.error(f'{key} is of a quantity; write quantity = "output_current", for example', key)
+        if "on" not in given:
+            raise table.error('an alarm has on = "fault", "warning" or "silent", or a quantity with above or below')
+        if given["on"] not in _STATES:
+            raise table.error(f"unknown on = {given['on']!r}; {meant(given['on'], _STATES, 'use')}", "on")
+    elif "on" in given:
+        raise table.error("on and quantity are two alarms; write an [[alarm]] for each", "on")
+    deliver = _texts(table, "deliver")
+    for entry in deliver:
+        try:
+            check_entry(entry)
+        except UsageError as error:
+            raise table.error(str(error), "deliver") from None
+    return AlarmRule(
+        name=given.get("name") or (str(limit) if limit else given["on"]),
+        on="limit" if limit else given["on"],
+        drives=_drives(table, drives, limit),
+        limit=limit,
+        deliver=deliver,
+        **times,
+    )
+
+
+def _limit(table: Table) -> Limit:
+    given = table.content
+    sides: list[Literal["above", "below"]] = [side for side in ("above", "below") if side in given]
+    if len(sides) != 1:
+        raise table.error("a quantity has one limit; write above = 12.5, or below, for example", "quantity")
+    for key in (sides[0], "hysteresis"):
+        if not -inf < given.get(key, 0) < inf or (key == "hysteresis" and given.get(key, 0) < 0):
+            raise table.error(
+                f"invalid {key} = {given[key]}; write a number" + " of 0 or more" * (key != sides[0]), key
+            )
+    # As it stands in the file: 0.1 is no sum of powers of two.
+    at, hysteresis = Decimal(str(given[sides[0]])), Decimal(str(given.get("hysteresis", 0)))
+    return Limit(quantity=given["quantity"], side=sides[0], at=at, hysteresis=hysteresis)
+
+
+def _drives(table: Table, drives: Sequence[DriveConfig], limit: Limit | None) -> tuple[str, ...]:
+    by_name = {drive.name: drive for drive in drives}
+    named = _texts(table, "drives") if "drives" in table.content else tuple(by_name)
+    for name in named:
+        if name not in by_name:
+            raise table.error(f"unknown drive {name!r}; {meant(name, by_name, 'the plant has')}", "drives")
+    if limit is None:
+        return tuple(dict.fromkeys(named))
+    polled = {name: [each for group in by_name[name].poll for each in group.parameters] for name in named}
+    with_it = tuple(name for name, each in polled.items() if limit.quantity in each)
+    if without := [name for name in polled if name not in with_it]:
+        name = without[0]
+        if "drives" in table.content or not with_it:
+            raise table.error(
+                f"{limit.quantity} is not polled of {name}; {meant(limit.quantity, polled[name], 'polled are')}",
+                "quantity",
+            )
+    return with_it
+
+
+def _texts(table: Table, key: str) -> tuple[str, ...]:
+    found = table.content.get(key, [])
+    if not all(isinstance(each, str) and each for each in found) or (key == "drives" and not found):
+        raise table.error(f'{key} cannot be {found!r}; write a list of texts, such as ["one", "two"]', key)
+    return tuple(found)

@@ -1,0 +1,120 @@
+"""All alarms of a plant: fed with what changes and with the time, they say what happens to them. No I/O, no clock."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import UsageError
+from drivecomm.server.alarms.alarm import Alarm, Transition
+from drivecomm.server.alarms.conditions import of_drive, of_value
+from drivecomm.server.alarms.points import Point
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from drivecomm.server import CurrentValue, DriveState
+    from drivecomm.server.alarms.conditions import Finding
+    from drivecomm.server.alarms.rules import AlarmRule
+
+
+class Alarms:
+    """The alarms by these rules, going on with those that stood before.
+
+    run: a word that no other run of the server has. number: of the last alarm before. now_s: seconds that never go
+    back, from wherever they count. time_s: seconds since 1970.
+    """
+
+    def __init__(
+        self,
+        rules: Iterable[AlarmRule],
+        *,
+        run: str,
+        stood: Iterable[Alarm] = (),
+        number: int = 0,
+        now_s: float = 0.0,
+        time_s: float = 0.0,
+    ) -> None:
+        self.number = number
+        self._run = run
+        self._of_drives: dict[str, list[Point]] = {}
+        self._of_values: dict[tuple[str, str], list[Point]] = {}
+        self._points: dict[tuple[str, str], Point] = {}
+        for rule in rules:
+            for drive in rule.drives:
+                point = self._points[rule.name, drive] = Point(rule, drive)
+                if rule.limit is None:
+                    self._of_drives.setdefault(drive, []).append(point)
+                else:
+                    self._of_values.setdefault((drive, rule.limit.quantity), []).append(point)
+        self._left: list[Alarm] = []
+        for alarm in stood:
+            if found := self._points.get((alarm.rule, alarm.drive)):
+                found.restore(alarm, now_s, time_s)
+            else:
+                self._left.append(alarm)
+
+    def watches(self, drive: str) -> bool:
+        """Tell whether the state of this drive concerns a rule."""
+        return drive in self._of_drives
+
+    def drive_seen(self, state: DriveState, now_s: float, time_s: float) -> Sequence[Transition]:
+        """Take note of a drive's state, and return what happens."""
+        found: list[Transition] = []
+        for point in self._of_drives.get(state.name, ()):
+            found += self._seen(point, of_drive(point.rule.on, state), now_s, time_s)
+        return found
+
+    def value_seen(self, value: CurrentValue, now_s: float, time_s: float) -> Sequence[Transition]:
+        """Take note of a value, and return what happens."""
+        found: list[Transition] = []
+        for point in self._of_values.get((value.drive, value.name), ()):
+            if limit := point.rule.limit:
+                found += self._seen(point, of_value(limit, value, before=bool(point.holds)), now_s, time_s)
+        return found
+
+    def look(self, now_s: float, time_s: float) -> Sequence[Transition]:
+        """Return what has happened by now without anything being seen."""
+        found: list[Transition] = []
+        for point in self._points.values():
+            if point.busy:
+                found += point.due(now_s, time_s, self._number)
+        left, self._left = self._left, [alarm for alarm in self._left if alarm.over_s is not None]
+        for alarm in left:
+            if alarm.over_s is None:
+                text = "the plant file has no such alarm any more"
+                over = replace(alarm, text=text, over_s=time_s, told=alarm.told + 1, told_s=time_s, present=False)
+                if not over.acknowledged_by:
+                    self._left.append(over)
+                found.append(Transition(what="over", alarm=over, time_s=time_s))
+        return found
+
+    def standing(self) -> Sequence[Alarm]:
+        """Return all alarms whose condition is there, or that nobody has acknowledged, in their order."""
+        shown = (point.shown() for point in self._points.values())
+        return sorted([*self._left, *(each for each in shown if each)], key=lambda alarm: alarm.number)
+
+    def acknowledge(self, alarm_id: str, by: str, time_s: float) -> Transition | None:
+        """Take note of who has acknowledged an alarm; None when somebody has before.
+
+        Raises UsageError for one that does not stand.
+        """
+        for alarm in self._left:
+            if alarm.id == alarm_id:
+                self._left.remove(alarm)
+                done = replace(alarm, acknowledged_by=by, acknowledged_s=time_s)
+                return Transition(what="acknowledged", alarm=done, time_s=time_s)
+        for point in self._points.values():
+            if point.alarm is not None and point.alarm.id == alarm_id:
+                return point.acknowledge(by, time_s)
+        raise UsageError(f"no alarm {alarm_id} stands; it may be over, and acknowledged before")
+
+    def _seen(self, point: Point, finding: Finding, now_s: float, time_s: float) -> list[Transition]:
+        # What was due before comes before.
+        found = list(point.due(now_s, time_s, self._number))
+        point.see(finding, now_s, time_s)
+        return [*found, *point.due(now_s, time_s, self._number)]
+
+    def _number(self) -> tuple[int, str]:
+        self.number += 1
+        return self.number, f"{self._run}-{self.number}"

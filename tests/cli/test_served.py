@@ -1,0 +1,296 @@
+"""Every command against a plant that a server owns and against bare ports: the same output, the same exit code."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from fake_server import serving
+from running_server import running_server
+
+from drivecomm.capture import read_capture
+from drivecomm.cli import main
+from drivecomm.plant import read_plant
+from drivecomm.virtual import PlantServer, VirtualPlant
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
+
+PLANT = """
+format = 1
+
+[[line]]
+name = "hall"
+listen = "pty:{folder}/hall"
+paced = false
+
+[[drive]]
+name = "pump"
+drive = "vabus:1"
+options = {{ model = "agile" }}
+armed = true
+poll = [{{ parameters = ["output_frequency"], period_s = 0.05 }}]
+link_loss = {{ policy = "trip", watchdog_s = 5 }}
+reply_delay_s = 0.0
+
+[[drive]]
+name = "fan"
+title = "exhaust fan"
+drive = "danfoss-fc:3"
+options = {{ model = "fc300" }}
+reply_delay_s = 0.0
+
+[[fault]]
+drive = "fan"
+trip = {{ code = 14, at_s = 0 }}
+"""
+
+PORT = "{folder}/hall"
+"""Stands for the port of the plant's line."""
+
+COMMANDS = {
+    "read": ["read", "pump", "output_frequency", "480"],
+    "read in JSON": ["read", "pump", "output_frequency", "480", "--json"],
+    "read by address": ["read", "vabus:1", "481", "--port", PORT],
+    "read of another model": ["read", "pump,model=active", "481"],
+    "read what there is not": ["read", "pump", "output_frequncy"],
+    "read with one that fails": ["read", "pump", "99999", "480"],
+    "read of a drive that there is not": ["read", "pomp", "480"],
+    "read of a silent one": ["read", "vabus:9", "480", "--port", PORT, "--attempts", "1", "--timeout", "0.05"],
+    "read of no address": ["read", "vabus:77", "480", "--port", PORT],
+    "write": ["write", "pump", "480", "12.50"],
+    "write and read back": ["write", "pump", "480", "10", "--read-back"],
+    "write an exact decimal": ["write", "pump", "480", "10.10", "--json"],
+    "write what does not fit": ["write", "pump", "480", "1e30"],
+    "write a read-only one": ["write", "fan", "3-03", "50"],
+    "write a read-only one for once": ["write", "fan", "3-03", "50", "--arm"],
+    "arm an armed one": ["write", "pump", "480", "1", "--arm"],
+    "status": ["status", "pump"],
+    "status in JSON": ["status", "pump", "--json"],
+    "status with a fault": ["status", "fan"],
+    "status of all": ["status"],
+    "status of all in JSON": ["status", "--json"],
+    "start and leave": ["start", "pump", "--link-loss", "hold", "--percent", "50"],
+    "start without a policy": ["start", "fan", "--arm"],
+    "start a read-only one": ["start", "fan", "--link-loss", "hold"],
+    "stop": ["stop", "pump"],
+    "stop in JSON": ["stop", "pump", "--json"],
+    "stop otherwise": ["stop", "pump", "--how", "coast"],
+    "stop as it cannot": ["stop", "fan", "--how", "dc-brake", "--json"],
+    "stop a silent one": ["stop", "vabus:9", "--port", PORT, "--attempts", "1", "--timeout", "0.05"],
+    "reset": ["reset", "pump"],
+    "reset a read-only one": ["reset", "fan"],
+    "reference": ["reference", "pump", "12.5Hz"],
+    "reference in per cent": ["reference", "pump", "--percent", "33.3", "--json"],
+    "wait": ["wait", "pump", "ready", "--seconds", "1"],
+    "wait in vain": ["wait", "pump", "running", "--seconds", "0.3"],
+    "wait for a fault": ["wait", "fan", "running", "--seconds", "1"],
+    "call": ["call", "fan", "jog", "--arm"],
+    "call what there is not": ["call", "pump", "fly"],
+    "call on a read-only one": ["call", "fan", "jog"],
+    "poll": ["poll", "--cycles", "2"],
+    "poll in JSON": ["poll", "pump", "480@0.05", "fan", "3-03@0.05", "--cycles", "2", "--json"],
+    "poll what cannot be": ["poll", "pump", "nonsense", "--cycles", "1"],
+    "scan": ["scan", "--protocol", "vabus", "-a", "1-3", "--timeout", "0.05"],
+    "scan in JSON": ["scan", "--protocol", "vabus", "-a", "1-2", "--timeout", "0.05", "--json"],
+    "scan in vain": ["scan", "--protocol", "vabus", "-a", "7", "--timeout", "0.05"],
+    "stats": ["stats", "pump", "--for", "0.2", "--json"],
+    "doctor": ["doctor", "--quick", "--protocol", "vabus", "-a", "1-2", "--timeout", "0.05"],
+    "backup": ["backup", "pump", "{folder}/pump.toml"],
+    "compare": ["compare", "pump", "pump"],
+}
+"""By what they show."""
+
+TIMES = (
+    (re.compile(r"^(ok|note) +time .*", re.MULTILINE), "REPLY TIMES"),
+    (re.compile(r"\d\d:\d\d:\d\d(\.\d+)?"), "CLOCK"),
+    (re.compile(r'"(time_s|age_s|late_s|took_s|due_s|seconds)": [-\d.e]+'), r'"\1": T'),
+    (re.compile(r"\d\d\d\d-\d\d-\d\d[T ]CLOCK(\+\d\d:\d\d|Z)?"), "DATE"),
+    (re.compile(r"^ +\d+\.\d+  (?=->|<-|  )", re.MULTILINE), " T  "),
+    (re.compile(r'"counters": .*'), "COUNTS"),
+    (re.compile(r"\d+\.\d s\b"), "T s"),
+    (re.compile(r"pid \d+"), "PID"),
+)
+
+
+def masked(text):
+    for pattern, instead in TIMES:
+        text = pattern.sub(instead, text)
+    return text
+
+
+class Place:
+    """A plant of virtual drives that runs, and commands in it. file: its plant file."""
+
+    def __init__(self, folder, capsys):
+        self.folder = folder
+        self.file = folder / "plant.toml"
+        self.file.write_text(PLANT.format(folder=folder), encoding="utf-8")
+        self._capsys = capsys
+
+    def __call__(self, *arguments):
+        self._capsys.readouterr()
+        code = main([str(each).format(folder=self.folder) for each in arguments])
+        said = self._capsys.readouterr()
+        return code, masked(said.out), masked(said.err)
+
+
+@pytest.fixture
+def place(tmp_path, capsys, monkeypatch):
+    """A folder with a plant file, whose drives a thread serves."""
+    (tmp_path / "run").mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    for name in ("DRIVECOMM_PORT", "DRIVECOMM_PLANT", "RUNTIME_DIRECTORY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.chdir(tmp_path)
+    one = Place(tmp_path, capsys)
+    stop = threading.Event()
+    with PlantServer(VirtualPlant(read_plant(one.file))) as server:
+        thread = threading.Thread(target=server.run, args=(stop,), daemon=True)
+        thread.start()
+        yield one
+        stop.set()
+        thread.join()
+
+
+@pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
+def test_the_same_through_a_server_as_on_bare_ports(place, command):
+    bare = place(*command)
+    with running_server(place.file):
+        served = place(*command)
+    assert served == bare
+
+
+def started(*arguments, end=lambda process: process.send_signal(signal.SIGINT)):
+    """Run a start that stays, end it when it says that the motor was started, and return what came of it."""
+    command = [sys.executable, "-m", "drivecomm", "start", *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        said = []
+        for text in process.stdout:
+            said.append(text)
+            if "started" in text:
+                end(process)
+        complaint = process.stderr.read()
+    return process.returncode, masked("".join(said)), masked(complaint)
+
+
+@pytest.mark.parametrize("further", [[], ["--json"], ["--watchdog", "3", "--percent", "40", "--reverse"]], ids=str)
+def test_a_start_that_stays_until_ctrl_c(place, further):
+    bare = started("pump", *further)
+    with running_server(place.file):
+        served = started("pump", *further)
+    assert served == bare
+    assert bare[0] == 0
+    assert place("wait", "pump", "ready")[0] == 0
+
+
+def test_a_start_is_ended_by_the_stop_of_another_program(place):
+    def stop(_):
+        subprocess.run([sys.executable, "-m", "drivecomm", "stop", "pump"], check=True, capture_output=True)
+
+    bare = started("pump", end=stop)
+    with running_server(place.file):
+        served = started("pump", end=stop)
+    assert served == bare
+    assert bare[0] == 0
+
+
+def test_a_start_refuses_what_the_server_refuses(place):
+    bare = place("start", "fan", "--arm", "--link-loss", "ramp", "--watchdog", "2.55")
+    with running_server(place.file):
+        served = place("start", "fan", "--arm", "--link-loss", "ramp", "--watchdog", "2.55")
+    assert served == bare
+    assert bare[0] == 2
+
+
+@pytest.mark.parametrize("as_json", [[], ["--json"]], ids=["text", "json"])
+def test_stop_all_through_the_server_tells_what_each_drive_has_confirmed(place, as_json):
+    code, bare, _ = place("stop", "--all", *as_json)
+    with running_server(place.file):
+        code_served, served, complaint = place("stop", "--all", *as_json)
+    assert code_served == code == 0
+    assert complaint == ""
+    assert served.splitlines() == [text for text in bare.splitlines() if ":*" not in text]
+
+
+def test_stop_all_of_a_port_stops_the_drives_of_its_line(place):
+    with running_server(place.file):
+        code, said, _ = place("stop", "--all", "--port", PORT)
+    assert code == 0
+    assert said == "hall: pump  stop (ramp) confirmed\nhall: fan  stop (ramp) confirmed\n"
+
+
+@pytest.mark.parametrize("command", [["stop", "pump"], ["stop", "--all"]], ids=" ".join)
+def test_a_stop_goes_to_the_port_when_the_server_does_not_answer(place, command):
+    bare = place(*command)
+    with serving(place.file) as server:
+        for plant in server.plants.values():
+            plant.close()
+        server.hang.set()
+        began = time.monotonic()
+        code, said, complaint = place(*command)
+        took_s = time.monotonic() - began
+    assert (code, said) == bare[:2]
+    assert "does not answer" in complaint
+    assert "tried now" in complaint
+    assert took_s < 4
+
+
+def test_a_command_names_the_server_that_does_not_answer(place):
+    with serving(place.file) as server:
+        server.hang.set()
+        code, _, complaint = place("read", "pump", "480")
+    assert code == 3
+    assert f"the server of {place.file} (PID) does not answer" in complaint
+
+
+@pytest.mark.parametrize("command", [["tune", "pump"], ["replay", "{folder}/said.jsonl"]], ids=lambda each: each[0])
+def test_what_needs_the_port_for_itself_names_the_server(place, command):
+    assert place("read", "pump", "480", "--record", "{folder}/said.jsonl")[0] == 0
+    with running_server(place.file):
+        code, _, complaint = place(*command)
+    assert code == 3
+    assert f"in use by drivecomm serve {place.file} (PID), and {command[0]} needs it for itself; end that" in complaint
+
+
+@pytest.mark.parametrize("flag", ["--rs485", "--echo", "--low-latency"])
+def test_what_the_server_has_decided_is_refused(place, flag):
+    with running_server(place.file):
+        code, _, complaint = place("read", "pump", "480", flag)
+    assert code == 2
+    assert f"so {flag} has no effect; leave it out" in complaint
+
+
+def test_a_trace_through_the_server_has_what_was_asked(place):
+    code, said, trace = place("read", "pump", "480", "--trace")
+    with running_server(place.file):
+        code_served, said_served, trace_served = place("read", "pump", "480", "--trace")
+    assert (code_served, said_served) == (code, said)
+    asked = [text for text in trace.splitlines() if "->" in text or "<-" in text]
+    assert len(asked) == 3
+    # What the server asks of itself stands between.
+    left = iter(trace_served.splitlines())
+    assert all(text in left for text in asked)
+
+
+def test_a_recording_through_the_server_has_what_was_asked(place):
+    with running_server(place.file):
+        code, _, complaint = place("read", "pump", "480", "--record", "{folder}/said.jsonl")
+    assert (code, complaint) == (0, "")
+    pieces = read_capture(place.folder / "said.jsonl").pieces
+    asked = next(each for each in pieces if each.data == bytes.fromhex("0441303034383005"))
+    assert asked.source == "master"
+    assert "<-" in place("sniff", "{folder}/said.jsonl")[1]
+
+
+def test_sniff_listens_to_the_servers_own_traffic(place):
+    with running_server(place.file):
+        code, said, complaint = place("sniff", PORT, "--protocol", "vabus", "--for", "0.5")
+    assert code == 0
+    assert "parameter=210" in said
+    assert "listening at" in complaint
+    assert "through its server" in complaint

@@ -1,0 +1,57 @@
+"""A served plant with one drive, as alarms see it; tests say what changes."""
+
+import asyncio
+
+from alarm_points import pump
+
+from drivecomm.server import STATUS, CurrentValue, Event
+
+
+class Changes:
+    def __init__(self):
+        self.lost = 0
+        self.closed = False
+        self.queue = asyncio.Queue()
+        self.loop = asyncio.get_running_loop()
+
+    async def __aiter__(self):
+        while True:
+            yield await self.queue.get()
+
+    def close(self):
+        self.closed = True
+
+
+class AlarmPlant:
+    name = "hall 2"
+
+    def __init__(self, session="run"):
+        self.session = session
+        self.state = pump()
+        self.all_values = []
+        self.read = []
+
+    def drives(self):
+        return [self.state]
+
+    def drive(self, name):
+        assert name == "pump"
+        return self.state
+
+    def values(self):
+        return self.all_values
+
+    def changes(self):
+        self.read.append(Changes())
+        return self.read[-1]
+
+    def see(self, state, kind=""):
+        """Let the drive be so; told by an event of a kind, or by its polled status."""
+        self.state = state
+        event = Event(number=1, time_s=0.0, kind=kind, text="", drive="pump") if kind else None
+        status = CurrentValue(drive="pump", name=STATUS, reading=None, quality="good")
+        self.put([] if event else [status], [event] if event else [])
+
+    def put(self, values=(), events=()):
+        changes = self.read[-1]
+        changes.loop.call_soon_threadsafe(changes.queue.put_nowait, (values, events))

@@ -1,0 +1,72 @@
+"""Rules, and what is seen of a drive called pump, on a clock that tests turn."""
+
+from decimal import Decimal
+
+from drivecomm.protocol import DriveConfig, DriveState as State, DriveStatus, Reading
+from drivecomm.server import CurrentValue, DriveState
+from drivecomm.server.alarms import AlarmRule, Alarms, Limit
+
+WALL_S = 1_700_000_000.0
+PUMP = DriveConfig(protocol="vabus", address=1, name="pump", line="hall")
+
+
+def rule(on="fault", **changes):
+    return AlarmRule(**{"name": f"pump {on}", "on": on, "drives": ("pump",), **changes})
+
+
+def limit(at="12.5", hysteresis="0", side="above", **changes):
+    of = Limit(quantity="output_current", side=side, at=Decimal(at), hysteresis=Decimal(hysteresis))
+    return rule("limit", limit=of, **changes)
+
+
+def pump(fault="", *, warning=False, reachability="answers", error="", tripped=None):
+    status = None
+    if reachability == "answers":
+        has_fault = bool(fault) if tripped is None else tripped
+        state = State.FAULT if has_fault else State.READY
+        status = DriveStatus(word=0, state=state, running=False, fault=has_fault, warning=warning)
+    return DriveState(config=PUMP, line="hall", reachability=reachability, status=status, fault=fault, error=error)
+
+
+def current(value, quality="good", cause="", unit="A"):
+    reading = None
+    if value is not None:
+        number = Decimal(value) if isinstance(value, str) and value != "run" else value
+        reading = Reading(parameter="211", value=number, raw=0, unit=unit, name="output_current")
+    return CurrentValue(drive="pump", name="output_current", reading=reading, quality=quality, cause=cause)
+
+
+class Clock:
+    """Alarms on a clock. off_s: how far the time of day is from the right one."""
+
+    def __init__(self, *rules, run="run", **before):
+        self.now_s = 1000.0
+        self.off_s = 0.0
+        self.rules = rules
+        self.alarms = Alarms(rules, run=run, now_s=self.now_s, time_s=self.time_s, **before)
+
+    @property
+    def time_s(self):
+        return WALL_S + self.now_s + self.off_s
+
+    def at(self, seconds, seen=None):
+        """Go to this many seconds after the begin, see something or only look; return what happened."""
+        self.now_s = 1000.0 + seconds
+        if isinstance(seen, DriveState):
+            found = self.alarms.drive_seen(seen, self.now_s, self.time_s)
+        elif seen is not None:
+            found = self.alarms.value_seen(seen, self.now_s, self.time_s)
+        else:
+            found = self.alarms.look(self.now_s, self.time_s)
+        return [each.what for each in found]
+
+    def texts(self):
+        return [alarm.text for alarm in self.alarms.standing()]
+
+    @property
+    def alarm(self):
+        (alarm,) = self.alarms.standing()
+        return alarm
+
+    def acknowledge(self, by="ann"):
+        return self.alarms.acknowledge(self.alarm.id, by, self.time_s)

@@ -1,0 +1,302 @@
+"""What happens to alarms, on a clock of the test's."""
+
+import pytest
+from alarm_points import WALL_S, Clock, current, limit, pump, rule
+
+from drivecomm.errors import UsageError
+
+
+def test_a_fault_is_raised_at_once_and_over_after_a_minute_without_it():
+    clock = Clock(rule())
+    assert clock.at(0, pump()) == []
+    assert clock.at(1, pump("F0400 overload")) == ["raised"]
+    assert clock.at(2, pump("F0400 overload")) == []
+    assert (clock.alarm.text, clock.alarm.present, clock.alarm.times) == ("fault F0400 overload", True, 1)
+    assert (clock.alarm.since_s, clock.alarm.drive, clock.alarm.rule) == (WALL_S + 1001, "pump", "pump fault")
+    assert clock.at(3, pump()) == []
+    assert (clock.alarm.text, clock.alarm.present) == ("no fault", False)
+    assert clock.at(62.5) == []
+    assert clock.at(63) == ["over"]
+    assert clock.at(64) == []
+
+
+def test_a_fault_without_a_text_is_one_all_the_same():
+    clock = Clock(rule())
+    assert clock.at(0, pump(tripped=True)) == ["raised"]
+    assert clock.texts() == ["fault"]
+    # Its number is asked for afterwards; it is the same fault.
+    clock.acknowledge()
+    assert clock.at(100, pump("F0400")) == []
+    assert clock.alarm.acknowledged_by == "ann"
+
+
+def test_what_is_watched_of_a_drive():
+    clock = Clock(rule("warning"), rule("silent"))
+    assert clock.at(0, pump(reachability="asking")) == []
+    assert clock.at(0, pump(warning=None)) == []
+    assert clock.at(1, pump(warning=True)) == ["raised"]
+    assert clock.at(2, pump(reachability="silent", error="no reply within 0.1 s")) == ["raised"]
+    assert clock.texts() == [
+        "a warning is active; not known now: the drive does not answer", "does not answer: no reply within 0.1 s"
+    ]  # fmt: skip
+    # A drive that does not answer may have its warning still.
+    assert clock.at(500) == []
+    assert clock.at(501, pump()) == []
+    assert clock.at(561) == ["over", "over"]
+
+
+def test_the_delay_counts_only_while_the_condition_is_known_to_hold():
+    clock = Clock(limit(for_s=10))
+    assert clock.at(0, current("13")) == []
+    assert clock.at(4, current(None, "bad", "no reply")) == []
+    assert clock.at(100, current("13")) == []
+    assert clock.at(105.9) == []
+    assert clock.at(106) == ["raised"]
+
+
+def test_a_condition_that_ends_early_begins_anew():
+    clock = Clock(limit(for_s=10))
+    clock.at(0, current("13"))
+    assert clock.at(9, current("12")) == []
+    assert clock.at(10, current("13")) == []
+    assert clock.at(19.9) == []
+    assert clock.at(20) == ["raised"]
+
+
+def test_a_delay_that_was_over_before_the_condition_ended_counts():
+    clock = Clock(limit(for_s=5))
+    clock.at(0, current("13"))
+    assert clock.at(5, current("12")) == ["raised"]
+    assert not clock.alarm.present
+
+
+@pytest.mark.parametrize(
+    ("side", "beyond", "between", "back"),
+    [("above", "12.6", "12.1", "12.0"), ("below", "12.4", "12.9", "13.0")],
+)
+def test_hysteresis(side, beyond, between, back):
+    clock = Clock(limit("12.5", "0.5", side))
+    assert clock.at(0, current("12.5")) == []
+    assert clock.at(1, current(between)) == []
+    assert clock.at(2, current(beyond)) == ["raised"]
+    assert clock.texts() == [f"output_current is {beyond} A, {side} 12.5 A"]
+    assert clock.at(3, current(between)) == []
+    assert clock.texts() == [f"output_current is {between} A, not yet back by 0.5 A from 12.5 A"]
+    assert clock.at(100) == []
+    assert clock.at(100, current(back)) == []
+    assert clock.texts() == [f"output_current is {back} A, no longer {side} 12.5 A"]
+    assert clock.at(160) == ["over"]
+
+
+@pytest.mark.parametrize(
+    ("seen", "text"),
+    [
+        (current("99", "stale", "no reply within 0.1 s"), "output_current is stale: no reply within 0.1 s"),
+        (current(None, "bad"), "output_current is bad"),
+        (current("run"), "output_current is run, which is no number"),
+        (current(float("nan")), "output_current is nan, which is no number"),
+        (current("NaN"), "output_current is NaN, which is no number"),
+    ],
+)
+def test_what_is_not_known_neither_raises_nor_ends(seen, text):
+    clock = Clock(limit())
+    assert clock.at(0, seen) == []
+    assert clock.at(1) == []
+    assert clock.at(2, current("13")) == ["raised"]
+    assert clock.at(3, seen) == []
+    assert clock.texts() == [f"output_current is 13 A, above 12.5 A; not known now: {text}"]
+    assert clock.at(1000, seen) == []
+    assert clock.texts() == [f"output_current is 13 A, above 12.5 A; not known now: {text}"]
+    assert clock.at(1001, current("12")) == []
+    assert clock.at(1030, seen) == []
+    assert clock.at(2000, current("12")) == []
+    assert clock.at(2030.5) == []
+    assert clock.at(2031) == ["over"]
+
+
+def test_reminders_until_somebody_acknowledges():
+    clock = Clock(rule(remind_s=600.0))
+    assert clock.at(0, pump("F1")) == ["raised"]
+    assert clock.at(599) == []
+    assert clock.at(600) == ["reminded"]
+    assert clock.at(1199) == []
+    assert clock.at(1200) == ["reminded"]
+    done = clock.acknowledge()
+    assert (done.what, done.alarm.acknowledged_by, done.alarm.told) == ("acknowledged", "ann", 3)
+    assert clock.acknowledge("bob") is None
+    assert clock.alarm.acknowledged_by == "ann"
+    assert clock.at(10_000) == []
+    assert clock.at(10_001, pump()) == []
+    assert clock.at(10_061) == ["over"]
+    assert clock.alarms.standing() == []
+
+
+def test_nobody_is_reminded_of_what_is_gone():
+    clock = Clock(rule(remind_s=60.0, over_s=600.0))
+    assert clock.at(0, pump("F1")) == ["raised"]
+    assert clock.at(10, pump()) == []
+    assert clock.at(300) == []
+    assert clock.at(301, pump("F1")) == ["reminded"]
+
+
+def test_an_alarm_that_is_over_stands_until_it_is_acknowledged():
+    clock = Clock(rule())
+    clock.at(0, pump("F1"))
+    clock.at(1, pump())
+    assert clock.at(61) == ["over"]
+    assert (clock.alarm.over_s, clock.alarm.acknowledged_by) == (WALL_S + 1061, "")
+    first = clock.alarm.id
+    assert clock.at(100, pump("F1")) == ["raised"]
+    assert (clock.alarm.times, clock.alarm.number) == (2, 2)
+    assert clock.alarm.id != first
+    clock.at(101, pump())
+    assert clock.at(161) == ["over"]
+    assert clock.acknowledge().what == "acknowledged"
+    assert clock.alarms.standing() == []
+    with pytest.raises(UsageError, match=f"no alarm {first} stands"):
+        clock.alarms.acknowledge(first, "ann", 0.0)
+    assert clock.at(200, pump("F1")) == ["raised"]
+    assert clock.alarm.times == 1
+
+
+def test_a_condition_that_comes_and_goes_is_one_alarm():
+    clock = Clock(rule())
+    told = []
+    for second in range(600):
+        told += clock.at(second, pump("F1" if second % 2 else ""))
+    assert told == ["raised"]
+    assert clock.alarm.times == 300
+    clock.at(600, pump())
+    assert clock.at(660) == ["over"]
+
+
+def test_what_comes_back_after_it_was_acknowledged_is_told_again_but_not_each_second():
+    clock = Clock(rule())
+    clock.at(0, pump("F1"))
+    clock.acknowledge()
+    clock.at(5, pump())
+    # The reset has not helped: whoever acknowledged it does not know that.
+    assert clock.at(10, pump("F1")) == []
+    assert clock.alarm.acknowledged_by == ""
+    assert clock.at(59) == []
+    assert clock.at(60) == ["reminded"]
+    told_s = []
+    for second in range(61, 661):
+        told_s += [second for _ in clock.at(second, pump("F1" if second % 2 else ""))]
+        clock.acknowledge()
+    assert told_s == [121, 181, 241, 301, 361, 421, 481, 541, 601]
+
+
+def test_another_fault_is_news():
+    clock = Clock(rule())
+    assert clock.at(0, pump("F1")) == ["raised"]
+    clock.acknowledge()
+    assert clock.at(100, pump("F2")) == ["reminded"]
+    assert clock.texts() == ["fault F2"]
+    assert clock.at(101, pump("F3")) == []
+    assert clock.at(160) == ["reminded"]
+
+
+def test_a_clock_that_is_set_changes_nothing():
+    clock = Clock(limit(for_s=10, remind_s=600.0))
+    clock.at(0, current("13"))
+    clock.off_s = -3600
+    assert clock.at(9) == []
+    assert clock.at(10) == ["raised"]
+    clock.off_s = 0
+    assert clock.at(11, current("13")) == []
+    clock.off_s = -3600
+    assert clock.at(609) == []
+    assert clock.at(610) == ["reminded"]
+    assert clock.at(611, current("12")) == []
+    clock.off_s = 7200
+    assert clock.at(670) == []
+    assert clock.at(671) == ["over"]
+
+
+class TestRestart:
+    def restarted(self, clock, *rules, off_s=0.0, after_s=30.0):
+        again = Clock(*(rules or clock.rules), run="later")
+        again.now_s = 1000.0
+        again.off_s = clock.time_s + after_s + off_s - WALL_S - 1000.0
+        again.alarms = type(again.alarms)(
+            again.rules, run="later", stood=clock.alarms.standing(), number=clock.alarms.number,
+            now_s=again.now_s, time_s=again.time_s,
+        )  # fmt: skip
+        return again
+
+    def test_an_acknowledged_alarm_is_not_told_again(self):
+        clock = Clock(rule(remind_s=60.0))
+        clock.at(0, pump("F1"))
+        clock.acknowledge()
+        again = self.restarted(clock)
+        assert again.at(0, pump(reachability="asking")) == []
+        assert again.at(1, pump("F1")) == []
+        assert again.at(1000) == []
+        assert again.alarm.id == "run-1"
+        assert again.alarm.acknowledged_by == "ann"
+
+    def test_one_that_ended_meanwhile_is_told_as_over(self):
+        clock = Clock(rule())
+        clock.at(0, pump("F1"))
+        again = self.restarted(clock)
+        assert again.at(0, pump()) == []
+        assert again.at(59) == []
+        assert again.at(60) == ["over"]
+        assert again.alarm.id == "run-1"
+
+    def test_another_fault_after_it(self):
+        clock = Clock(rule())
+        clock.at(0, pump("F1"))
+        clock.acknowledge()
+        again = self.restarted(clock, after_s=100)
+        assert again.at(0, pump("F2")) == ["reminded"]
+
+    def test_a_value_within_the_hysteresis_goes_on(self):
+        clock = Clock(limit("12.5", "0.5", for_s=30))
+        clock.at(0, current("13"))
+        clock.at(30)
+        again = self.restarted(clock)
+        assert again.at(0, current("12.1")) == []
+        assert again.at(1000) == []
+
+    @pytest.mark.parametrize(("off_s", "due_s"), [(0, 470), (-3600, 600), (3600, 0)])
+    def test_a_reminder_is_not_lost_whatever_was_done_to_the_clock(self, off_s, due_s):
+        clock = Clock(rule(remind_s=600.0))
+        clock.at(0, pump("F1"))
+        clock.at(100)
+        again = self.restarted(clock, off_s=off_s)
+        if due_s:
+            assert again.at(0, pump("F1")) == []
+            assert again.at(due_s - 1) == []
+        assert again.at(due_s) == ["reminded"]
+        assert again.at(due_s + 599) == []
+
+    def test_one_whose_rule_is_gone_is_over(self):
+        clock = Clock(rule(), rule("warning"))
+        clock.at(0, pump("F1", warning=True))
+        clock.alarms.acknowledge("run-2", "ann", 0.0)
+        again = self.restarted(clock, rule("silent"))
+        assert again.at(0) == ["over", "over"]
+        assert again.at(1) == []
+        assert again.texts() == ["the plant file has no such alarm any more"]
+        assert again.acknowledge().what == "acknowledged"
+        assert again.alarms.standing() == []
+
+    def test_ids_are_not_used_again(self):
+        clock = Clock(rule())
+        clock.at(0, pump("F1"))
+        clock.at(1, pump())
+        clock.at(61)
+        again = self.restarted(clock)
+        assert again.at(0, pump("F1")) == ["raised"]
+        assert (again.alarm.id, again.alarm.times) == ("later-2", 2)
+
+
+def test_float_values_are_compared_as_they_are_written():
+    clock = Clock(limit("0.3"))
+    assert clock.at(0, current(0.1 + 0.2)) == ["raised"]
+    clock = Clock(limit("12.6"))
+    assert clock.at(0, current(12.6)) == []
+    clock = Clock(limit("0.1"))
+    assert clock.at(0, current(0.1)) == []
