@@ -61,7 +61,11 @@ def test_tables_that_cannot_be(content, text):
     assert str(caught.value).startswith("hall.toml: door 1: ")
 
 
-@pytest.mark.parametrize("listen", ["0.0.0.0:0", "[::]:0", "192.168.1.2:0", "plant.example:0"])
+@pytest.mark.parametrize(
+    "listen",
+    ["0.0.0.0:0", "[::]:0", "192.168.1.2:0", "plant.example:0"],
+    ids=["every-address", "every-address-of-6", "one", "a-name"],
+)
 def test_the_network_needs_tls_and_users(listen, certificate):
     with pytest.raises(FileFormatError, match=r"certificate = and key =, .*, or spell out insecure = true"):
         http_door(table(listen=listen))

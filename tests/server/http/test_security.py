@@ -23,6 +23,11 @@ HEADERS = {
 }
 
 
+def in_words(text):
+    """An id that any shell and any test runner can take."""
+    return "-".join(re.findall(r"[A-Za-z0-9]+", str(text)))[:40] or "empty"
+
+
 def routed(route):
     path = route.path.format(name="pump", verb="read", line="main", drive="vabus:9", id="pump-fault") if "{" in (
         route.path
@@ -36,7 +41,9 @@ def asked(client, method, path):
     return client.ask(method, path, None if method == "GET" else {"id": "1"})
 
 
-@pytest.mark.parametrize("route", [each for each in ROUTES if each.role], ids=lambda each: f"{each.method} {each.path}")
+@pytest.mark.parametrize(
+    "route", [each for each in ROUTES if each.role], ids=lambda each: in_words(f"{each.method} {each.path}")
+)
 @pytest.mark.parametrize("token", ["", "wrong", "annaotto"])
 def test_without_a_token_or_with_a_wrong_one_nothing_is_told_or_moved(door, plant, route, token):
     found = asked(Client(door, token), route.method, routed(route))
@@ -87,7 +94,7 @@ def test_what_only_the_local_door_may(door, local, plant, field):
 
 @pytest.mark.parametrize("method", ["GET", "POST"])
 @pytest.mark.parametrize(
-    "origin", ["http://evil.example", "null", "http://localhost:1", "https://localhost.evil.example"]
+    "origin", ["http://evil.example", "null", "http://localhost:1", "https://localhost.evil.example"], ids=in_words
 )
 def test_a_page_of_another_server_gets_nothing(door, local, plant, method, origin):
     for client in (Client(door, "ottootto"), local):
@@ -104,14 +111,18 @@ def test_our_own_page_may_ask(door):
     assert client.ask("POST", START, {"id": "1"}, Host=host, Origin=f"http://{host}").status == 200
 
 
-@pytest.mark.parametrize("host", ["evil.example", "evil.example:8080", "127.0.0.1.evil.example", "", "a b", "[::1"])
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:8080", "127.0.0.1.evil.example", "", "a b", "[::1"], ids=in_words
+)
 def test_a_name_that_somebody_made_lead_here_is_not_served(door, plant, host):
     found = Client(door, "ottootto").ask("POST", START, {"id": "1"}, Host=host)
     assert found.status in (400, 403)
     assert not plant.commands
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1", "localhost:8080", "[::1]:80", "192.168.3.4", socket.gethostname()])
+@pytest.mark.parametrize(
+    "host", ["127.0.0.1", "localhost:8080", "[::1]:80", "192.168.3.4", socket.gethostname()], ids=in_words
+)
 def test_addresses_and_the_machines_own_names_are_served(door, host):
     assert Client(door, "annaanna").get("/api/v1/plant", Host=host).status == 200
 
@@ -135,7 +146,9 @@ def test_methods_that_are_not_meant(door, method):
     assert found.content["error"]["text"] == f"{method} is not for /api/v1/plant"
 
 
-@pytest.mark.parametrize("path", ["/", "/api/v1/plant", "/nothing", "/healthz", "/metrics", "/openapi.json"])
+@pytest.mark.parametrize(
+    "path", ["/", "/api/v1/plant", "/nothing", "/healthz", "/metrics", "/openapi.json"], ids=in_words
+)
 def test_headers_of_every_answer(door, path):
     found = Client(door, "annaanna").get(path).headers
     assert {name: found[name] for name in HEADERS} == HEADERS
@@ -200,6 +213,7 @@ def test_a_command_of_an_earlier_run_moves_nothing(door, plant):
         (b'{"id": "%s"}' % (b"x" * 5000), "longer than 4096"),
         (b'{"id": "1", "a%s": 1}' % (b"x" * 60_000), "unknown key"),
     ],
+    ids=in_words,
 )
 def test_what_is_not_understood_moves_nothing(door, plant, body, text):
     found = Client(door, "ottootto").ask("POST", START, raw=body)
@@ -216,6 +230,7 @@ def test_what_is_not_understood_moves_nothing(door, plant, body, text):
         ("?every=soon", "give a number from 0.05"),
         ("?every=1&every=2", "twice"),
     ],
+    ids=in_words,
 )
 def test_queries_that_are_not_understood(door, query, text):
     found = Client(door, "annaanna").get(f"/api/v1/stream{query}")
@@ -271,8 +286,7 @@ def test_a_password_cannot_be_guessed_quickly(plant, door):
         "/page/../door.py", "/page/%2e%2e/door.py", "/page/..%2fdoor.py", "/page//etc/passwd", "/page/%2fetc%2fpasswd",
         "/page/..%5cdoor.py", "/page/%00", "/page/index.html%00.js", "/page/" + "x" * 5000, "/page", "/page/",
         "/../../etc/passwd",
-    ],
-)  # fmt: skip
+    ], ids=in_words)  # fmt: skip
 def test_only_files_of_the_page_are_served(door, path):
     found = Client(door).get(path)
     assert found.status == 404
