@@ -4,6 +4,7 @@ from .door import (
     ANONYMOUS as ANONYMOUS,
     LOCAL as LOCAL,
     Answer as Answer,
+    Authentication as Authentication,
     Caller as Caller,
     Changes as Changes,
     Command as Command,
