@@ -13,7 +13,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-rest test-all coverage check docs bench bench-quick fuzz mutants clean
 
-demo: $(VENV)/installed
+demo: $(VENV)/installed-server
 	$(BIN)/drivecomm demo
 
 # What answers quickly, what it leaves out, and both in one run.

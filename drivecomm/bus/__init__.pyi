@@ -7,7 +7,7 @@ from .async_bus import (
 )
 from .bus import Broadcast as Broadcast, Bus as Bus, Drive as Drive, open_bus as open_bus
 from .exchanges import Exchanges as Exchanges
-from .faces import Job as Job
+from .faces import Job as Job, Sent as Sent
 from .keeping import keep as keep, keep_async as keep_async
 from .likely_settings import LineChoices as LineChoices, likely_settings as likely_settings
 from .opening import LineOptions as LineOptions, port_opener as port_opener
@@ -21,6 +21,7 @@ from .procedures import (
     carry_out as carry_out,
     carry_out_async as carry_out_async,
     check_write as check_write,
+    reaching as reaching,
     read_parameter as read_parameter,
     write_parameter as write_parameter,
 )
@@ -35,6 +36,7 @@ from .scanning import (
     scan_plan as scan_plan,
 )
 from .stored_writes import ALLOWED as ALLOWED, StoredWrites as StoredWrites, is_stored as is_stored
+from .verbs import BroadcastVerbs as BroadcastVerbs, DriveVerbs as DriveVerbs
 from .watchdog import (
     Setting as Setting,
     policies as policies,

@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 from bisect import insort
 from functools import partial
+from threading import Lock
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar, Unpack
 
 from drivecomm.bus.faces import Awaited
+from drivecomm.bus.lending import LentPort
 from drivecomm.bus.opening import opened_with
 from drivecomm.bus.priority_lock import Rank
 from drivecomm.bus.procedures import carry_out_async, reaching
@@ -127,6 +129,30 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         finally:
             self._give_back()
 
+    async def lend(self, work: Callable[[Port, Port], T]) -> T:
+        """Let a function have the port for itself, in a thread, as `Bus.lend` does; cancelling this ends it, too."""
+        await self._take_turn(Rank.COMMAND, float("inf"), "the bus")
+        wanted = True
+
+        def carry_out() -> T:
+            port = self._open_port()
+            try:
+                return work(port, LentPort(port, lambda: self._lock.stop_waits() or not wanted))
+            finally:
+                port.close()
+
+        try:
+            self._let_go()
+            working = asyncio.ensure_future(asyncio.to_thread(carry_out))
+            try:
+                return await asyncio.shield(working)
+            except asyncio.CancelledError:
+                wanted = False
+                await asyncio.wait([working])
+                raise
+        finally:
+            self._give_back()
+
     async def close(self) -> None:
         """Give the port back; the bus cannot be used any more."""
         await self._take_turn(Rank.COMMAND, float("inf"), "the bus")
@@ -139,7 +165,12 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
             self._give_back()
 
     async def __aenter__(self) -> Self:
-        await self._opened()
+        # Others may use it already, and one port is enough.
+        await self._take_turn(Rank.COMMAND, float("inf"), "the bus")
+        try:
+            await self._opened()
+        finally:
+            self._give_back()
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -173,11 +204,11 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
 
     async def _new_port(self) -> Port:
         """Open the port in a thread; whoever is cancelled meanwhile leaves none open behind."""
-        opening = asyncio.ensure_future(asyncio.to_thread(self._open_port))
+        opening = _Opening(self._open_port)
         try:
-            return await asyncio.shield(opening)
+            return await asyncio.to_thread(opening.carry_out)
         except asyncio.CancelledError:
-            opening.add_done_callback(_close_port)
+            opening.give_up()
             raise
 
     def _let_go(self) -> None:
@@ -189,9 +220,28 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
             self._port = None
 
 
-def _close_port(opening: asyncio.Future[Port]) -> None:
-    if not opening.cancelled() and opening.exception() is None:
-        opening.result().close()
+class _Opening:
+    """Opens a port in a thread, for somebody who may not want it any more when it is open."""
+
+    def __init__(self, open_port: Callable[[], Port]) -> None:
+        self._open_port = open_port
+        self._lock = Lock()
+        self._given_up = False
+        self._port: Port | None = None
+
+    def carry_out(self) -> Port:
+        port = self._open_port()
+        with self._lock:
+            self._port = port
+            if self._given_up:
+                port.close()
+        return port
+
+    def give_up(self) -> None:
+        with self._lock:
+            self._given_up = True
+            if self._port is not None:
+                self._port.close()
 
 
 def open_bus_async(port: str | Callable[[], Port], **options: Unpack[LineOptions]) -> AsyncBus:

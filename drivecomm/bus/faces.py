@@ -1,4 +1,7 @@
-"""A verb is declared once, as the job that it gives the bus; `Drive` waits for that job, and `AsyncDrive` awaits it."""
+"""A verb is declared once, as the job that it gives the bus; `Drive` waits for that job, and `AsyncDrive` awaits it.
+
+A drive whose bus is another process sends what was called instead: the verb, and its arguments by their names.
+"""
 
 from __future__ import annotations
 
@@ -65,6 +68,21 @@ class Awaited:
             setattr(cls, name, _awaited(job_of))
 
 
+class Sent:
+    """A face whose verbs are carried out by another process: `send` returns what comes of it."""
+
+    def __init_subclass__(cls) -> None:
+        for name, job_of in _declared(cls):
+            setattr(cls, name, _sent(name, job_of))
+
+    def send(self, verb: str, arguments: dict[str, Any], job: Callable[[], Job[Any]]) -> Any:
+        """Have a verb carried out; a class that is made of this says how.
+
+        job: makes the job that a bus of one's own would be given, and raises what can never be carried out.
+        """
+        raise NotImplementedError
+
+
 def _declared(face: type) -> Iterator[tuple[str, Callable[..., Job[Any]]]]:
     for base in face.__mro__:
         yield from ((name, each.job_of) for name, each in vars(base).items() if isinstance(each, Verb))
@@ -83,6 +101,22 @@ def _awaited(job_of: Callable[..., Job[T]]) -> Callable[..., Coroutine[Any, Any,
     @wraps(job_of)
     async def verb(self: Any, *values: Any, **options: Any) -> T:
         result: T = await self._bus.run(job_of(self, *values, **options))
+        return result
+
+    return _returning_result(verb)
+
+
+def _sent(name: str, job_of: Callable[..., Job[T]]) -> Callable[..., T]:
+    declared = signature(job_of)
+    further = next((each.name for each in declared.parameters.values() if each.kind is each.VAR_KEYWORD), "")
+    first, *_ = declared.parameters
+
+    @wraps(job_of)
+    def verb(self: Any, *values: Any, **options: Any) -> T:
+        arguments = dict(declared.bind(self, *values, **options).arguments)
+        del arguments[first]
+        arguments |= arguments.pop(further, {})
+        result: T = self.send(name, arguments, lambda: job_of(self, *values, **options))
         return result
 
     return _returning_result(verb)

@@ -14,7 +14,7 @@ from drivecomm.errors import NotSupported, StateError, UsageError, shortened
 from drivecomm.protocol import DriveState, is_duration
 
 if TYPE_CHECKING:
-    from drivecomm.bus.faces import Awaited, Blocking
+    from drivecomm.bus.faces import Awaited, Blocking, Sent
     from drivecomm.protocol import DriveStatus, Stop, Value
 
 T = TypeVar("T")
@@ -68,7 +68,7 @@ def sleep_until(until: float) -> Action:
     return lambda drive: drive.bus.sleep_until(until)
 
 
-def carry_out(drive: Blocking, procedure: Procedure[T]) -> T:
+def carry_out(drive: Blocking | Sent, procedure: Procedure[T]) -> T:
     """Carry out a procedure with a drive, and return its result."""
     try:
         step = next(procedure)
@@ -86,7 +86,7 @@ def carry_out(drive: Blocking, procedure: Procedure[T]) -> T:
         procedure.close()
 
 
-async def carry_out_async(drive: Awaited, procedure: Procedure[T]) -> T:
+async def carry_out_async(drive: Awaited | Sent, procedure: Procedure[T]) -> T:
     """Carry out a procedure with a drive, awaiting each step, and return its result."""
     try:
         step = next(procedure)

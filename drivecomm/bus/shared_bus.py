@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from drivecomm.bus.priority_lock import Rank
 from drivecomm.errors import LinkDownError, UsageError
-from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff
+from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, tell_all
 from drivecomm.protocol import Reading
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from drivecomm.bus.faces import Job
     from drivecomm.bus.roster import Member, Roster
     from drivecomm.bus.scanning import Asking, Found, Question, Search
-    from drivecomm.link import CommandCall, Health, Peer, Port, Statistics, Steps
+    from drivecomm.link import CommandCall, Health, Peer, Port, Statistics, Steps, TraceEvent
     from drivecomm.polling import PollItem
     from drivecomm.protocol import Model
     from drivecomm.transport import Engine
@@ -45,6 +45,8 @@ class SharedBus(Generic[D, E]):
         self._open_port = open_port
         self._roster = roster
         self._on_close = on_close
+        self._first_listener = roster.link.trace
+        self._listeners: tuple[Callable[[TraceEvent], None], ...] = ()
         self._closed = False
         self._reopening = Backoff(REOPEN_FIRST_S, REOPEN_LONGEST_S)
         self._port: Port | None = None
@@ -93,6 +95,17 @@ class SharedBus(Generic[D, E]):
         """Take note how long a drive's watchdog waits; None when it is off, or not known."""
         self._roster.commands.watch(peer.name, silence_s)
         self._roster.link.repeat_within(peer, float("inf") if silence_s is None else silence_s)
+
+    def listen(self, listener: Callable[[TraceEvent], None]) -> Callable[[], None]:
+        """Have a listener told everything that happens on the line, beside those that are; returns what ends it."""
+        self._listeners = (*self._listeners, listener)
+        self._roster.link.trace = tell_all(self._first_listener, *self._listeners)
+
+        def end() -> None:
+            self._listeners = tuple(each for each in self._listeners if each is not listener)
+            self._roster.link.trace = tell_all(self._first_listener, *self._listeners)
+
+        return end
 
     def storing(self, peer: Peer, parameter: str) -> None:
         """Count a write that may end in EEPROM. Raises UsageError for one too many within an hour."""

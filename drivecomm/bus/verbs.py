@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from drivecomm.bus.exchanges import Exchanges
 from drivecomm.bus.faces import Job, Verb
@@ -14,12 +14,26 @@ from drivecomm.protocol import Stop
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.bus.shared_bus import SharedBus
-    from drivecomm.link import Peer
+    from drivecomm.link import CommandCall, Peer
     from drivecomm.protocol import Capabilities, DriveStatus, Exchange, LineFacts, Model, Operations, Reading, Value
 
 T = TypeVar("T")
-B = TypeVar("B", bound="SharedBus[Any, Any]")
+
+
+class VerbsBus(Protocol):
+    """What the verbs need of a bus."""
+
+    def command(self, peer: Peer) -> CommandCall | None:
+        """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that."""
+
+    def watched(self, peer: Peer, silence_s: float | None) -> None:
+        """Take note how long a drive's watchdog waits; None when it is off, or not known."""
+
+    def storing(self, peer: Peer, parameter: str) -> None:
+        """Count a write that may end in EEPROM. Raises UsageError for one too many within an hour."""
+
+
+B = TypeVar("B", bound=VerbsBus)
 
 # A NamedTuple's own constructor is a function of Python's.
 _new = tuple.__new__

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,15 +11,14 @@ from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Addresses, OnlyProtocols, addresses_of
 from drivecomm.cli.output import counted, emit, progress_bar, say, sentence
-from drivecomm.commissioning.doctor import Finding, judge, measure
+from drivecomm.commissioning.doctor import Finding, judge, measure, measured_content
 from drivecomm.errors import LinkError
 from drivecomm.transport import SerialPort
 
 if TYPE_CHECKING:
-    from drivecomm.commissioning.doctor import Measurements
+    from drivecomm.cli.output import Progress
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig
-    from drivecomm.transport import PortReport
 
 _QUICK_ADDRESSES = range(1, 5)
 _QUICK_PROBES = 10
@@ -57,8 +56,7 @@ def doctor(
             say(f"{each.name}, {each.options.named_port}")
         measured = None
         try:
-            measured = _examined(each, only=protocol or None, addresses=wanted, quick=quick)
-            findings = judge(measured[1], measured[0])
+            findings, measured = _examined(each, only=protocol or None, addresses=wanted, quick=quick)
         except LinkError as error:
             if len(lines) == 1:
                 raise
@@ -105,22 +103,45 @@ def _of_the_plant(each: PlantLine, known: Plant, line: LineOptions) -> _Examined
 
 def _examined(
     line: _ExaminedLine, *, only: list[str] | None, addresses: list[int] | None, quick: bool
-) -> tuple[PortReport | None, Measurements]:
+) -> tuple[list[Finding], dict[str, Any]]:
+    """Return what was found on a line, and what was measured for it; by the server that has the port, if any has."""
     options = line.options
-    with options.opened() as opened, progress_bar("", shown=not options.json) as progress:
-        report = opened.report() if isinstance(opened, SerialPort) else None
-        return report, measure(
-            opened,
-            only=only,
-            addresses=addresses,
-            expected=[one for one in line.drives if not only or one.protocol in only],
-            echo=options.echo,
-            probes=_QUICK_PROBES if quick else _PROBES,
-            search=not quick,
-            trace=options.shown_trace,
-            progress=progress,
-            **options.facts,
-        )
+    probes, search = _QUICK_PROBES if quick else _PROBES, not quick
+    with progress_bar("", shown=not options.json) as progress:
+        if options.server is not None:
+            asked = {"only": only, "addresses": addresses, "probes": probes, "search": search}
+            return _examined_by_server(options, {**asked, "options": options.said_facts}, progress)
+        with options.opened() as opened:
+            report = opened.report() if isinstance(opened, SerialPort) else None
+            found = measure(
+                opened,
+                only=only,
+                addresses=addresses,
+                expected=[one for one in line.drives if not only or one.protocol in only],
+                echo=options.echo,
+                probes=probes,
+                search=search,
+                trace=options.shown_trace,
+                progress=progress,
+                **options.facts,
+            )
+    return list(judge(found, report)), measured_content(report, found)
+
+
+def _examined_by_server(
+    options: LineOptions, asked: dict[str, Any], progress: Progress
+) -> tuple[list[Finding], dict[str, Any]]:
+    from drivecomm.client import examined  # noqa: PLC0415 - for those who go through a server
+
+    findings, measured = [], {}
+    # The trace of the line is told while its bus is open.
+    with options.bus() as bus:
+        for each in examined(bus, asked, progress):
+            if "finding" in each:
+                findings.append(Finding(**each["finding"]))
+            else:
+                measured = each["measured"]
+    return findings, measured
 
 
 def _say(findings: list[Finding]) -> None:
@@ -132,49 +153,8 @@ def _say(findings: list[Finding]) -> None:
     say(f"{counted(problems, 'problem') if problems else 'no problems'} found")
 
 
-def _emit(
-    line: _ExaminedLine, measured: tuple[PortReport | None, Measurements] | None, findings: list[Finding]
-) -> None:
+def _emit(line: _ExaminedLine, measured: dict[str, Any] | None, findings: list[Finding]) -> None:
     for one in findings:
         emit(finding=one.about, weight=one.weight, text=one.text, remedy=one.remedy, line=line.name)
-    if measured is None:
-        return
-    report, found = measured
-    emit(
-        port=line.options.named_port,
-        line=line.name,
-        report=report,
-        expected=[
-            {
-                "name": one.drive.name,
-                "drive": f"{one.drive.protocol}:{one.drive.address}",
-                "settings": str(one.settings),
-                "answers": not one.error,
-                "elsewhere": str(one.elsewhere or ""),
-                "error": one.error,
-            }
-            for one in found.sought
-        ],
-        noise=[
-            {"settings": str(one.settings), "seconds": one.seconds, "data": one.data, "telegrams": one.telegrams}
-            for one in found.noise
-        ],
-        echo=[{"kind": one.kind, "sent": one.sent, "came": one.came, "took_s": one.took_s} for one in found.echo],
-        asked={name: str(settings) for name, settings in found.asked.items()},
-        drives=[
-            {"drive": one.name, "sound": one.sound, "identity": dict(one.identity), "detail": one.detail}
-            for one in found.found
-        ],
-        elsewhere=[{"drive": one.name, "settings": str(settings)} for one, settings in found.elsewhere],
-        replies=[
-            {
-                "drive": one.drive,
-                "asked": one.asked,
-                "answered": len(one.times_s),
-                "times_ms": [round(time * 1000, 3) for time in one.times_s],
-                "wire_ms": [round(time * 1000, 3) for time in one.wire_s],
-            }
-            for one in found.replies
-        ],
-        unclear_bytes=found.unclear_bytes,
-    )
+    if measured is not None:
+        emit(port=line.options.named_port, line=line.name, **measured)

@@ -7,18 +7,20 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from drivecomm import bus as buses
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.output import sentence, show_trace
-from drivecomm.errors import DriveCommError, FileFormatError, UsageError
+from drivecomm.client import server_of_port
+from drivecomm.errors import DriveCommError, FileFormatError, PortError, UsageError
 from drivecomm.link import Echo, tell_all
 from drivecomm.protocol import parse_drive, parse_options
 from drivecomm.transport import same_port
 
 if TYPE_CHECKING:
     from drivecomm.bus import Bus, Drive
+    from drivecomm.client import Registration
     from drivecomm.link import Port, TraceEvent
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig, LinkLossPolicy
@@ -143,9 +145,12 @@ class LineOptions:
 
     @contextmanager
     def bus(self, listener: Callable[[TraceEvent], None] | None = None) -> Iterator[Bus]:
-        """Open the bus for the time of the block; errors then name the port. listener: also told the trace."""
+        """Open the bus for the time of the block; errors then name the port. listener: also told the trace.
+
+        Where a server has the port, everything goes through it.
+        """
         opening = {**self.opening, "trace": tell_all(self.shown_trace, listener)}
-        with self._recorded(), self._named_in_errors(), buses.open_bus(self.named_port, **opening) as bus:
+        with self._recorded(), self._named_in_errors(), self._opened_bus(opening) as bus:
             yield bus
 
     @contextmanager
@@ -160,6 +165,31 @@ class LineOptions:
         """Yield a drive of this line, as `drive` does."""
         with self.bus() as bus, naming(name):
             yield name.with_options(**({"model": model} if model else {})).build(bus.drive)
+
+    @property
+    def server(self) -> tuple[Registration, str] | None:
+        """The server that has the port, and what it calls the line; None where none has."""
+        found = server_of_port(self.named_port)
+        if found is not None:
+            self.refuse(f"{found[0]} has {self.named_port} open already", "echo", "rs485", "low_latency")
+        return found
+
+    def must_be_free(self, what: str) -> None:
+        """Raise PortError where a server has the port. what: needs the port for itself."""
+        if (found := server_of_port(self.named_port)) is not None:
+            raise PortError(
+                f"port {self.named_port} is in use by {found[0]}, and {what} needs it for itself; end that server first"
+            )
+
+    def _opened_bus(self, opening: Mapping[str, Any]) -> Bus:
+        if (found := self.server) is None:
+            return buses.open_bus(self.named_port, **opening)
+        # Loaded by those who go through a server only.
+        from drivecomm.client import ServedBus  # noqa: PLC0415
+        from drivecomm.plant import drives_of  # noqa: PLC0415
+
+        # It offers what a bus offers.
+        return cast("Bus", ServedBus(*found, drives_of(*found), **opening))
 
     @contextmanager
     def opened(self) -> Iterator[Port]:

@@ -92,6 +92,7 @@ def _answer(capture: Capture, listen: str, *, as_json: bool) -> int:
 def _ask(asking: ReplayMaster, line: LineOptions, plugins: Sequence[Protocol]) -> int:
     different: list[ReplayedRequest] = []
     asked = left_out = 0
+    line.must_be_free("replay")
     with line.opened() as port:
         for outcome in asking.on(port):
             asked += outcome.sent

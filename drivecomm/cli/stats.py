@@ -16,7 +16,7 @@ from drivecomm.link import COUNTERS, REPLY_TIME_BOUNDS_MS, Statistics, total
 from drivecomm.protocol import DriveConfig
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.bus import Bus, Drive
     from drivecomm.link import ReplyTimes
@@ -67,6 +67,7 @@ def _measure(line: LineOptions, names: Mapping[str, DriveConfig], seconds: float
         say(line.named_port)
     with line.bus() as bus:
         asked = {called: one.build(bus.drive) for called, one in names.items()}
+        _count_from_now(bus)
         began = bus.now()
         try:
             _ask_all(bus, list(asked.values()), began + seconds)
@@ -75,6 +76,14 @@ def _measure(line: LineOptions, names: Mapping[str, DriveConfig], seconds: float
             counted = {called: bus.statistics.get(one.name, Statistics()) for called, one in asked.items()}
             _show(counted, names, bus.now() - began, line)
     return all(each.counters["replies"] for each in counted.values())
+
+
+def _count_from_now(bus: Bus) -> None:
+    """Let a line that a server has counted on for days begin at nothing."""
+    from drivecomm.bus import Bus  # noqa: PLC0415 - as below
+
+    if not isinstance(bus, Bus):
+        bus.count_from_now()
 
 
 def _scanned(line: LineOptions) -> list[DriveConfig]:
@@ -88,24 +97,32 @@ def _scanned(line: LineOptions) -> list[DriveConfig]:
 
 
 def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
-    from drivecomm.bus import Job  # noqa: PLC0415 - only who asks needs it
-
-    asking = [(drive.peer, drive.peer.probe) for drive in drives if drive.peer.probe is not None]
+    asking = [_question(bus, drive) for drive in drives if drive.peer.probe is not None]
     while bus.now() < until:
         idle = True
-        for peer, probe in asking:
+        for ask in asking:
             began = bus.now()
             if began >= until:
                 return
             try:
-                # Not Drive.probe, which insists: a drive that does not answer is given up, as in any program.
-                bus.run(Job(peer, probe()))
+                ask()
             except (NotAnsweringError, ReplyError, DriveError):
                 idle = idle and bus.now() - began < _IDLE_S
             else:
                 idle = False
         if idle:
             bus.sleep_until(min(until, bus.now() + _IDLE_S))
+
+
+def _question(bus: Bus, drive: Drive) -> Callable[[], object]:
+    """Return what asks a drive whether it is there."""
+    from drivecomm.bus import Bus, Job  # noqa: PLC0415 - only who asks needs it
+
+    probe = drive.peer.probe
+    if probe is None or not isinstance(bus, Bus):
+        return drive.probe
+    # Not Drive.probe, which insists: a drive that does not answer is given up, as in any program.
+    return lambda: bus.run(Job(drive.peer, probe()))
 
 
 def _show(

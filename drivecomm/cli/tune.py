@@ -43,6 +43,7 @@ def tune(
     place = line.in_plant(drive)
     if write and place is None:
         raise UsageError(f"{drive} is in no plant file that --write could change; name one: --plant plant.toml")
+    reached.must_be_free("tune")
     trials: list[Trial] = []
     with (
         reached.drive_at(name, model) as one,

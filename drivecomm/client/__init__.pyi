@@ -1,5 +1,26 @@
+from .connection import LocalServer as LocalServer
+from .line_streams import examined as examined
+from .line_trace import pieces_of as pieces_of
+from .registration import (
+    Registration as Registration,
+    identity as identity,
+    local_socket as local_socket,
+    register as register,
+    server_of_plant as server_of_plant,
+    server_of_port as server_of_port,
+    servers as servers,
+    written_again as written_again,
+)
+from .runtime_folders import (
+    folder_of_servers as folder_of_servers,
+    is_private as is_private,
+    users_folder as users_folder,
+)
+from .served_bus import ServedBus as ServedBus
+from .served_drive import ServedDrive as ServedDrive
 from .wire import (
     Json as Json,
+    drive_options as drive_options,
     error_content as error_content,
     error_of as error_of,
     json_text as json_text,

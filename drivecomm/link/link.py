@@ -75,6 +75,15 @@ class Link:
         """Whether the drives answer, by name."""
         return {name: partner.health for name, partner in self._partners.copy().items()}
 
+    @property
+    def trace(self) -> Callable[[TraceEvent], None] | None:
+        """What is told everything that happens on the line; None makes exchanges go the short way where they can."""
+        return self._line.trace
+
+    @trace.setter
+    def trace(self, trace: Callable[[TraceEvent], None] | None) -> None:
+        self._line.trace = trace
+
     def reopened(self) -> None:
         """Forget what held for the port before it was opened anew; all drives are set up again."""
         self._line.reopened()

@@ -15,11 +15,12 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, cast
 
 from drivecomm import bus as buses
 from drivecomm.errors import UsageError
 from drivecomm.plant.files import read_plant
+from drivecomm.plant.served import bus_of_server
 from drivecomm.protocol import LINE_FACT_NAMES
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ class OpenPlant(Mapping[str, "Drive"]):
     plant: what there is. file: what errors call it, where it was read unless given. port_of: what to open for a line
     instead of the port that the plant names, such as a function that returns a port; None for that. opening: further
     keywords of `open_bus`, for all lines; what is given goes before what the plant says of a line or a drive.
+    own_ports: open the ports themselves, also where a server has them; otherwise everything goes through it then.
     """
 
     def __init__(
@@ -47,11 +49,13 @@ class OpenPlant(Mapping[str, "Drive"]):
         file: str = "",
         *,
         port_of: Callable[[PlantLine], str | Callable[[], Port]] | None = None,
+        own_ports: bool = False,
         **opening: Any,
     ) -> None:
         self.file = file or plant.file or str(DEFAULT_FILE)
         self.plant = replace(plant, file=self.file)
         self._port_of = port_of or self._said_port
+        self._own_ports = own_ports
         self._opening = opening
         # One for each line: a port that takes long to open does not hold up the others.
         self._guards = {line.name: RLock() for line in plant.lines}
@@ -82,7 +86,7 @@ class OpenPlant(Mapping[str, "Drive"]):
             if line not in self._lines:
                 given = {key: value for key, value in self._opening.items() if value is not None}
                 opening = {**found.opening, **given}
-                self._lines[line] = self._stack.enter_context(buses.open_bus(self._port_of(found), **opening))
+                self._lines[line] = self._stack.enter_context(self._opened(self._port_of(found), opening))
             return self._lines[line]
 
     def close(self) -> None:
@@ -118,6 +122,12 @@ class OpenPlant(Mapping[str, "Drive"]):
         except UsageError as error:
             raise UsageError(f"{self.file}: drive {found.name}: {error}") from error
 
+    def _opened(self, port: str | Callable[[], Port], opening: Mapping[str, Any]) -> Bus:
+        if isinstance(port, str) and not self._own_ports and (served := bus_of_server(port, **opening)) is not None:
+            # It offers what a bus offers.
+            return cast("Bus", served)
+        return buses.open_bus(port, **opening)
+
     def _said_port(self, line: PlantLine) -> str:
         if not line.reached_at:
             raise UsageError(f'{self.file}: line {line.name} has no port; write port = "/dev/ttyUSB0" there')
@@ -125,11 +135,18 @@ class OpenPlant(Mapping[str, "Drive"]):
 
 
 def open_plant(
-    file: str | Path = DEFAULT_FILE, *, trace: Callable[[TraceEvent], None] | None = None, **opening: Any
+    file: str | Path = DEFAULT_FILE,
+    *,
+    trace: Callable[[TraceEvent], None] | None = None,
+    own_ports: bool = False,
+    **opening: Any,
 ) -> OpenPlant:
     """Read a plant file and return its drives, a context manager; nothing is opened before a drive is looked up.
 
-    trace: called for everything that happens on its lines. opening: further keywords of `open_bus`, for all lines.
+    Lines that a server has (`drivecomm serve`) are reached through it, with the same verbs, results and errors.
+
+    trace: called for everything that happens on its lines. own_ports: open the ports themselves, which is a PortError
+    where a server has them. opening: further keywords of `open_bus`, for all lines.
     Raises FileFormatError for a file that is no plant.
     """
-    return OpenPlant(read_plant(Path(file)), trace=trace, **opening)
+    return OpenPlant(read_plant(Path(file)), own_ports=own_ports, trace=trace, **opening)

@@ -1,3 +1,5 @@
+from .audit import Audit as Audit
+from .credentials import new_token as new_token, password_hash as password_hash, token_hash as token_hash
 from .door import (
     ANONYMOUS as ANONYMOUS,
     LOCAL as LOCAL,
@@ -8,14 +10,17 @@ from .door import (
     Door as Door,
     Examination as Examination,
     History as History,
+    LoggedIn as LoggedIn,
     MakeDoor as MakeDoor,
     Outcome as Outcome,
     Role as Role,
     ServedPlant as ServedPlant,
-    Users as Users,
 )
 from .freshness import check_fresh as check_fresh
 from .leases import Lease as Lease, Leases as Leases
+from .logins import Login as Login, Users as Users
+from .logs import LOG_LEVELS as LOG_LEVELS, logging_to as logging_to
+from .notify import ServiceManager as ServiceManager
 from .observations import (
     STATUS as STATUS,
     CurrentValue as CurrentValue,
@@ -32,8 +37,16 @@ from .places import (
 )
 from .repeats import Repeats as Repeats
 from .rights import NEEDS as NEEDS, Rights as Rights
+from .serving import Serving as Serving
 from .settings import (
     HistorySettings as HistorySettings,
     ServerSettings as ServerSettings,
     read_settings as read_settings,
+)
+from .users import (
+    ROLES as ROLES,
+    User as User,
+    add_user as add_user,
+    read_users as read_users,
+    remove_user as remove_user,
 )

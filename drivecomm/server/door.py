@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from drivecomm.errors import DriveCommError
     from drivecomm.plant import Plant
-    from drivecomm.server.alarms import Alarm
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState
     from drivecomm.tomlfile import Table
@@ -120,14 +119,26 @@ class Changes(Protocol):
         """Want no more."""
 
 
+class LoggedIn(Protocol):
+    """A token that counts for a while. until_s: in seconds since 1970."""
+
+    @property
+    def token(self) -> str:
+        """What its owner shows."""
+
+    @property
+    def until_s(self) -> float:
+        """Until when it counts."""
+
+
 class Users(Protocol):
     """Who may come in by doors other than the local one; called from any thread."""
 
-    def authenticate(self, token: str) -> Caller | None:
-        """Return whose token this is, None for nobody's; the door puts its own name in."""
+    def caller(self, token: str, door: str) -> Caller:
+        """Return whose token this is. Raises NotAllowedError for nobody's."""
 
-    def login(self, name: str, password: str) -> tuple[str, float]:
-        """Return a token, and until when it counts, in seconds since 1970. Takes a while. Raises NotAllowedError."""
+    async def log_in(self, name: str, password: str) -> LoggedIn:
+        """Return a token for whoever knows the password. Raises NotAllowedError."""
 
 
 class History(Protocol):
@@ -147,16 +158,23 @@ Examination: TypeAlias = Literal["scan", "doctor", "trace", "statistics"]
 
 
 class ServedPlant(Protocol):
-    """The plant as a door sees it; everything may be called from a door's own thread.
+    """The plant as a door sees it; everything may be called from a door's own thread."""
 
-    name: what the plant is called. session: a random word of this run of the server; a command that names another one
-    was meant for an earlier run.
-    """
+    @property
+    def name(self) -> str:
+        """What the plant is called."""
 
-    name: str
-    session: str
-    started_s: float
-    plant: Plant
+    @property
+    def session(self) -> str:
+        """A random word of this run; a command that names another one was meant for an earlier run."""
+
+    @property
+    def started_s(self) -> float:
+        """When the server was started, in seconds since 1970."""
+
+    @property
+    def plant(self) -> Plant:
+        """The plant as data, as it is now."""
 
     def drives(self) -> Sequence[DriveState]:
         """Return all drives, in the order of the plant."""
@@ -205,14 +223,11 @@ class ServedPlant(Protocol):
     def may(self, caller: Caller, drive: str) -> Sequence[str]:
         """Return the verbs that this caller may use on a drive."""
 
-    def alarms(self) -> Sequence[Alarm]:
-        """Return the alarms that are on, or that nobody has acknowledged."""
+    def alarms(self) -> Sequence[Mapping[str, Any]]:
+        """Return the alarms that are on, or that nobody has acknowledged, each with its `id`, in plain form."""
 
-    async def acknowledge(self, caller: Caller, alarm: str) -> Alarm:
-        """Acknowledge an alarm by its id, and return it: nobody is reminded of it any more.
-
-        Raises UsageError for one that is not there, NotAllowedError for a caller who may only look.
-        """
+    async def acknowledge(self, caller: Caller, alarm: str) -> Mapping[str, Any]:
+        """Acknowledge an alarm, and return it. Raises UsageError for one that is not there, and NotAllowedError."""
 
     def kept_events(self, caller: Caller, drive: str) -> AsyncIterator[Mapping[str, Any]]:
         """Tell what happens to the motor that the server keeps running, until it does so no more; in plain form."""

@@ -42,3 +42,4 @@ from .vectors import (
     load_vectors as load_vectors,
     packaged_vectors as packaged_vectors,
 )
+from .watched_line import ServingThread as ServingThread

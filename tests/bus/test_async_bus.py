@@ -33,6 +33,7 @@ AT_ONCE = {
     "counters",
     "statistics",
     "health",
+    "listen",
     "name",
     "facts",
     "peer",

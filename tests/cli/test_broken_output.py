@@ -91,6 +91,9 @@ CALLS = {
     "models check": "nowhere.toml",
     "models names": "",
     "models grow": "vabus:1 grown.toml --port nowhere",
+    "users add": "anna --role boss",
+    "users list": "--file nowhere.toml",
+    "users remove": "anna --file nowhere.toml",
     "vectors check": "nowhere.toml",
     "vectors from-capture": "heard.jsonl --protocol vabus",
 }

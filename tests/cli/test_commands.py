@@ -201,7 +201,7 @@ class TestCommandLine:
         monkeypatch.setattr(VirtualLine, "receive", gone)
         assert shell("status", "vabus:1") == 0
 
-    @pytest.mark.parametrize("group", [(), ("models",), ("plant",), ("vectors",)])
+    @pytest.mark.parametrize("group", [(), ("models",), ("plant",), ("users",), ("vectors",)])
     def test_a_group_alone_says_what_there_is_and_nothing_else(self, shell, group):
         assert shell(*group, port=None) == 2
         assert f"Usage: {' '.join(('drivecomm', *group))} [OPTIONS] COMMAND" in shell.out

@@ -11,11 +11,12 @@ import os
 import socket
 import struct
 import sys
-import warnings
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlsplit
+
+from drivecomm.client import is_private, users_folder
 
 LONGEST_LINE = 1 << 16
 _HAS_UNIX_SOCKETS = hasattr(socket, "AF_UNIX") and os.name == "posix"
@@ -24,19 +25,7 @@ _CHUNK = 4096
 
 def socket_file(port: str) -> Path:
     """Return the path of the control socket of a port, by whatever name or link the port is called."""
-    return _runtime_folder() / f"{quote(_one_name(port), safe='')}.control"
-
-
-def _runtime_folder() -> Path:
-    if os.name == "posix" and (folder := os.environ.get("XDG_RUNTIME_DIR")):
-        return Path(folder) / "drivecomm"
-    # It takes long to load for a stop, and a login session on Linux does without it.
-    from platformdirs import user_runtime_path  # noqa: PLC0415
-
-    with warnings.catch_warnings():
-        # Without a login session, as in a service, the folder is another one, which is as good.
-        warnings.simplefilter("ignore")
-        return user_runtime_path("drivecomm", appauthor=False)
+    return users_folder() / f"{quote(_one_name(port), safe='')}.control"
 
 
 def _one_name(port: str) -> str:
@@ -46,15 +35,6 @@ def _one_name(port: str) -> str:
     # Raw TCP and RFC 2217 lead to the same line.
     host = (parts.hostname or "").replace("localhost", "127.0.0.1")
     return f"{host}:{parts.port}"
-
-
-def is_private(folder: Path) -> bool:
-    """Whether nobody else can write to this folder; False if there is none."""
-    try:
-        found = folder.stat()
-    except OSError:
-        return False
-    return os.name != "posix" or (found.st_uid == os.getuid() and not found.st_mode & 0o077)
 
 
 class ControlSocket:

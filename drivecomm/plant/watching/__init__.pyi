@@ -1,4 +1,11 @@
-from .asked import WatchedLine as WatchedLine, lines_of as lines_of
+from .asked import (
+    STATUS as STATUS,
+    OpenLine as OpenLine,
+    SeenDrive as SeenDrive,
+    WatchedLine as WatchedLine,
+    is_silence as is_silence,
+    lines_of as lines_of,
+)
 from .board import (
     Board as Board,
     DriveEvent as DriveEvent,
@@ -6,6 +13,7 @@ from .board import (
     Reachability as Reachability,
     Trend as Trend,
     WatchedValue as WatchedValue,
+    changes as changes,
     state_words as state_words,
 )
 from .watcher import Watcher as Watcher

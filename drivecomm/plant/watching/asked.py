@@ -7,13 +7,14 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import DriveError, UsageError
+from drivecomm.errors import DriveError, LinkError, OvertakenError, ReplyError, UsageError
 from drivecomm.protocol import LINE_FACT_NAMES, Reading
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.bus import AsyncBus, AsyncDrive
+    from drivecomm.errors import DriveCommError
     from drivecomm.link import Port, TraceEvent
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.plant.watching.board import DriveView, Trend
@@ -23,6 +24,11 @@ STATUS = "status"
 """What results call the status word: their value is the state, raw the word, text the fault."""
 
 _KEPT_TELEGRAMS = 400
+
+
+def is_silence(error: DriveCommError | None) -> bool:
+    """Whether an error says that a drive, or its line, does not answer; not so where a stop went first."""
+    return isinstance(error, ReplyError | LinkError) and not isinstance(error, OvertakenError)
 
 
 @dataclass(slots=True, eq=False)

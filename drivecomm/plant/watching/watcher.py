@@ -15,10 +15,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Self
 
 from drivecomm.bus import open_bus_async
-from drivecomm.errors import LinkError, ReplyError, UsageError
+from drivecomm.errors import LinkError, UsageError
 from drivecomm.link import REOPEN_LONGEST_S, Statistics
 from drivecomm.models import quantities
-from drivecomm.plant.watching.asked import STATUS, OpenLine, SeenDrive
+from drivecomm.plant.watching.asked import STATUS, OpenLine, SeenDrive, is_silence
 from drivecomm.plant.watching.board import Board, DriveEvent, DriveView, Trend, WatchedValue, changes
 from drivecomm.polling import PollItem, poll_async
 
@@ -213,7 +213,7 @@ class Watcher:
         return [seen for seen in self._seen.values() if seen.line is line]
 
     def _take(self, seen: SeenDrive, result: PollResult) -> None:
-        silent = isinstance(result.error, ReplyError | LinkError)
+        silent = is_silence(result.error)
         if not silent:
             seen.answered_s = seen.line.elapsed_s
         view = seen.view

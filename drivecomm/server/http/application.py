@@ -16,7 +16,7 @@ from starlette.staticfiles import StaticFiles
 
 from drivecomm.client import error_content, json_text
 from drivecomm.errors import DriveCommError, NotAllowedError, UsageError
-from drivecomm.server import Caller, Role
+from drivecomm.server import ANONYMOUS, Caller, Role
 from drivecomm.server.http.asked import Asked
 from drivecomm.server.http.commanding import status_of
 from drivecomm.server.http.fields import of_body, of_query
@@ -99,7 +99,7 @@ async def _asked(route: Route, request: Request, door: DoorState, callers: Calle
 def _caller(route: Route, request: Request, callers: Callers, *, local: bool) -> Caller:
     caller = callers.of(request.scope)
     if route.role is not Role.NOBODY:
-        if caller is None or (route.named and not caller.name):
+        if caller is None or (route.named and caller.name == ANONYMOUS):
             text = "give the token of a user who may: Authorization: Bearer TOKEN"
             raise HTTPException(401, text, {"WWW-Authenticate": "Bearer"})
         if caller.role < route.role:
@@ -108,7 +108,7 @@ def _caller(route: Route, request: Request, callers: Callers, *, local: bool) ->
             )
     if route.local and not local:
         raise HTTPException(403, "this is for callers of the local door only")
-    return caller or Caller(name="", role=Role.NOBODY, door="")
+    return caller or Caller(name=ANONYMOUS, role=Role.NOBODY, door="")
 
 
 def _error(status: int, text: str, headers: Mapping[str, str] | None = None) -> Response:

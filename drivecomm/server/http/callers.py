@@ -6,19 +6,17 @@ import hmac
 import os
 import socket
 import struct
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol
 
-from drivecomm.server import Caller, Role
+from drivecomm.errors import NotAllowedError
+from drivecomm.server import ANONYMOUS, LOCAL, Caller, Role
 
 if TYPE_CHECKING:
     from starlette.types import Scope
 
-    from drivecomm.server import Users
-
-LOCAL = "local"
-"""What callers and events call the local door."""
+    from drivecomm.server.door import Users
 
 
 class Callers(Protocol):
@@ -42,9 +40,13 @@ class TokenCallers:
         if token is None:
             if self.anonymous is Role.NOBODY:
                 return None
-            return Caller(name="", role=self.anonymous, door=self.door)
-        found = self.users.authenticate(token) if self.users else None
-        return None if found is None else replace(found, door=self.door)
+            return Caller(name=ANONYMOUS, role=self.anonymous, door=self.door)
+        if self.users is None:
+            return None
+        try:
+            return self.users.caller(token, self.door)
+        except NotAllowedError:
+            return None
 
 
 class SocketCallers:

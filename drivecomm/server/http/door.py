@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import PortError, UsageError
-from drivecomm.server import Role
+from drivecomm.server import LOCAL, Role
 from drivecomm.tomlfile import CHOICE, LIST, TEXT, Kind
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ class LocalDoor:
     port, token: how it is reached where there are no unix sockets, once it is open.
     """
 
-    name = "local"
+    name = LOCAL
 
     def __init__(self, path: Path) -> None:
         self._path = path

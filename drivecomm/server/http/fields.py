@@ -32,6 +32,7 @@ NUMBER = Kind((int, float, Decimal), "a number", "number")
 CHOICE = Kind((bool,), "true or false", "boolean")
 OBJECT = Kind((dict,), "an object", "object")
 TEXTS = Kind((list,), "a list of texts", "array")
+WHOLES = Kind((list,), "a list of whole numbers", "array")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +60,8 @@ class Field:
         if kind is TEXT and len(value) > LONGEST_TEXT:  # type: ignore[arg-type]
             raise refusal(f"{name} is longer than {LONGEST_TEXT} characters")
         if kind is TEXTS and not all(isinstance(each, str) for each in value):  # type: ignore[attr-defined]
+            raise refusal(f"{name} cannot be {shortened(value)}; give {self.words}")
+        if kind is WHOLES and not all(type(each) is int for each in value):  # type: ignore[attr-defined]
             raise refusal(f"{name} cannot be {shortened(value)}; give {self.words}")
         if self.choices and value not in self.choices:
             raise refusal(f"{name} cannot be {shortened(value)}; give {self.words}")

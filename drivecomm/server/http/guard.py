@@ -32,9 +32,8 @@ HEADERS = {
 _RAW_HEADERS = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
 _NOT_STORED = (b"cache-control", b"no-store")
 
-_LOGINS_BY_NAME = 10
-_LOGINS_BY_ADDRESS = 5
-_LOGINS_WITHIN_S = 60.0
+_MOST_FAILURES = 5
+_WITHIN_S = 60.0
 _MOST_REMEMBERED = 10_000
 
 
@@ -112,26 +111,23 @@ async def whole_body(request: Request) -> bytes:
 
 
 class LoginRate:
-    """How often somebody may be wrong: by their address, and by the name that they give."""
+    """How often somebody at one address may be wrong; how often about one name, the users see to."""
 
     def __init__(self) -> None:
         self.turn = asyncio.Lock()
         self._failures: dict[str, deque[float]] = {}
 
-    def check(self, address: str, name: str) -> None:
+    def check(self, address: str) -> None:
         """Raise HTTPException for one who has been wrong too often within a minute."""
         now = time.monotonic()
-        for key, most in ((f"address {address}", _LOGINS_BY_ADDRESS), (f"name {name}", _LOGINS_BY_NAME)):
-            failures = self._failures.get(key)
-            while failures and now - failures[0] > _LOGINS_WITHIN_S:
-                failures.popleft()
-            if failures and len(failures) >= most:
-                wait_s = int(_LOGINS_WITHIN_S - (now - failures[0])) + 1
-                raise HTTPException(429, f"too many wrong logins; wait {wait_s} s", {"Retry-After": str(wait_s)})
+        failures = self._failures.get(address, ())
+        recent = [each for each in failures if now - each < _WITHIN_S]
+        if len(recent) >= _MOST_FAILURES:
+            wait_s = int(_WITHIN_S - (now - recent[0])) + 1
+            raise HTTPException(429, f"too many wrong logins; wait {wait_s} s", {"Retry-After": str(wait_s)})
 
-    def failed(self, address: str, name: str) -> None:
+    def failed(self, address: str) -> None:
         """Count one who was wrong."""
-        for key in (f"address {address}", f"name {name}"):
-            if len(self._failures) >= _MOST_REMEMBERED:
-                self._failures.pop(next(iter(self._failures)))
-            self._failures.setdefault(key, deque(maxlen=_LOGINS_BY_NAME)).append(time.monotonic())
+        if len(self._failures) >= _MOST_REMEMBERED:
+            self._failures.pop(next(iter(self._failures)))
+        self._failures.setdefault(address, deque(maxlen=_MOST_FAILURES)).append(time.monotonic())

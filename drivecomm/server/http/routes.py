@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from drivecomm.protocol import Stop
 from drivecomm.server import Role
 from drivecomm.server.http import commanding, reading
-from drivecomm.server.http.fields import CHOICE, NUMBER, OBJECT, TEXT, TEXTS, WHOLE, Field
+from drivecomm.server.http.fields import CHOICE, NUMBER, OBJECT, TEXT, TEXTS, WHOLE, WHOLES, Field
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping
@@ -153,7 +153,7 @@ ROUTES = (
         method="POST", path=f"{V1}/drives/{{name}}/keep", answer="Answer", carry_out=commanding.keep, named=True,
         summary="Set a drive's watchdog, start its motor, and keep it while the lease is renewed.",
         body={
-            "policy": Field(kind=TEXT, about="what the motor does when its master falls silent", needed=True),
+            "policy": Field(kind=TEXT, about="what the motor does when its master falls silent; as the plant says"),
             "watchdog_s": Field(kind=NUMBER, about="after how many seconds the drive notices", low=0.001, high=3600),
             "reverse": Field(kind=CHOICE, about="backwards"),
             "percent": Field(kind=NUMBER, about="the reference, as a share of its range"),
@@ -179,7 +179,7 @@ ROUTES = (
         summary="Look for drives.", role=Role.COMMISSION, named=True, local=True,
         body={
             "only": Field(kind=TEXTS, about="these protocols only"),
-            "addresses": Field(kind=OBJECT, about="the addresses to try, by protocol"),
+            "addresses": Field(kind=WHOLES, about="these addresses only"),
             "choices": Field(kind=OBJECT, about="the line settings to try"),
             "options": Field(kind=OBJECT, about="further options"),
         },
@@ -187,7 +187,13 @@ ROUTES = (
     Route(
         method="POST", path=f"{V1}/lines/{{line}}/doctor", answer="Found", carry_out=commanding.doctor, form="lines",
         summary="Examine a line.", role=Role.COMMISSION, named=True, local=True,
-        body={"options": Field(kind=OBJECT, about="further options")},
+        body={
+            "only": Field(kind=TEXTS, about="these protocols only"),
+            "addresses": Field(kind=WHOLES, about="these addresses only"),
+            "probes": Field(kind=WHOLE, about="how often each drive is asked", low=1, high=1000),
+            "search": Field(kind=CHOICE, about="whether other baud rates are tried where nobody answers"),
+            "options": Field(kind=OBJECT, about="line settings and timing for all drives"),
+        },
     ),
     Route(
         method="GET", path=f"{V1}/lines/{{line}}/trace", answer="Telegram", carry_out=commanding.trace, form="lines",

@@ -1,0 +1,139 @@
+"""What a server does with a whole line for its clients: scans, examinations, counters. One JSON object a line.
+
+A stream says {"progress": [WHAT, DONE, TOTAL]} and what it is for, such as {"found": ...}; {"error": ...} ends it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from decimal import Decimal
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+from drivecomm.bus import Found
+from drivecomm.client.wire import error_of
+from drivecomm.link import Health, ReplyTimes, Statistics
+from drivecomm.protocol import LineSettings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from drivecomm.client.connection import LocalServer
+
+
+def path_of(line: str, what: str) -> str:
+    """Return the path of what is done with a line."""
+    return f"/api/v1/lines/{quote(line, safe='')}/{what}"
+
+
+def told(
+    server: LocalServer,
+    line: str,
+    what: str,
+    asked: Mapping[str, Any],
+    progress: Callable[[str, int, int], None] | None,
+) -> Iterator[dict[str, Any]]:
+    """Have the server do something with a line, and yield what it says; raises the error that it ends with."""
+    with server.stream(path_of(line, what), asked) as news:
+        for each in news:
+            if each is None:
+                continue
+            if "error" in each:
+                raise error_of(each["error"])
+            if "progress" not in each:
+                yield each
+            elif progress is not None:
+                progress(*each["progress"])
+
+
+def scan(
+    server: LocalServer, line: str, asked: Mapping[str, Any], progress: Callable[[str, int, int], None] | None
+) -> Iterator[Found]:
+    """Yield the drives that a scan of the server finds."""
+    for each in told(server, line, "scan", asked, progress):
+        yield found_of(each["found"])
+
+
+def found_of(content: Mapping[str, Any]) -> Found:
+    """Return what was found of which this is the plain form."""
+    settings = content.get("settings")
+    return Found(**{**content, "settings": None if settings is None else settings_of(settings)})
+
+
+def settings_of(content: Mapping[str, Any]) -> LineSettings:
+    """Return the line settings of which this is the plain form."""
+    bits = content.get("stopbits", 1)
+    return LineSettings(**{**content, "stopbits": bits if isinstance(bits, int) else float(bits)})
+
+
+def statistics(server: LocalServer, line: str) -> dict[str, Statistics]:
+    """Return what was counted on a line since the server began, by drive as PROTOCOL:ADDRESS."""
+    counted = {}
+    with server.stream(path_of(line, "statistics")) as news:
+        for each in news:
+            if each is not None:
+                counted[str(each["drive"])] = _statistics_of(each)
+    return counted
+
+
+def _statistics_of(content: Mapping[str, Any]) -> Statistics:
+    times = content["reply_times"]
+    shortest = times.get("shortest_s")
+    return Statistics(
+        counters=Counter({name: int(number) for name, number in content["counters"].items()}),
+        reply_times=ReplyTimes(
+            classes=[int(number) for number in times["classes"]],
+            # Of a drive that has not answered there is none.
+            shortest_s=float("inf") if shortest is None else float(shortest),
+            longest_s=float(times["longest_s"]),
+            total_s=float(times["total_s"]),
+        ),
+    )
+
+
+def since(before: Mapping[str, Statistics], now: Mapping[str, Statistics]) -> dict[str, Statistics]:
+    """Return what was counted between two times. The shortest and the longest reply are those since the beginning."""
+    return {name: _difference(before.get(name, Statistics()), each) for name, each in now.items()}
+
+
+def _difference(before: Statistics, now: Statistics) -> Statistics:
+    old, new = before.reply_times, now.reply_times
+    return Statistics(
+        counters=now.counters - before.counters,
+        reply_times=ReplyTimes(
+            classes=[later - earlier for earlier, later in zip(old.classes, new.classes, strict=True)],
+            shortest_s=new.shortest_s,
+            longest_s=new.longest_s,
+            total_s=new.total_s - old.total_s,
+        ),
+    )
+
+
+def health(server: LocalServer, line: str) -> dict[str, Health]:
+    """Return whether the drives of the server's plant on a line answer, by PROTOCOL:ADDRESS."""
+    found = {}
+    for each in server.ask("/api/v1/drives"):
+        if each["line"] == line:
+            found[str(each["drive"])] = one = Health()
+            one.given_up = one.away = each["reachability"] == "silent"
+    return found
+
+
+def examined(
+    bus: Any, asked: Mapping[str, Any], progress: Callable[[str, int, int], None] | None
+) -> Iterator[dict[str, Any]]:
+    """Yield what a server finds when it examines a line: {"finding": ...} each, then {"measured": ...}.
+
+    bus: the line, as its client has it open.
+    """
+    for each in told(bus.server, bus.line, "doctor", asked, progress):
+        yield _measured(each)
+
+
+def _measured(content: Any) -> Any:
+    """Return what was measured with floats, as it is measured; nothing of it is exact."""
+    if isinstance(content, Decimal):
+        return float(content)
+    if isinstance(content, dict):
+        return {name: _measured(each) for name, each in content.items()}
+    return [_measured(each) for each in content] if isinstance(content, list) else content

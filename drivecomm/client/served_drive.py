@@ -1,0 +1,171 @@
+"""A drive whose line a server owns: its verbs are sent there, by their names and arguments.
+
+They are those that `DriveVerbs` declares, so that a new one is there by itself. What sends nothing is made here, when
+it is asked for: most programs do without, and then load neither the protocol's package nor its models.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from drivecomm.bus import BroadcastVerbs, DriveVerbs, Exchanges, ReadOnly, Sent, carry_out, reaching
+from drivecomm.errors import DriveCommError, ReadOnlyError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from drivecomm.bus import Goal, Job, Member
+    from drivecomm.client.served_bus import ServedBus
+    from drivecomm.protocol import DriveConfig, DriveStatus
+
+B = TypeVar("B", bound="ServedBus")
+
+READING = frozenset({"read", "polled", "status", "identify", "probe"})
+"""Verbs that command nothing: they may be sent twice, and need no right to command the drive."""
+
+_MADE_LATER = frozenset({"_peer", "_exchanges", "model"})
+
+
+class SentDrive(DriveVerbs[B], Sent):
+    """What drives of a server are, whether their verbs are waited for or awaited; made by the bus.
+
+    config: the drive with all that is said of it. said: what of that the server does not know already. known: as the
+    server's plant has it, None where it does not. read_only: it is asked and stopped only.
+    """
+
+    def __init__(
+        self,
+        bus: B,
+        config: DriveConfig,
+        *,
+        said: Mapping[str, Any],
+        known: DriveConfig | None,
+        read_only: bool,
+    ) -> None:
+        self._bus = bus
+        self.config = config
+        self._said = dict(said)
+        self._known = known
+        self._read_only = read_only
+        self._reason = f"{config} is read-only; leave read_only=True out to write or command it" if read_only else ""
+        self.lease = ""
+        """The key of the lease under which it is commanded; empty to let each command take one for itself."""
+        if known is None or said:
+            # The server has it as the plant says; what anybody else says is checked at once, as by any bus.
+            self._make()
+
+    @property
+    def name(self) -> str:
+        """The drive as the command line names it, such as "vabus:1"."""
+        return str(self.config)
+
+    @property
+    def place(self) -> str:
+        """Where the server has it, as the path of its interface says it."""
+        from urllib.parse import quote  # noqa: PLC0415 - for those who ask
+
+        if self._known is not None:
+            return f"/api/v1/drives/{quote(self._known.name, safe='')}"
+        return f"/api/v1/lines/{quote(self._bus.line, safe='')}/drives/{quote(str(self.config), safe=':*')}"
+
+    @property
+    def read_only_reason(self) -> str:
+        """The sentence with which what writes or commands is refused; empty for a drive that is not read-only."""
+        return self._reason
+
+    @read_only_reason.setter
+    def read_only_reason(self, reason: str) -> None:
+        if not self._read_only:
+            raise UsageError(f"{self.name} is not read-only; make it with read_only=True", says="read_only=True")
+        self._reason = reason
+        if "_exchanges" in vars(self) and isinstance(self._exchanges.operations, ReadOnly):
+            self._exchanges.operations.reason = reason
+
+    def watched(self, silence_s: float | None) -> None:
+        """Say how long this drive's watchdog waits for its master; the server takes note."""
+        self._bus.note_watchdog(self, silence_s)
+
+    def send(self, verb: str, arguments: dict[str, Any], job: Callable[[], Job[Any]]) -> Any:
+        """Have the server carry out a verb."""
+        if self._read_only and verb not in READING and verb != "stop":
+            job()
+            # A verb of the protocol's own may be one that only asks; a server that keeps the drive read-only sees that.
+            if verb != "call" or (self._known is not None and self._known.armed):
+                raise ReadOnlyError(self._reason)
+        if not all(map(_can_be_sent, arguments.values())):
+            job()
+            raise UsageError(f"{verb} of {self.name} has arguments that cannot be sent to a server; use plain values")
+        return self._bus.carry_out(self, verb, arguments)
+
+    def request(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what is sent besides the verb."""
+        armed = self._known is not None and self._known.armed
+        return {
+            "arguments": arguments,
+            **({"options": self._said} if self._said else {}),
+            **({"arm": True} if not self._read_only and not armed else {}),
+            **({"lease": self.lease} if self.lease else {}),
+        }
+
+    def own_error(self, error: DriveCommError) -> DriveCommError:
+        """Return the error that the server has answered with, as this side says it."""
+        return ReadOnlyError(self._reason) if isinstance(error, ReadOnlyError) and self._reason else error
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in _MADE_LATER:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        self._make()
+        return vars(self)[name]
+
+    def _make(self) -> None:
+        made: Member = self._bus.member(self.config, read_only=self._read_only)
+        if isinstance(made.operations, ReadOnly):
+            made.operations.reason = self._reason
+        self._peer, self.model = made.peer, made.model
+        self._exchanges = Exchanges(made.peer.name, made.operations, made.model)
+
+
+class ServedDrive(SentDrive["ServedBus"]):
+    """One drive on a line of a server, with all that `Drive` offers; made by `ServedBus.drive`.
+
+    Whatever the server or the drive answers with is raised as `Drive` raises it; ServerLostError where it is gone.
+    """
+
+    def wait_for(self, goal: Goal, timeout_s: float = 10.0) -> DriveStatus:
+        """Ask for the status until the drive is in a state, or "at_reference"; as `Drive.wait_for`."""
+        reached: DriveStatus = carry_out(self, reaching(self.name, goal, timeout_s, self.bus.now))
+        return reached
+
+
+class ServedBroadcast(BroadcastVerbs["ServedBus"], Sent):
+    """All drives of one protocol on a line of a server at once, as `Broadcast` has them."""
+
+    @property
+    def place(self) -> str:
+        """Where the server has them."""
+        from urllib.parse import quote  # noqa: PLC0415 - for those who ask
+
+        return f"/api/v1/lines/{quote(self._bus.line, safe='')}/drives/{self._peer.name}"
+
+    def send(self, verb: str, arguments: dict[str, Any], job: Callable[[], Job[Any]]) -> Any:
+        """Have the server carry out a verb."""
+        job()
+        return self._bus.carry_out(self, verb, arguments)
+
+    def request(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what is sent besides the verb."""
+        return {"arguments": arguments, "arm": True}
+
+    def own_error(self, error: DriveCommError) -> DriveCommError:
+        """Return the error that the server has answered with."""
+        return error
+
+
+def _can_be_sent(value: object) -> bool:
+    from decimal import Decimal  # noqa: PLC0415 - is there by now
+    from enum import Enum  # noqa: PLC0415 - as above
+    from math import isfinite  # noqa: PLC0415 - as above
+
+    if isinstance(value, float):
+        return isfinite(value)
+    return value is None or isinstance(value, str | int | Decimal | Enum)

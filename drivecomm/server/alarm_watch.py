@@ -1,0 +1,40 @@
+"""The alarms of a plant in a thread of their own, as a door is: what they deliver holds up nobody."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.client import plain
+from drivecomm.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from drivecomm.server.alarms import PlantAlarms
+    from drivecomm.server.door import Caller, ServedPlant
+
+
+class AlarmWatch:
+    """Watches over the alarms of a plant, and tells doors of them."""
+
+    name = "alarms"
+
+    def __init__(self, alarms: PlantAlarms) -> None:
+        self._alarms = alarms
+
+    async def run(self, _plant: ServedPlant, opened: Callable[[], None]) -> None:
+        """Watch until cancelled."""
+        opened()
+        await self._alarms.run()
+
+    def standing(self) -> Sequence[Mapping[str, Any]]:
+        """Return the alarms that are on, or that nobody has acknowledged."""
+        return [plain(each) for each in self._alarms.standing()]
+
+    def acknowledge(self, caller: Caller, alarm: str) -> Mapping[str, Any]:
+        """Acknowledge one, and return it as it was. Raises UsageError and NotAllowedError."""
+        found = next((each for each in self.standing() if each["id"] == alarm), None)
+        if found is None:
+            raise UsageError(f"there is no alarm {alarm!r} that stands")
+        self._alarms.acknowledge(caller, alarm)
+        return next((each for each in self.standing() if each["id"] == alarm), found)

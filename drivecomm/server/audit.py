@@ -1,0 +1,306 @@
+"""Who commanded what: JSON Lines that are only added to, written before a command is sent.
+
+Each line has a `time` (UTC) and its `record`: "asked" before a command goes out, with the `decision`, allowed or
+refused; "outcome" for what has come of it; "gap" where records could not be written. Lines of one command have the same
+`number`, within one `session` of the server. Tokens, passwords and the keys of leases never stand here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import queue
+from collections.abc import Mapping
+from concurrent.futures import Future
+from contextlib import suppress
+from datetime import UTC, datetime
+from decimal import Decimal
+from enum import Enum
+from itertools import count, islice
+from math import isfinite
+from pathlib import Path
+from threading import Lock, Thread
+from time import time
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.client import json_text
+from drivecomm.errors import NotAllowedError, shortened
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from drivecomm.server.door import Answer, Caller, Command
+    from drivecomm.server.leases import Lease
+
+FILE_BYTES = 10_000_000
+FILES = 10
+"""So many full files are kept, audit.jsonl.1 the latest of them."""
+LONGEST_WAIT_S = 2.0
+"""For so long a command waits for the disk."""
+_MOST_WAITING = 10_000
+_LONGEST_TEXT = 500
+_DEEPEST = 4
+_MOST_ITEMS = 100
+_LARGEST = 2**63
+_LONGEST_NUMBER = 40
+_SHORTEST_KEY = 16
+_SLOW = "the disk does not answer"
+_SECRET = frozenset({"key", "lease", "password", "secret", "token", "authorization"})
+
+
+class Audit:
+    """Writes what was commanded, in a thread of its own, each record flushed to the disk.
+
+    tell: hears in a sentence, in the event loop in which this was made, when records cannot be written, and when they
+    are again. A file that cannot be written is tried again with each record. session: of this run of the server.
+    """
+
+    def __init__(
+        self,
+        file: Path,
+        tell: Callable[[str], None],
+        *,
+        session: str = "",
+        file_bytes: int = FILE_BYTES,
+        files: int = FILES,
+        clock: Callable[[], float] = time,
+    ) -> None:
+        self._tell, self._session, self._clock = tell, session, clock
+        self._file = AuditFile(file, file_bytes, files)
+        self._numbers = count(1)
+        self._loop = asyncio.get_running_loop()
+        self._counting = Lock()
+        self._failing = False
+        self._lost = 0
+        self._waiting: queue.Queue[tuple[bytes, Future[None]] | None] = queue.Queue(_MOST_WAITING)
+        self._thread = Thread(target=self._write_all, name="audit", daemon=True)
+        self._thread.start()
+
+    async def asked(self, caller: Caller, command: Command, lease: Lease | None = None) -> int:
+        """Write that a command is about to be sent; return its number. Raises NotAllowedError where that cannot be."""
+        said = {"decision": "allowed", "holder": str(lease.holder) if lease else ""}
+        number, written = self._record("asked", caller, command, said)
+        try:
+            await asyncio.wait_for(asyncio.wrap_future(written), LONGEST_WAIT_S)
+        except OSError as error:
+            # Which a time-out is, too.
+            reason = error.strerror or _SLOW
+            if isinstance(error, TimeoutError):
+                self._record("outcome", caller, command, {"outcome": "refused", "why": reason}, number)
+            raise NotAllowedError(
+                f"{command.verb} of {command.drive} is not carried out, because it cannot be written who asked for it: "
+                f"{self._file.path}: {reason}; a stop is carried out all the same"
+            ) from error
+        return number
+
+    def stop_asked(self, caller: Caller, command: Command) -> int:
+        """Have it written that a stop is sent, without waiting for it; return its number."""
+        return self._record("asked", caller, command, {"decision": "allowed"})[0]
+
+    def refused(self, caller: Caller, command: Command, why: str) -> None:
+        """Have it written that a command was not let through, and why, without waiting for it."""
+        self._record("asked", caller, command, {"decision": "refused", "why": why})
+
+    def outcome(self, caller: Caller, command: Command, number: int, answer: Answer) -> None:
+        """Have it written what has come of a command, without waiting for it."""
+        said = {"outcome": answer.outcome, "why": "" if answer.error is None else " ".join(str(answer.error).split())}
+        self._record("outcome", caller, command, said, number)
+
+    async def close(self) -> None:
+        """Write what waits, as far as that can be, and close the file."""
+        with suppress(queue.Full):
+            self._waiting.put_nowait(None)
+        await asyncio.to_thread(self._thread.join, LONGEST_WAIT_S)
+
+    def _record(
+        self, record: str, caller: Caller, command: Command, said: Mapping[str, Any], number: int | None = None
+    ) -> tuple[int, Future[None]]:
+        number = next(self._numbers) if number is None else number
+        content = {
+            "number": number,
+            "who": caller.name,
+            "role": caller.role.name.lower(),
+            "door": caller.door,
+            "drive": command.drive,
+            "line": command.line,
+            "verb": command.verb,
+            "arguments": command.arguments,
+            "options": command.options,
+            "id": command.id,
+            "arm": command.arm,
+            **said,
+        }
+        hidden = command.lease if len(command.lease) >= _SHORTEST_KEY else ""
+        written: Future[None] = Future()
+        try:
+            self._waiting.put_nowait((self._line(record, _kept(_said(content), hidden)), written))
+        except queue.Full:
+            self._count_lost(1, _SLOW)
+            written.set_exception(TimeoutError())
+        return number, written
+
+    def _line(self, record: str, content: Mapping[str, Any]) -> bytes:
+        begin = _said({"time": _utc(self._clock()), "record": record, "session": self._session})
+        return json_text({**begin, **content}).encode(errors="replace") + b"\n"
+
+    def _write_all(self) -> None:
+        ended = False
+        self._write([])
+        while not ended:
+            batch = [self._waiting.get()]
+            with suppress(queue.Empty):
+                while True:
+                    batch.append(self._waiting.get_nowait())
+            ended = None in batch
+            # One that is not waited for any more, because it took too long, is not written: it was not sent.
+            wanted = [each for each in batch if each is not None and each[1].set_running_or_notify_cancel()]
+            if wanted:
+                self._write(wanted)
+        self._file.close()
+
+    def _write(self, wanted: Sequence[tuple[bytes, Future[None]]]) -> None:
+        error: OSError | None = None
+        missing = self._lost
+        gap = [self._line("gap", {"missing": missing})] if missing else []
+        try:
+            self._file.add([*gap, *(line for line, _ in wanted)])
+        except OSError as failed:
+            error = failed
+            self._count_lost(len(wanted), failed.strerror or str(failed))
+        else:
+            if self._failing:
+                self._say(f"{self._file.path}: commands are written down again; {missing} records are missing")
+            with self._counting:
+                self._failing, self._lost = False, self._lost - missing
+        for _, written in wanted:
+            if error is None:
+                written.set_result(None)
+            else:
+                written.set_exception(error)
+
+    def _count_lost(self, records: int, reason: str) -> None:
+        with self._counting:
+            begins, self._failing = not self._failing, True
+            self._lost += records
+        if begins:
+            self._say(f"{self._file.path}: {reason}; nothing can be commanded but a stop until it can be written")
+
+    def _say(self, text: str) -> None:
+        with suppress(RuntimeError):
+            # The loop has ended otherwise, and nobody hears it.
+            self._loop.call_soon_threadsafe(self._tell, text)
+
+
+class AuditFile:
+    """A file of lines that is only added to, and that makes room for a new one when it is full; used from one thread.
+
+    file_bytes: when it is full. files: how many full ones are kept, as PATH.1 and so on, the latest first.
+    """
+
+    def __init__(self, path: Path, file_bytes: int = FILE_BYTES, files: int = FILES) -> None:
+        self.path = path
+        self._file_bytes, self._files = file_bytes, files
+        self._descriptor: int | None = None
+
+    def add(self, lines: Sequence[bytes]) -> None:
+        """Add lines, and return when they are on the disk. Raises OSError; what was written of them then may stay."""
+        try:
+            size = self._open()
+            if size >= self._file_bytes:
+                self._make_room()
+                self._open()
+            left = memoryview(b"".join(lines))
+            while left:
+                left = left[os.write(self._opened, left) :]
+            if lines:
+                os.fsync(self._opened)
+        except OSError:
+            # What stands there now is found out when it is opened again.
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file; it is opened again by what is added."""
+        descriptor, self._descriptor = self._descriptor, None
+        if descriptor is not None:
+            with suppress(OSError):
+                os.close(descriptor)
+
+    @property
+    def _opened(self) -> int:
+        if self._descriptor is None:
+            raise OSError("the file is closed")
+        return self._descriptor
+
+    def _open(self) -> int:
+        """Open the file unless it is open; return its size. A line that was cut off, as by a kill, is ended."""
+        if self._descriptor is None:
+            self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+            self._descriptor = os.open(self.path, flags, 0o600)
+            size = os.fstat(self._descriptor).st_size
+            if size:
+                os.lseek(self._descriptor, -1, os.SEEK_END)
+                if os.read(self._descriptor, 1) != b"\n":
+                    os.write(self._descriptor, b"\n")
+            else:
+                _sync_folder(self.path.parent)
+        return os.fstat(self._descriptor).st_size
+
+    def _make_room(self) -> None:
+        """Give the file its number, and those before it the next ones; where that cannot be, it goes on growing.
+
+        Where a kill came between, a number is free: what is behind it need not move, so nothing goes too early.
+        """
+        self.close()
+        names = [self.path, *(Path(f"{self.path}.{number}") for number in range(1, self._files + 1))]
+        free = next((number for number, name in enumerate(names) if not name.exists()), self._files)
+        with suppress(OSError):
+            for number in range(free, 0, -1):
+                names[number - 1].replace(names[number])
+
+
+def _sync_folder(folder: Path) -> None:
+    """See to it that a new file is found in its folder also after the power has failed, where the system has a way."""
+    if os.name == "posix":
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            with suppress(OSError):
+                os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _utc(time_s: float) -> str:
+    return datetime.fromtimestamp(time_s, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def _said(content: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in content.items() if value}
+
+
+def _kept(value: Any, hidden: str, depth: int = 0) -> Any:
+    """Return what is written of a value: no secrets, nothing endless, and nothing that JSON has no form for."""
+    if depth > _DEEPEST:
+        return "..."
+    if isinstance(value, Mapping):
+        return {
+            _text(str(key), hidden): "***" if str(key).casefold() in _SECRET else _kept(each, hidden, depth + 1)
+            for key, each in islice(value.items(), _MOST_ITEMS)
+        }
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_kept(each, hidden, depth + 1) for each in islice(value, _MOST_ITEMS)]
+    if isinstance(value, Enum):
+        return _kept(value.value, hidden, depth + 1)
+    if value is None or (isinstance(value, int) and abs(value) < _LARGEST):
+        return value
+    if isinstance(value, float):
+        return value if isfinite(value) else str(value)
+    if isinstance(value, Decimal):
+        return value if value.is_finite() and len(str(value)) <= _LONGEST_NUMBER else _text(str(value), hidden)
+    return _text(value if isinstance(value, str) else shortened(value), hidden)
+
+
+def _text(text: str, hidden: str) -> str:
+    text = text.replace(hidden, "***") if hidden else text
+    return text if len(text) <= _LONGEST_TEXT else f"{text[:_LONGEST_TEXT]}..."

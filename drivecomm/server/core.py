@@ -1,0 +1,278 @@
+"""The core of a server: the lines of a plant, what is known of it, and everything that is asked of it.
+
+All of it runs in one event loop and never blocks; doors have threads of their own, see `drivecomm.server.for_doors`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Protocol, Self
+
+from drivecomm.errors import DriveCommError, UsageError, meant
+from drivecomm.server.commands import Commands
+from drivecomm.server.kept import Story
+from drivecomm.server.leases import Leases
+from drivecomm.server.repeats import Repeats
+from drivecomm.server.rights import Rights
+from drivecomm.server.served_line import ServedLine
+from drivecomm.server.table import Table
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+
+    from drivecomm.plant import Plant, PlantLine
+    from drivecomm.protocol import DriveConfig
+    from drivecomm.server.door import Answer, Caller, Command
+    from drivecomm.server.kept import KeptMotor
+    from drivecomm.server.leases import Lease
+    from drivecomm.server.observations import CurrentValue, DriveState, Event
+
+
+class Trail(Protocol):
+    """What takes down who commanded what: an `Audit`."""
+
+    async def asked(self, caller: Caller, command: Command, lease: Lease | None = None) -> int:
+        """Write what is about to be sent; return its number. Raises NotAllowedError where that cannot be written."""
+
+    def stop_asked(self, caller: Caller, command: Command) -> int:
+        """Have it written that a stop is sent; it waits for nobody."""
+
+    def refused(self, caller: Caller, command: Command, why: str) -> None:
+        """Have it written that a command was not let through."""
+
+    def outcome(self, caller: Caller, command: Command, number: int, answer: Answer) -> None:
+        """Have it written what has come of a command."""
+
+
+class Recorder(Protocol):
+    """What keeps values, events and commands, and never waits: a `Journal`."""
+
+    def add_values(self, values: Sequence[CurrentValue]) -> None:
+        """Take values."""
+
+    def add_events(self, events: Sequence[Event]) -> None:
+        """Take events."""
+
+    def add_command(self, caller: Caller, command: Command, answer: Answer, *, asked_s: float, done_s: float) -> None:
+        """Take a command, and what came of it."""
+
+
+LOOK_S = 0.1
+"""How often it is looked whether a lease is over."""
+
+
+class Core:
+    """A plant that is served, as an asynchronous context manager.
+
+    plant: what there is; `changed` exchanges it. audit, journal: where commands and everything else is written.
+    status_period_s: how often each drive's status is asked. port_of: what to open for a line, instead of its port.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        *,
+        audit: Trail,
+        journal: Recorder | None = None,
+        status_period_s: float = 1.0,
+        port_of: Callable[[PlantLine], Any] | None = None,
+    ) -> None:
+        loop = asyncio.get_running_loop()
+        self.plant = plant
+        self.session = secrets.token_urlsafe(9)
+        self.started_s = time.time()
+        self.table = Table(loop.call_later)
+        self.lines: dict[str, ServedLine] = {}
+        self.leases = Leases()
+        self.kept: dict[str, KeptMotor] = {}
+        self.audit, self.journal = audit, journal
+        self.answers = Repeats()
+        self.rights = Rights(plant.file)
+        self.commands = Commands(self)
+        self._status_period_s = status_period_s
+        self._port_of = port_of or _said_port
+        self.ending = False
+        self._kept_by: dict[str, str] = {}
+        self._releasing: set[asyncio.Task[None]] = set()
+        self._stories: dict[str, Story] = {}
+        self._looking: asyncio.Task[None] | None = None
+
+    async def __aenter__(self) -> Self:
+        if self.journal is not None:
+            self.table.listen(self._keep)
+        for line in self.plant.lines:
+            self._add(line)
+        self._looking = asyncio.create_task(self._look(), name="leases")
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        if self._looking is not None:
+            self._looking.cancel()
+        await self.release_all()
+        await asyncio.gather(*(line.close() for line in self.lines.values()), return_exceptions=True)
+
+    def line(self, name: str) -> ServedLine:
+        """Return a line. Raises UsageError."""
+        if name not in self.lines:
+            raise UsageError(f"there is no line {name!r} in this plant; {meant(name, self.lines, 'it has')}")
+        return self.lines[name]
+
+    def drives(self) -> Sequence[DriveState]:
+        """Return how all drives are, in the order of the plant."""
+        found = {each.name: each for line in list(self.lines.values()) for each in line.states()}
+        return [self._with_commander(found[each.name]) for each in self.plant.drives if each.name in found]
+
+    def drive(self, name: str) -> DriveState:
+        """Return how one drive is. Raises UsageError."""
+        config = self.plant.drive(name)
+        return self._with_commander(next(each for each in self.line(config.line).states() if each.name == config.name))
+
+    def _with_commander(self, state: DriveState) -> DriveState:
+        kept, lease = self.kept.get(state.name), self.leases.holder_of(state.name, now=time.monotonic())
+        if kept is None and lease is None:
+            return state
+        return replace(state, lease=lease, kept="" if kept is None else kept.order.policy)
+
+    # Motors that are kept
+
+    def teller(self, config: DriveConfig) -> Callable[[str, str, Mapping[str, Any]], None]:
+        """Return what tells of a motor that is kept from now on: as an event, and to those who follow it."""
+        story = self._stories[config.name] = Story()
+
+        def tell(done: str, text: str, further: Mapping[str, Any]) -> None:
+            if done not in ("watchdog set", "started", "fault"):
+                self.table.happened("link loss", text, drive=config.name, line=config.line)
+            story.tell({"done": done, "text": text, **further})
+
+        return tell
+
+    async def following(self, drive: str) -> AsyncIterator[Mapping[str, Any]]:
+        """Tell what has happened, and happens, to the motor that was kept last, until it is kept no more."""
+        if drive in self._stories:
+            async for item in self._stories[drive]:
+                yield item
+
+    def watch(self, drive: str, lease: Lease) -> None:
+        """Keep a motor for as long as this lease holds."""
+        if drive in self.kept:
+            self._kept_by[drive] = lease.key
+
+    def release(self, drive: str) -> None:
+        """Treat a kept motor by its policy from now on."""
+        kept = self.kept.pop(drive, None)
+        self._kept_by.pop(drive, None)
+        if kept is not None:
+            task = asyncio.create_task(self._released(drive, kept), name=f"releasing {drive}")
+            self._releasing.add(task)
+            task.add_done_callback(self._releasing.discard)
+
+    async def release_all(self) -> None:
+        """Treat each motor that is kept by its policy, and let nobody have one started any more."""
+        self.ending = True
+        for name in list(self.kept):
+            self.release(name)
+        await asyncio.gather(*self._releasing, return_exceptions=True)
+
+    async def _released(self, drive: str, kept: KeptMotor) -> None:
+        try:
+            await kept.release()
+        except DriveCommError as error:
+            text = f"{drive} may be running, because its stop is not confirmed: {' '.join(str(error).split())}"
+            self.table.happened("link loss", text, drive=drive)
+        self._stories[drive].end()
+
+    async def _look(self) -> None:
+        """End leases when their time is over, and what was kept under them."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            for lease in self.leases.expire(time.monotonic()):
+                self.ended(lease, "is over, because it was not renewed")
+            for name in [name for name, kept in self.kept.items() if kept.over]:
+                self.release(name)
+
+    def ended(self, lease: Lease, how: str) -> None:
+        """Take note that a lease has ended, and treat the motor that was kept under it by its policy."""
+        if self._kept_by.get(lease.drive) != lease.key:
+            return
+        policy = self.kept[lease.drive].order.policy if lease.drive in self.kept else ""
+        text = f"the lease of {lease.holder} {how}; its motor is treated by its policy, {policy}"
+        self.table.happened("link loss", text, drive=lease.drive, who=str(lease.holder))
+        self.release(lease.drive)
+
+    def remember(self, caller: Caller, command: Command, answer: Answer, asked_s: float) -> None:
+        """Write a command into the history."""
+        if self.journal is not None:
+            self.journal.add_command(caller, command, answer, asked_s=asked_s, done_s=time.time())
+
+    def _keep(self, values: Sequence[CurrentValue], events: Sequence[Event]) -> None:
+        if self.journal is not None:
+            self.journal.add_values(values)
+            self.journal.add_events(events)
+
+    # Lines
+
+    async def changed(self, plant: Plant) -> Sequence[str]:
+        """Take another plant in place of the one that there was; returns what has changed, in words.
+
+        Lines whose port and settings are as before are not closed; drives that are as before go on being kept.
+        """
+        before, self.plant = self.plant, plant
+        told = []
+        old, new = {line.name: line for line in before.lines}, {line.name: line for line in plant.lines}
+        for config in before.drives:
+            if config not in plant.drives:
+                self.table.forget({config.name})
+                if config.name in self.kept:
+                    self.release(config.name)
+        await asyncio.gather(*self._releasing, return_exceptions=True)
+        for name, known in old.items():
+            if known != new.get(name):
+                await self.lines.pop(name).close()
+                told.append(f"line {name} {'is closed' if name not in new else 'is opened anew'}")
+            elif before.on_line(name) != plant.on_line(name):
+                served = self.lines[name]
+                await served.pause()
+                served.has(self._drives_of(name))
+                served.start()
+                told.append(f"line {name} has other drives, or other values to poll")
+        for name, line in new.items():
+            if name not in self.lines:
+                self._add(line)
+                if name not in old:
+                    told.append(f"line {name} is new")
+        self.rights = Rights(plant.file)
+        for text in told:
+            self.table.happened("server", text)
+        return told
+
+    def _add(self, line: PlantLine) -> None:
+        try:
+            port = self._port_of(line)
+        except UsageError as error:
+            self.table.happened("line", str(error), line=line.name)
+            return
+        served = self.lines[line.name] = ServedLine(
+            line,
+            self._drives_of(line.name),
+            self.table,
+            port=port,
+            status_period_s=self._status_period_s,
+            tripped=self._tripped,
+        )
+        served.start()
+
+    def _drives_of(self, line: str) -> Sequence[DriveConfig]:
+        file = self.plant.file
+        return [replace(each, read_only_reason=each.why_read_only(file)) for each in self.plant.on_line(line)]
+
+    def _tripped(self, drive: str) -> None:
+        """A drive has a fault since now: have its own log read."""
+
+
+def _said_port(line: PlantLine) -> str:
+    if not line.reached_at:
+        raise UsageError(f'line {line.name} has no port; write port = "/dev/ttyUSB0" there')
+    return line.reached_at

@@ -1,0 +1,163 @@
+"""The served plant as doors see it, from their own threads: what is asked of drives is handed over to the core."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+from drivecomm.errors import NotAllowedError, UsageError
+from drivecomm.protocol import Stop
+from drivecomm.server.door import Command, Role
+from drivecomm.server.examining import Crossing, examination
+from drivecomm.server.rights import NEEDS
+from drivecomm.server.table import ChangesFor
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
+
+    from drivecomm.plant import Plant
+    from drivecomm.server.core import Core
+    from drivecomm.server.door import Answer, Caller, Examination, History, Users
+    from drivecomm.server.leases import Lease
+    from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState
+
+T = TypeVar("T")
+
+COMMANDING = frozenset(verb for verb, needs in NEEDS.items() if needs.commands)
+
+
+class PlantForDoors:
+    """A `ServedPlant` of a core that runs in this event loop. name: what the plant is called."""
+
+    def __init__(self, core: Core, name: str, *, users: Users | None = None, history: History | None = None) -> None:
+        self.name, self.users, self.history = name, users, history
+        self._core = core
+        self._loop = asyncio.get_running_loop()
+        self._alarms: StandingAlarms | None = None
+
+    def alarms_are(self, alarms: StandingAlarms) -> None:
+        """Take what watches over alarms; there is none before."""
+        self._alarms = alarms
+
+    @property
+    def session(self) -> str:
+        """A random word of this run of the server."""
+        return self._core.session
+
+    @property
+    def started_s(self) -> float:
+        """When it was started, in seconds since 1970."""
+        return self._core.started_s
+
+    @property
+    def plant(self) -> Plant:
+        """The plant as data, as it is now."""
+        return self._core.plant
+
+    def drives(self) -> Sequence[DriveState]:
+        """Return all drives, in the order of the plant."""
+        return self._core.drives()
+
+    def drive(self, name: str) -> DriveState:
+        """Return one drive. Raises UsageError for a name that the plant does not have."""
+        return self._core.drive(name)
+
+    def values(self) -> Sequence[CurrentValue]:
+        """Return all current values."""
+        return self._core.table.values()
+
+    def lines(self) -> Sequence[LineState]:
+        """Return all lines."""
+        return [line.state() for line in list(self._core.lines.values())]
+
+    def events(self) -> Sequence[Event]:
+        """Return the latest events, the oldest first."""
+        return self._core.table.events()
+
+    def changes(self) -> ChangesFor:
+        """Return what changes from now on; called within the event loop that reads it."""
+        return ChangesFor(self._core.table, asyncio.get_running_loop(), asyncio.Event())
+
+    def leases(self) -> Sequence[Lease]:
+        """Return who commands what now."""
+        return self._core.leases.all(now=time.monotonic())
+
+    async def command(self, caller: Caller, command: Command) -> Answer:
+        """Carry out a command, if this caller may; goes on when whoever asked has gone."""
+        return await self._handed(self._core.commands.carry_out(caller, command))
+
+    async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[tuple[str, Answer]]:
+        """Stop all drives, those of some lines only if named; all lines at once."""
+        return await self._handed(self._core.commands.stop_all(caller, Stop(how), lines))
+
+    async def take_lease(self, caller: Caller, drive: str, seconds: float) -> Lease:
+        """Take the right to command a drive."""
+        return await self._handed(self._take(caller, drive, seconds))
+
+    async def renew_lease(self, caller: Caller, drive: str, key: str, seconds: float) -> Lease:
+        """Have it for longer."""
+        return await self._handed(self._renew(caller, drive, key, seconds))
+
+    async def end_lease(self, caller: Caller, drive: str, key: str) -> None:
+        """Give it back."""
+        await self._handed(self._end(caller, drive, key))
+
+    def may(self, caller: Caller, drive: str) -> Sequence[str]:
+        """Return the verbs that this caller may use on a drive."""
+        return self._core.rights.verbs_for(caller, self._core.plant.drive(drive))
+
+    def alarms(self) -> Sequence[Mapping[str, Any]]:
+        """Return the alarms that are on, or that nobody has acknowledged."""
+        return [] if self._alarms is None else self._alarms.standing()
+
+    async def acknowledge(self, caller: Caller, alarm: str) -> Mapping[str, Any]:
+        """Acknowledge an alarm, and return it."""
+        if self._alarms is None:
+            raise UsageError("the plant file has no [[alarm]]")
+        return self._alarms.acknowledge(caller, alarm)
+
+    def kept_events(self, caller: Caller, drive: str) -> AsyncIterator[Mapping[str, Any]]:
+        """Tell what happens to the motor that the server keeps running, until it does so no more."""
+        _check(caller, Role.VIEW)
+        return Crossing(lambda: self._core.following(drive), self._loop).items()
+
+    def examine(
+        self, caller: Caller, line: str, what: Examination, choices: Mapping[str, Any]
+    ) -> AsyncIterator[Mapping[str, Any]]:
+        """Tell what a scan, the doctor, the trace or the statistics of a line find."""
+        _check(caller, Role.COMMISSION)
+        return Crossing(lambda: examination(self._core, line, what, choices), self._loop).items()
+
+    async def _take(self, caller: Caller, drive: str, seconds: float) -> Lease:
+        config = self._core.plant.drive(drive)
+        if not COMMANDING & set(self._core.rights.verbs_for(caller, config)):
+            # Says why.
+            self._core.rights.check(caller, Command(drive=drive, verb="set_reference"), config)
+        return self._core.leases.take(caller, config.name, seconds, now=time.monotonic(), time_s=time.time())
+
+    async def _renew(self, caller: Caller, drive: str, key: str, seconds: float) -> Lease:
+        return self._core.leases.renew(caller, drive, key, seconds, now=time.monotonic(), time_s=time.time())
+
+    async def _end(self, caller: Caller, drive: str, key: str) -> None:
+        lease = self._core.leases.end(caller, drive, key, now=time.monotonic())
+        self._core.ended(lease, "was given back")
+
+    async def _handed(self, work: Coroutine[Any, Any, T]) -> T:
+        """Have the core do something, and wait for it. What was begun is done, even if nobody waits any more."""
+        return await asyncio.shield(asyncio.wrap_future(asyncio.run_coroutine_threadsafe(work, self._loop)))
+
+
+def _check(caller: Caller, role: Role) -> None:
+    if caller.role < role:
+        raise NotAllowedError(f"{caller.name} may not see this; it is for users with the role {role.name.lower()}")
+
+
+class StandingAlarms(Protocol):
+    """What watches over alarms; called from any thread."""
+
+    def standing(self) -> Sequence[Mapping[str, Any]]:
+        """Return the alarms that are on, or that nobody has acknowledged, in plain form."""
+
+    def acknowledge(self, caller: Caller, alarm: str) -> Mapping[str, Any]:
+        """Acknowledge one, and return it. Raises UsageError and NotAllowedError."""

@@ -1,0 +1,8 @@
+"""The history of a server: values, events, commands and fault logs in one SQLite file, which outlives the server.
+
+`Journal` writes it, in a thread of its own; `History` reads it, also while it is written, and without a server.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

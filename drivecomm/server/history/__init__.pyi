@@ -1,0 +1,11 @@
+from .journal import Journal as Journal
+from .reading import History as History
+from .records import (
+    FaultLogEntry as FaultLogEntry,
+    PastCommand as PastCommand,
+    PastEvent as PastEvent,
+    PastValue as PastValue,
+    Quantity as Quantity,
+    log_row as log_row,
+)
+from .thinning import Point as Point

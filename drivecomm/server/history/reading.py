@@ -1,0 +1,352 @@
+"""Reading a history: while a server writes it, and without one."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
+
+from drivecomm.client.wire import parsed
+from drivecomm.errors import FileFormatError, UsageError, meant
+from drivecomm.server.history.records import FaultLogEntry, PastCommand, PastEvent, PastValue, Quantity, value_of
+from drivecomm.server.history.schema import open_for_reading
+from drivecomm.server.history.thinning import Point, thinned
+from drivecomm.server.observations import Event
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from drivecomm.polling import ResultQuality
+
+_EVER = 2**62
+_FRESH = ("good", "uncertain")
+_Remark: TypeAlias = "tuple[ResultQuality, str, str]"
+_GOOD: _Remark = ("good", "", "")
+
+
+class _Key(NamedTuple):
+    """A quantity as the file has it, with its power of ten; None for texts."""
+
+    id: int
+    quantity: Quantity
+    exponent: int | None
+
+
+class _Row(NamedTuple):
+    """A value as the file has it."""
+
+    row: int
+    key: _Key
+    time_ms: int
+    whole: int | str | None
+    raw: int | str | None
+    remark: _Remark
+    age_ms: int | None
+
+
+class History:
+    """A history that is read; a context manager that closes it. It is used in the thread that opened it.
+
+    Times are in seconds since 1970, and both ends count; without them, everything. Rows count up in the order in which
+    values came; where the clock was set back, their times step back, too. Raises FileFormatError where there is none,
+    or it cannot be read, as its methods do.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        if not file.is_file():
+            raise FileFormatError(f"{file}: there is no such history; a server writes one while it runs")
+        with self._told():
+            self._connection = open_for_reading(file)
+        self._execute = self._connection.execute
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def drives(self) -> list[str]:
+        """Return the drives that have values, in the order in which they came first."""
+        return list(dict.fromkeys(key.quantity.drive for key in self._keys(None, None)))
+
+    def quantities(self, drive: str | None = None) -> list[Quantity]:
+        """Return what has values, drive by drive, in the order in which they came first."""
+        found = [key.quantity for key in self._keys(drive, None) if key.quantity.address]
+        order = list(dict.fromkeys(each.drive for each in found))
+        return sorted(dict.fromkeys(found), key=lambda each: order.index(each.drive))
+
+    def values(
+        self,
+        drive: str | None = None,
+        name: str | None = None,
+        from_s: float | None = None,
+        to_s: float | None = None,
+    ) -> Iterator[PastValue]:
+        """Yield values in the order in which they came; where some are missing, one of quality bad that says why.
+
+        drive, name: only of this one. Raises UsageError for one that the history does not have.
+        """
+        keys = self._known_keys(drive, name)
+        yield from map(_past_value, self._with_gaps(keys, _ms(from_s, -_EVER), _ms(to_s, _EVER)))
+
+    def since(self, row: int) -> Iterator[PastValue]:
+        """Yield the values of all drives after this row, which count up: for who passes them on and must miss none."""
+        yield from map(_past_value, self._rows(None, -_EVER, _EVER, row + 1))
+
+    def points(
+        self, drive: str, name: str, from_s: float | None = None, to_s: float | None = None, points: int = 500
+    ) -> list[Point]:
+        """Return the course of a quantity in some so many points, in the order of time.
+
+        Lowest and highest values are kept, and gaps: there the value is None. Raises UsageError as `values` does.
+        """
+        begin, end = self._extent()
+        begin, end = begin if from_s is None else _ms(from_s, 0), end if to_s is None else _ms(to_s, 0)
+        found = (
+            Point(
+                each.time_ms / 1000,
+                value_of(each.whole, each.key.exponent) if each.remark[0] in _FRESH else None,
+                each.remark[0],
+            )
+            for each in self._with_gaps(self._known_keys(drive, name), begin, end)
+        )
+        return list(thinned(found, begin / 1000, end / 1000, points))
+
+    def latest(self, drive: str | None = None) -> list[PastValue]:
+        """Return the latest value of each quantity."""
+        found: dict[tuple[str, str], _Row] = {}
+        for key in self._known_keys(drive, None):
+            latest = self._latest(key)
+            name = (key.quantity.drive, key.quantity.name)
+            if latest and (name not in found or latest.row > found[name].row):
+                found[name] = latest
+        return list(map(_past_value, found.values()))
+
+    def events(
+        self,
+        drive: str | None = None,
+        kind: str | None = None,
+        from_s: float | None = None,
+        to_s: float | None = None,
+        limit: int | None = None,
+    ) -> list[PastEvent]:
+        """Return events, the oldest first. limit: only so many, the latest."""
+        found = self._logged("event", {"drive": drive, "kind": kind}, from_s, to_s, limit)
+        return [
+            PastEvent(
+                row=row,
+                event=Event(number=number, time_s=time_ms / 1000, kind=what, text=text, drive=of, line=line, who=who),
+            )
+            for row, time_ms, number, what, text, of, line, who in found
+        ]
+
+    def commands(
+        self,
+        drive: str | None = None,
+        from_s: float | None = None,
+        to_s: float | None = None,
+        limit: int | None = None,
+    ) -> list[PastCommand]:
+        """Return commands, the oldest first. limit: only so many, the latest."""
+        names = ("id", "who", "door", "drive", "verb", "arguments", "outcome", "text")
+        return [
+            PastCommand(
+                row=row,
+                time_s=time_ms / 1000,
+                done_s=done_ms / 1000,
+                **{name: parsed(each) if name == "arguments" else each for name, each in zip(names, rest, strict=True)},
+            )
+            for row, time_ms, done_ms, *rest in self._logged("command", {"drive": drive}, from_s, to_s, limit)
+        ]
+
+    def fault_logs(
+        self,
+        drive: str | None = None,
+        from_s: float | None = None,
+        to_s: float | None = None,
+        limit: int | None = None,
+    ) -> list[FaultLogEntry]:
+        """Return what drives remembered of their faults, as it was read at one time after the other."""
+        return [
+            FaultLogEntry(
+                row=row, time_s=time_ms / 1000, drive=of, place=place, address=address, value=value, text=text
+            )
+            for row, time_ms, of, place, address, value, text in self._logged(
+                "fault_log", {"drive": drive}, from_s, to_s, limit
+            )
+        ]
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as error:
+            raise FileFormatError(f"{self.file}: cannot be read as a history: {error}") from error
+
+    def _all(self, question: str, values: Sequence[object] = ()) -> list[Any]:
+        with self._told():
+            return self._execute(question, values).fetchall()
+
+    def _logged(
+        self,
+        table: str,
+        wanted: dict[str, str | None],
+        from_s: float | None,
+        to_s: float | None,
+        limit: int | None,
+    ) -> list[Any]:
+        said = {column: each for column, each in wanted.items() if each is not None}
+        conditions = "".join(f" AND {column} = ?" for column in said)
+        found = self._all(
+            f"SELECT * FROM {table} WHERE time_ms BETWEEN ? AND ?{conditions} "  # noqa: S608 - our own names
+            "ORDER BY row DESC LIMIT ?",
+            (_ms(from_s, -_EVER), _ms(to_s, _EVER), *said.values(), -1 if limit is None else limit),
+        )
+        return found[::-1]
+
+    def _keys(self, drive: str | None, name: str | None) -> list[_Key]:
+        found = self._all("SELECT id, drive, name, address, unit, exponent FROM quantity ORDER BY id")
+        return [
+            _Key(number, Quantity(*rest), exponent)
+            for number, *rest, exponent in found
+            if drive in (None, rest[0]) and name in (None, rest[1])
+        ]
+
+    def _known_keys(self, drive: str | None, name: str | None) -> list[_Key]:
+        keys = self._keys(drive, name)
+        if not keys and drive is not None:
+            known = {key.quantity for key in self._keys(None, None)}
+            if drive not in {each.drive for each in known}:
+                raise UsageError(
+                    f"{self.file} has no drive {drive!r}; {meant(drive, {each.drive for each in known}, 'it has')}"
+                )
+            names = {each.name for each in known if each.drive == drive}
+            raise UsageError(f"{self.file} has no {name!r} of {drive}; {meant(name or '', names, 'it has')}")
+        return keys
+
+    def _extent(self) -> tuple[int, int]:
+        """Return the earliest and the latest time of all values, in milliseconds."""
+        found = self._all(
+            "SELECT min(start_ms), max(end_ms) FROM segment UNION ALL SELECT min(time_ms), max(time_ms) FROM recent"
+        )
+        begins = [begin for begin, _ in found if begin is not None]
+        ends = [end for _, end in found if end is not None]
+        return min(begins, default=0), max(ends, default=0)
+
+    def _with_gaps(self, keys: Sequence[_Key], begin: int, end: int) -> Iterator[_Row]:
+        """Yield rows, and where values are missing a row for each quantity that says so."""
+        gaps = self._all(
+            "SELECT before_row, time_ms, text FROM gap WHERE time_ms BETWEEN ? AND ? ORDER BY row", (begin, end)
+        )
+        named = {(key.quantity.drive, key.quantity.name): key for key in keys}
+        missing = [
+            _Row(before, key, time_ms, None, None, ("bad", "", text), None)
+            for before, time_ms, text in gaps
+            for key in named.values()
+        ]
+        for row in self._rows(keys, begin, end, 0):
+            while missing and missing[0].row <= row.row:
+                yield missing.pop(0)
+            yield row
+        yield from missing
+
+    def _rows(self, keys: Sequence[_Key] | None, begin: int, end: int, first: int) -> Iterator[_Row]:
+        """Yield rows from the first on, segment by segment, so that nobody waits for who reads them.
+
+        keys: of these alone; None for all, also for those that come first meanwhile.
+        """
+        wanted = "" if keys is None else f" AND quantity IN ({','.join(str(key.id) for key in keys)})"
+        while True:
+            with self._told(), self._one_moment():
+                by_id = {key.id: key for key in (self._keys(None, None) if keys is None else keys)}
+                segment = self._execute(
+                    "SELECT number, first_row, last_row, start_ms FROM segment "
+                    "WHERE last_row >= ? AND start_ms <= ? AND end_ms >= ? ORDER BY number LIMIT 1",
+                    (first, end, begin),
+                ).fetchone()
+                remarks = self._remarks(segment[0] if segment else None)
+                if segment:
+                    number, its_first, its_last, start = segment
+                    rows = self._execute(
+                        "SELECT row + ?, quantity, time_ms + ?, whole, raw, remark, age_ms FROM value "  # noqa: S608
+                        f"WHERE segment = ? AND row >= ? AND time_ms BETWEEN ? AND ?{wanted} ORDER BY row",
+                        (its_first, start, number, first - its_first, begin - start, end - start),
+                    ).fetchall()
+                else:
+                    rows = self._execute(
+                        f"SELECT * FROM recent WHERE row >= ? AND time_ms BETWEEN ? AND ?{wanted} ORDER BY row",  # noqa: S608
+                        (first, begin, end),
+                    ).fetchall()
+            for row, quantity, time_ms, whole, raw, remark, age_ms in rows:
+                yield _Row(row, by_id[quantity], time_ms, whole, raw, remarks.get(remark, _GOOD), age_ms)
+            if not segment:
+                return
+            first = its_last + 1
+
+    @contextmanager
+    def _one_moment(self) -> Iterator[None]:
+        """See the file as it is at one moment, whatever is written meanwhile."""
+        self._execute("BEGIN")
+        try:
+            yield
+        finally:
+            self._execute("ROLLBACK")
+
+    def _remarks(self, segment: int | None) -> dict[int, _Remark]:
+        """Return what is said of values, of a segment or of the values that are in none yet."""
+        where = "segment = ?" if segment is not None else "segment > (SELECT coalesce(max(number), 0) FROM segment)"
+        found = self._execute(
+            f"SELECT number, quality, text, note FROM remark WHERE {where}",  # noqa: S608 - our own words
+            () if segment is None else (segment,),
+        )
+        return {number: (quality, text, note) for number, quality, text, note in found}
+
+    def _latest(self, key: _Key) -> _Row | None:
+        with self._told(), self._one_moment():
+            found = self._execute(
+                "SELECT * FROM recent WHERE quantity = ? ORDER BY row DESC LIMIT 1", (key.id,)
+            ).fetchone()
+            if found:
+                row, _, time_ms, whole, raw, remark, age_ms = found
+                return _Row(row, key, time_ms, whole, raw, self._remarks(None).get(remark, _GOOD), age_ms)
+            for segment, first, start in self._execute(
+                "SELECT number, first_row, start_ms FROM segment ORDER BY number DESC"
+            ).fetchall():
+                found = self._execute(
+                    "SELECT row, time_ms, whole, raw, remark, age_ms FROM value WHERE segment = ? AND quantity = ? "
+                    "ORDER BY row DESC LIMIT 1",
+                    (segment, key.id),
+                ).fetchone()
+                if found:
+                    row, time_ms, whole, raw, remark, age_ms = found
+                    said = self._remarks(segment).get(remark, _GOOD)
+                    return _Row(row + first, key, time_ms + start, whole, raw, said, age_ms)
+        return None
+
+
+def _ms(time_s: float | None, otherwise: int) -> int:
+    return otherwise if time_s is None else round(time_s * 1000)
+
+
+def _past_value(row: _Row) -> PastValue:
+    quantity, (quality, text, note) = row.key.quantity, row.remark
+    return PastValue(
+        row=row.row,
+        time_s=row.time_ms / 1000,
+        drive=quantity.drive,
+        name=quantity.name,
+        address="" if row.whole is None else quantity.address,
+        value=value_of(row.whole, row.key.exponent),
+        unit="" if row.whole is None else quantity.unit,
+        raw=row.whole if row.raw is None else row.raw,
+        text=text,
+        quality=quality,
+        note=note,
+        source_s=None if row.age_ms is None else (row.time_ms - row.age_ms) / 1000,
+    )

@@ -1,0 +1,139 @@
+"""The tables of a history, and how its file is opened.
+
+Values come in the order of time and are asked for by quantity, and both must be cheap: they are added to `recent` as
+they come; when that holds ROWS_A_SEGMENT they move into `value` as one segment, in which each quantity's stand
+together. So a disk writes every row twice, in order, instead of a page here and there for every value; a quantity's
+course is one short stretch of each segment; and what is too old goes as a whole segment. Within a segment, rows and
+times count from its beginning, and what is said of a value (its quality, a text, a note) stands once.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import FileFormatError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+ROWS_A_SEGMENT = 100_000
+
+_APPLICATION = 0x64726976
+_VERSION = 1
+_BUSY_S = 5.0
+
+_TABLES = """
+CREATE TABLE quantity (
+    id INTEGER PRIMARY KEY, drive TEXT, name TEXT, address TEXT, unit TEXT, exponent INTEGER);
+CREATE TABLE segment (
+    number INTEGER PRIMARY KEY, first_row INTEGER, last_row INTEGER, start_ms INTEGER, end_ms INTEGER);
+CREATE TABLE recent (
+    row INTEGER PRIMARY KEY, quantity INTEGER, time_ms INTEGER, whole, raw, remark INTEGER, age_ms INTEGER);
+CREATE TABLE value (
+    segment INTEGER, quantity INTEGER, row INTEGER, time_ms INTEGER, whole, raw, remark INTEGER, age_ms INTEGER,
+    PRIMARY KEY (segment, quantity, row)) WITHOUT ROWID;
+CREATE TABLE remark (
+    segment INTEGER, number INTEGER, quality TEXT, text TEXT, note TEXT,
+    PRIMARY KEY (segment, number)) WITHOUT ROWID;
+CREATE TABLE gap (row INTEGER PRIMARY KEY, before_row INTEGER, time_ms INTEGER, end_ms INTEGER, text TEXT);
+CREATE TABLE event (
+    row INTEGER PRIMARY KEY, time_ms INTEGER, number INTEGER, kind TEXT, text TEXT, drive TEXT, line TEXT, who TEXT);
+CREATE TABLE command (
+    row INTEGER PRIMARY KEY, time_ms INTEGER, done_ms INTEGER, id TEXT, who TEXT, door TEXT, drive TEXT, verb TEXT,
+    arguments TEXT, outcome TEXT, text TEXT);
+CREATE TABLE fault_log (
+    row INTEGER PRIMARY KEY, time_ms INTEGER, drive TEXT, place INTEGER, address TEXT, value TEXT, text TEXT);
+CREATE INDEX event_time ON event (time_ms);
+CREATE INDEX command_time ON command (time_ms);
+CREATE INDEX fault_log_time ON fault_log (time_ms);
+"""
+
+
+def open_for_writing(path: Path) -> sqlite3.Connection:
+    """Open a history, which is made where there is none. Raises FileFormatError for another file, sqlite3.Error."""
+    connection = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
+    try:
+        begun = _has_tables(connection, path)
+        if not begun:
+            # So that it can give pages back to the file system later.
+            connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
+        connection.execute("PRAGMA journal_mode = WAL")
+        # What is committed outlives the process whatever this says. NORMAL saves waiting for the disk with each commit:
+        # a power cut may cost what the operating system had not written yet, and never damages what it had.
+        connection.execute("PRAGMA synchronous = NORMAL")
+        connection.execute("PRAGMA journal_size_limit = 8388608")
+        if not begun:
+            connection.executescript(
+                f"BEGIN; {_TABLES} PRAGMA application_id = {_APPLICATION}; PRAGMA user_version = {_VERSION}; COMMIT;"
+            )
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def open_for_reading(path: Path) -> sqlite3.Connection:
+    """Open a history without changing it. Raises FileFormatError for another file, sqlite3.Error."""
+    place = f"{path.resolve().as_uri()}?mode=ro"
+    # In a folder that cannot be written, a file that nobody writes is read as it is.
+    for also in ("", "&immutable=1"):
+        connection = sqlite3.connect(place + also, uri=True, timeout=_BUSY_S, isolation_level=None)
+        try:
+            _must_have_tables(connection, path)
+        except sqlite3.OperationalError as error:
+            connection.close()
+            if also or code_of(error) != sqlite3.SQLITE_CANTOPEN or _wal_of(path).exists():
+                raise
+        except BaseException:
+            connection.close()
+            raise
+        else:
+            return connection
+    raise AssertionError(path)
+
+
+def is_damaged(error: sqlite3.Error) -> bool:
+    """Whether an error means that the file itself is no good any more."""
+    return code_of(error) in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+
+
+def code_of(error: sqlite3.Error) -> int:
+    """Return the primary code of an error."""
+    return (getattr(error, "sqlite_errorcode", None) or 0) & 0xFF
+
+
+def move_aside(path: Path, suffix: str) -> Path:
+    """Rename a file and what SQLite keeps beside it; returns where it is now. Raises OSError."""
+    target = path.with_name(f"{path.name}.{suffix}")
+    path.replace(target)
+    for end in ("-wal", "-shm"):
+        beside = path.with_name(path.name + end)
+        if beside.exists():
+            beside.replace(target.with_name(target.name + end))
+    return target
+
+
+def _wal_of(path: Path) -> Path:
+    return path.with_name(path.name + "-wal")
+
+
+def _must_have_tables(connection: sqlite3.Connection, path: Path) -> None:
+    if not _has_tables(connection, path):
+        raise FileFormatError(f"{path}: is no history of drivecomm; name the file that a server writes")
+
+
+def _has_tables(connection: sqlite3.Connection, path: Path) -> bool:
+    """Whether there is a history in this file; False for an empty file. Raises FileFormatError for another one."""
+    application = connection.execute("PRAGMA application_id").fetchone()[0]
+    version = connection.execute("PRAGMA user_version").fetchone()[0]
+    if application == _APPLICATION:
+        if version > _VERSION:
+            raise FileFormatError(
+                f"{path}: was written by a newer drivecomm (format {version}, this one knows {_VERSION}); "
+                "update drivecomm, or name another file"
+            )
+        return True
+    if connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+        raise FileFormatError(f"{path}: is a database of another program; name another file for the history")
+    return False

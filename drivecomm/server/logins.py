@@ -1,0 +1,184 @@
+"""Recognises those who come in by doors other than the local one: by a token, or by a password for a while.
+
+Wrong passwords make further ones wait; a token never waits, so nobody can keep a user from a stop by guessing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import secrets
+import time
+from dataclasses import dataclass
+from threading import Lock
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import FileFormatError, NotAllowedError
+from drivecomm.server.credentials import new_token, password_fits, password_hash, token_hash
+from drivecomm.server.door import Caller
+from drivecomm.server.users import read_users
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from drivecomm.server.users import User
+
+LOGGED_IN_S = 8 * 3600.0
+MOST_LOGINS = 1000
+FREE_FAILURES = 5
+"""So many wrong passwords in a row cost no wait."""
+LONGEST_WAIT_S = 60.0
+_FORGOTTEN_S = 900.0
+_LOOKED_AT_S = 1.0
+_MOST_AT_ONCE = 4
+_BUCKETS = 1024
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Login:
+    """A token that counts for a while. until_s: in seconds since 1970."""
+
+    token: str
+    until_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class _LoggedIn:
+    user: str
+    password: str
+    until: float
+
+
+class Users:
+    """Those whom a file names; it is read again when it has changed. May be used from several threads.
+
+    tell: hears in a sentence when the file cannot be read any more, and those whom it named before may still come in;
+    and when it can be read again. clock: one that nobody sets. Raises FileFormatError.
+    """
+
+    def __init__(
+        self, file: Path, tell: Callable[[str], None] = lambda _: None, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._file, self._tell, self._clock = file, tell, clock
+        self._lock = Lock()
+        self._hashing = Lock()
+        self._logins: dict[str, _LoggedIn] = {}
+        self._failures: dict[int, tuple[int, float]] = {}
+        self._checked = 0
+        self._nobodys = password_hash(new_token())
+        self._salt = secrets.token_bytes(16)
+        self._seen, self._looked = self._look(), clock()
+        self._broken = False
+        self._users = {user.name: user for user in read_users(file)}
+
+    def caller(self, token: str, door: str) -> Caller:
+        """Return who has this token, a user's own or that of a login. Raises NotAllowedError for one of nobody."""
+        shown = token_hash(token)
+        with self._lock:
+            self._read_again()
+            found = None
+            for user in self._users.values():
+                # Each is compared, so that the time does not tell whose it is like.
+                if user.token and secrets.compare_digest(shown, user.token):
+                    found = user
+            found = found or self._logged_in(shown)
+        if found is None:
+            raise NotAllowedError("this token is not known, or no longer valid; log in again, or use another token")
+        return Caller(name=found.name, role=found.role, door=door)
+
+    async def log_in(self, name: str, password: str) -> Login:
+        """Return a token for whoever knows the password. Raises NotAllowedError."""
+        with self._lock:
+            self._read_again()
+            bucket = self._bucket(name)
+            self._must_not_wait(bucket)
+            if self._checked >= _MOST_AT_ONCE:
+                raise NotAllowedError("too many log in at this moment; try again")
+            # Counted first, so that many at once are no more guesses than one after the other.
+            self._failures[bucket] = self._failures.get(bucket, (0, 0.0))[0] + 1, self._clock()
+            user = self._users.get(name)
+            known = user.password if user else ""
+            self._checked += 1
+        fits = await asyncio.shield(asyncio.to_thread(self._check, password, known))
+        if user is None or not fits:
+            raise NotAllowedError("the name or the password is wrong")
+        with self._lock:
+            self._failures.pop(bucket, None)
+            return self._logged(user)
+
+    def log_out(self, token: str) -> None:
+        """Let a login count no longer."""
+        with self._lock:
+            self._logins.pop(token_hash(token), None)
+
+    def _check(self, password: str, known: str) -> bool:
+        try:
+            with self._hashing:
+                # A name that nobody has takes as long.
+                return password_fits(password, known or self._nobodys) and bool(known)
+        finally:
+            with self._lock:
+                self._checked -= 1
+
+    def _logged(self, user: User) -> Login:
+        now = self._clock()
+        self._logins = {token: each for token, each in self._logins.items() if now < each.until}
+        if len(self._logins) >= MOST_LOGINS:
+            of_user = [each.user for each in self._logins.values()]
+            most = max(set(of_user), key=of_user.count)
+            del self._logins[next(token for token, each in self._logins.items() if each.user == most)]
+        token = new_token()
+        self._logins[token_hash(token)] = _LoggedIn(user.name, user.password, now + LOGGED_IN_S)
+        return Login(token=token, until_s=time.time() + LOGGED_IN_S)
+
+    def _logged_in(self, shown: str) -> User | None:
+        login = self._logins.get(shown)
+        if login is None or self._clock() >= login.until:
+            return None
+        user = self._users.get(login.user)
+        # A user who was removed, or has another password now, is not logged in any more.
+        return user if user is not None and user.password == login.password else None
+
+    def _bucket(self, name: str) -> int:
+        """Return where failures of a name are counted: a place that many share, so that names do not fill memory."""
+        digest = hashlib.sha256(self._salt + name.encode(errors="replace")).digest()
+        return int.from_bytes(digest[:4], "big") % _BUCKETS
+
+    def _must_not_wait(self, bucket: int) -> None:
+        failed, last = self._failures.get(bucket, (0, 0.0))
+        passed = self._clock() - last
+        if passed > _FORGOTTEN_S:
+            self._failures.pop(bucket, None)
+        elif failed >= FREE_FAILURES:
+            wait_s = min(2.0 ** min(failed - FREE_FAILURES, 10), LONGEST_WAIT_S) - passed
+            if wait_s > 0:
+                raise NotAllowedError(
+                    f"too many wrong passwords for this name; try again in {max(wait_s, 1):.0f} s, or use a token"
+                )
+
+    def _read_again(self) -> None:
+        now = self._clock()
+        if now - self._looked < _LOOKED_AT_S:
+            return
+        self._looked = now
+        seen = self._look()
+        if seen == self._seen:
+            return
+        self._seen = seen
+        try:
+            self._users = {user.name: user for user in read_users(self._file)}
+        except FileFormatError as error:
+            self._broken = True
+            self._tell(f"{error}; those whom it named before can still come in")
+        else:
+            if self._broken:
+                self._tell(f"{self._file}: is read again")
+            self._broken = False
+
+    def _look(self) -> tuple[int, ...]:
+        try:
+            found = self._file.stat()
+        except OSError:
+            return ()
+        return found.st_mtime_ns, found.st_ctime_ns, found.st_size, found.st_ino, found.st_mode, found.st_uid

@@ -1,0 +1,43 @@
+"""What was, for doors: the history is read in threads, each time with a connection of its own."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+from drivecomm.server.history import History
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from drivecomm.server.observations import Event
+
+
+class Past:
+    """The history of a plant, for event loops. file: what the journal writes."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+
+    async def points(
+        self, drive: str, name: str, from_s: float, to_s: float, points: int
+    ) -> Sequence[tuple[float, float | None, str]]:
+        """Return the course of a quantity in about so many points. Raises UsageError for one that was never read."""
+
+        def read() -> list[tuple[float, float | None, str]]:
+            with History(self._file) as history:
+                found = history.points(drive, name, from_s, to_s, points)
+            return [(each.time_s, None if each.value is None else float(each.value), each.quality) for each in found]
+
+        return await asyncio.to_thread(read)
+
+    async def events(self, *, drive: str, kind: str, from_s: float, to_s: float, limit: int) -> Sequence[Event]:
+        """Return the latest events that fit, the oldest first; an empty drive or kind fits all."""
+
+        def read() -> list[Event]:
+            with History(self._file) as history:
+                found = history.events(drive or None, kind or None, from_s, to_s, limit)
+            return [each.event for each in found]
+
+        return await asyncio.to_thread(read)

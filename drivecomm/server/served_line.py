@@ -1,0 +1,273 @@
+"""One line of a served plant: its bus, what is polled on it, and what becomes of its drives."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.bus import open_bus_async
+from drivecomm.errors import DriveCommError, LinkError, OvertakenError, UsageError
+from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Statistics
+from drivecomm.plant.watching import STATUS, DriveView, OpenLine, SeenDrive, WatchedLine, changes, is_silence
+from drivecomm.polling import PollItem, poll_async
+from drivecomm.server.observations import CurrentValue, DriveState, LineState
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from drivecomm.bus import AsyncBus, AsyncDrive
+    from drivecomm.plant import PlantLine
+    from drivecomm.polling import PollResult
+    from drivecomm.protocol import DriveConfig
+    from drivecomm.server.observations import EventKind
+    from drivecomm.server.table import Table
+
+_KINDS: Mapping[str, EventKind] = {"fault": "fault", "silent": "silent", "warning": "warning", "change": "state"}
+
+
+_NOTHING = Statistics()
+
+
+class ServedLine:
+    """One line. Opened again and again while it cannot be, polled while it can; nothing here raises.
+
+    port: what is opened, by name or by a function. drives: those that the plant has on it. tripped: called with the
+    name of a drive that has a fault since now.
+    """
+
+    def __init__(
+        self,
+        line: PlantLine,
+        drives: Sequence[DriveConfig],
+        table: Table,
+        *,
+        port: Any,
+        status_period_s: float,
+        tripped: Callable[[str], None],
+    ) -> None:
+        self.line = line
+        self.bus: AsyncBus = open_bus_async(port, **line.opening)
+        self._port_name = port if isinstance(port, str) else line.reached_at
+        self._table = table
+        self._status_period_s = status_period_s
+        self._tripped = tripped
+        self._open = (
+            OpenLine(WatchedLine(name=line.name, port=port, drives=tuple(drives)), self.bus) if drives else None
+        )
+        self._seen: dict[str, SeenDrive] = {}
+        self._unusable: dict[str, UsageError] = {}
+        self._polls = self._missed = 0
+        self._up, self._error = False, ""
+        self._tried = asyncio.Event()
+        self._never_open: DriveCommError | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+        self.has(drives)
+
+    @property
+    def drives(self) -> Sequence[DriveConfig]:
+        """The drives that the plant has on it."""
+        return self._configs
+
+    def has(self, drives: Sequence[DriveConfig]) -> None:
+        """Take these drives for those that the line has; what is known of those that stay is kept."""
+        self._configs = tuple(drives)
+        known, self._seen, self._unusable = self._seen, {}, {}
+        for config in drives:
+            try:
+                drive = config.build(self.bus.drive)
+            except UsageError as error:
+                self._unusable[config.name] = error
+                continue
+            if self._open is None:
+                self._open = OpenLine(WatchedLine(name=self.line.name, port="", drives=tuple(drives)), self.bus)
+            view = DriveView(drive=config, line=self.line.name)
+            if (before := known.get(config.name)) is not None:
+                view = replace(before.view, drive=config)
+            self._seen[config.name] = SeenDrive(self._open, drive, view)
+
+    def drive(self, name: str) -> AsyncDrive:
+        """Return a drive of the plant. Raises UsageError for one that cannot be made from what the plant says."""
+        if name in self._unusable:
+            raise self._unusable[name]
+        return self._seen[name].drive
+
+    def state(self) -> LineState:
+        """Return how the line is."""
+        return LineState(
+            name=self.line.name,
+            port=self._port_name,
+            up=self._up,
+            error=self._error,
+            polls=self._polls,
+            missed=self._missed,
+        )
+
+    def states(self) -> Sequence[DriveState]:
+        """Return how its drives are."""
+        counted = self.bus.statistics
+        found = []
+        for config in self._configs:
+            seen, line = self._seen.get(config.name), self.line.name
+            if seen is None:
+                error = _flat(self._unusable[config.name])
+                found.append(DriveState(config=config, line=line, reachability="silent", error=error))
+                continue
+            view, told = seen.view, counted.get(seen.drive.name, _NOTHING)
+            found.append(
+                DriveState(
+                    config=view.drive,
+                    line=line,
+                    reachability=view.reachability,
+                    status=view.status,
+                    fault=view.fault,
+                    error=view.error,
+                    answered_s=seen.answered_s,
+                    counters=told.counters,
+                    reply_s=told.reply_times.mean_s,
+                )
+            )
+        return found
+
+    async def opened(self) -> None:
+        """Wait until it is known whether the line can be opened. Raises what the last attempt raised."""
+        await self._tried.wait()
+        if self._never_open is not None:
+            raise self._never_open
+
+    def start(self) -> None:
+        """Open and poll from now on."""
+        self._tasks = [asyncio.create_task(self._serve(), name=f"line {self.line.name}")]
+
+    async def pause(self) -> None:
+        """Poll no more, until it is started again."""
+        tasks, self._tasks = self._tasks, []
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def close(self) -> None:
+        """Poll no more, and give the port back."""
+        await self.pause()
+        await self.bus.close()
+
+    async def _serve(self) -> None:
+        await self._open_port()
+        items = self._plan()
+        if not items:
+            return
+        async for result in poll_async(items):
+            self._take(result)
+
+    async def _open_port(self) -> None:
+        waiting, loop = Backoff(REOPEN_FIRST_S, REOPEN_LONGEST_S), asyncio.get_running_loop()
+        while True:
+            try:
+                await self.bus.__aenter__()
+            except (LinkError, UsageError) as error:
+                self._never_open = error
+                self._tried.set()
+                self._is_up(False, _flat(error))
+                for seen in self._seen.values():
+                    self._update(seen, replace(seen.view, reachability="silent", status=None, error=_flat(error)))
+                waiting.failed(loop.time())
+                await asyncio.sleep(max(0.05, waiting.over_at - loop.time()))
+            else:
+                self._never_open = None
+                self._tried.set()
+                self._is_up(True)
+                return
+
+    def _plan(self) -> list[PollItem[SeenDrive]]:
+        items = []
+        for seen in self._seen.values():
+            name, config = seen.view.name, seen.view.drive
+            asked = [PollItem(drive=seen, parameter=STATUS, period_s=self._status_period_s, priority=1, name=name)]
+            for group in config.poll:
+                asked += [
+                    PollItem(
+                        drive=seen,
+                        parameter=parameter,
+                        period_s=group.period_s,
+                        priority=group.priority,
+                        options=group.options,
+                        name=name,
+                    )
+                    for parameter in group.parameters
+                    if self._readable(seen, parameter, group.options)
+                ]
+            items += asked
+        return items
+
+    def _readable(self, seen: SeenDrive, parameter: str, options: Mapping[str, Any]) -> bool:
+        """Whether this can be read at all; what cannot is a bad value, and holds up nothing."""
+        try:
+            seen.check_read(parameter, **options)
+        except UsageError as error:
+            self._table.put_value(
+                CurrentValue(drive=seen.view.name, name=parameter, reading=None, quality="bad", cause=_flat(error))
+            )
+            return False
+        return True
+
+    def _take(self, result: PollResult) -> None:
+        seen = self._seen.get(result.drive)
+        if seen is None:
+            return
+        self._polls += 1
+        self._missed += result.missed
+        self._table.put_value(
+            CurrentValue(
+                drive=result.drive,
+                name=result.parameter,
+                reading=result.reading,
+                quality=result.quality,
+                cause=result.cause,
+                time_s=result.time_s,
+                keeps_s=result.item.keeps_s,
+            )
+        )
+        if isinstance(result.error, OvertakenError):
+            return
+        if not is_silence(result.error):
+            self._answered(seen, result)
+        elif seen.view.reachability != "silent" or seen.view.error != result.cause:
+            self._is_up(not isinstance(result.error, LinkError), result.cause)
+            self._update(seen, replace(seen.view, reachability="silent", status=None, fault="", error=result.cause))
+
+    def _answered(self, seen: SeenDrive, result: PollResult) -> None:
+        self._is_up(True)
+        seen.answered_s = result.time_s
+        view = seen.view
+        if result.parameter == STATUS:
+            view = replace(view, reachability="answers", error=result.cause)
+            if result.error is None:
+                view = replace(view, status=seen.status, fault=seen.fault)
+        elif view.reachability != "answers":
+            view = replace(view, reachability="answers", error="")
+        else:
+            return
+        self._update(seen, view)
+
+    def _update(self, seen: SeenDrive, view: DriveView) -> None:
+        before, seen.view = seen.view, view
+        for change in changes(before, view, 0.0):
+            kind = _KINDS.get(change.kind, "state")
+            if change.text == "answers again":
+                kind = "answers"
+            elif change.text == "the fault is gone":
+                kind = "fault over"
+            self._table.happened(kind, change.text, drive=view.name, line=self.line.name)
+        if view.fault and not before.fault:
+            self._tripped(view.name)
+
+    def _is_up(self, up: bool, error: str = "") -> None:
+        if up is not self._up:
+            if not up or self._error:
+                self._table.happened("line", "works again" if up else error, line=self.line.name)
+            self._up = up
+        self._error = error
+
+
+def _flat(error: Exception) -> str:
+    return " ".join(str(error).split())

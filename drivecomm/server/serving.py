@@ -1,0 +1,238 @@
+"""A server from its start to its end: the plant file, the core, its doors, and the signals of the system."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import signal
+import time
+from contextlib import AsyncExitStack, contextmanager, suppress
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.client import Registration, local_socket, register, written_again
+from drivecomm.errors import DriveCommError
+from drivecomm.plant import read_plant
+from drivecomm.server.alarm_watch import AlarmWatch
+from drivecomm.server.alarms import PlantAlarms, read_alarms
+from drivecomm.server.audit import Audit
+from drivecomm.server.core import Core
+from drivecomm.server.for_doors import PlantForDoors
+from drivecomm.server.history import Journal
+from drivecomm.server.http import LocalDoor
+from drivecomm.server.logins import Users
+from drivecomm.server.notify import ServiceManager
+from drivecomm.server.past import Past
+from drivecomm.server.places import state_folder
+from drivecomm.server.settings import read_settings
+from drivecomm.server.supervision import OpenDoor, kind_of_door
+from drivecomm.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
+
+    from drivecomm.plant import PlantLine
+    from drivecomm.server.door import Door
+    from drivecomm.server.observations import Event, EventKind
+
+_log = logging.getLogger("drivecomm.server")
+
+_OPEN_S = 5.0
+"""How long doors may take to open before the server says that it is ready without them."""
+
+
+class Serving:
+    """The server of one plant file. Raises FileFormatError and UsageError for a file that cannot be served.
+
+    port_of: what to open for a line, instead of its port; for tests.
+    """
+
+    def __init__(self, path: Path, *, port_of: Callable[[PlantLine], Any] | None = None) -> None:
+        self.path = path
+        self.plant = read_plant(path)
+        self.settings = read_settings(path)
+        self.socket = local_socket(path)
+        self._rules = read_alarms(self.settings.alarms, self.plant.drives)
+        self._port_of = port_of
+        self._made: list[Door] = [kind_of_door(kind)(table) for kind, table in self.settings.doors]
+        self._manager = ServiceManager()
+        self._reading: asyncio.Task[None] | None = None
+        self._end: asyncio.Event | None = None
+        self._core: Core | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    @property
+    def doors(self) -> list[str]:
+        """The names of its doors, but for the local one."""
+        return [door.name for door in self._made]
+
+    def end(self) -> None:
+        """Let it end; may be called from any thread, and as often as one likes."""
+        loop, end = self._loop, self._end
+        if loop is not None and end is not None:
+            with suppress(RuntimeError):
+                loop.call_soon_threadsafe(end.set)
+
+    async def run(self, ready: Callable[[PlantForDoors], None]) -> None:
+        """Serve until SIGTERM, Ctrl-C or `end`. ready: called when everything can be reached.
+
+        Raises UsageError where another server has the plant, OSError for files that cannot be written.
+        """
+        self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
+        async with AsyncExitStack() as stack:
+            record = stack.enter_context(register(self._registration()))
+            stack.callback(self._manager.close)
+            journal = self._journal(stack)
+            audit = Audit(self.settings.audit, self._tell("server"))
+            stack.push_async_callback(audit.close)
+            core = self._core = Core(
+                self.plant,
+                audit=audit,
+                journal=journal,
+                status_period_s=self.settings.status_period_s,
+                port_of=self._port_of,
+            )
+            core.table.listen(lambda _, events: _logged(events))
+            await stack.enter_async_context(core)
+            plant = PlantForDoors(
+                core,
+                self.settings.name,
+                users=Users(self.settings.users, self._tell("server")) if self.settings.users else None,
+                history=Past(self.settings.history.file) if self.settings.history else None,
+            )
+            doors = [OpenDoor(door, plant, self._tell("door")) for door in (LocalDoor(self.socket), *self._made)]
+            if self._rules:
+                alarms = AlarmWatch(
+                    PlantAlarms(
+                        plant, self._rules, file=state_folder(self.path) / "alarms.json", write_event=self._written
+                    )
+                )
+                plant.alarms_are(alarms)
+                doors.append(OpenDoor(alarms, plant, self._tell("alarm")))
+            stack.push_async_callback(_closed, doors)
+            await _opened(doors)
+            with self._signals(core, record):
+                feeding = asyncio.create_task(self._manager.feed_watchdog())
+                self._manager.ready(self._size(core))
+                core.table.happened("server", f"begins, drivecomm {__version__}")
+                ready(plant)
+                await self._end.wait()
+                feeding.cancel()
+                self._manager.stopping("stops the motors that it keeps")
+                core.table.happened("server", "ends")
+                # While everybody can still see it.
+                await core.release_all()
+
+    def _registration(self) -> Registration:
+        history = self.settings.history
+        return Registration(
+            plant=str(self.path.resolve()),
+            name=self.settings.name,
+            socket=str(self.socket),
+            lines={line.name: line.reached_at for line in self.plant.lines},
+            started_s=time.time(),
+            history=str(history.file) if history else None,
+            version=__version__,
+        )
+
+    def _journal(self, stack: AsyncExitStack) -> Journal | None:
+        history = self.settings.history
+        if history is None:
+            return None
+        history.file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        journal = Journal(history.file, history.days, history.megabytes, tell=self._tell("server"))
+        stack.callback(journal.close)
+        return journal
+
+    def _tell(self, kind: EventKind) -> Callable[[str], None]:
+        """Return what makes events of sentences; it may be called in any thread."""
+
+        def tell(text: str) -> None:
+            self._written(kind, text)
+
+        return tell
+
+    def _written(self, kind: EventKind, text: str, *, drive: str = "", who: str = "") -> None:
+        """Take note of something that another thread tells."""
+        loop, core = self._loop, self._core
+        if loop is not None and core is not None:
+            with suppress(RuntimeError):
+                loop.call_soon_threadsafe(partial(core.table.happened, kind, text, drive=drive, who=who))
+
+    def _size(self, core: Core) -> str:
+        return f"{len(core.lines)} lines, {len(core.plant.drives)} drives"
+
+    @contextmanager
+    def _signals(self, core: Core, record: Path) -> Iterator[None]:
+        """Let signals of the system end the server, or have it read the plant file again, for the time of the block."""
+        loop, end = asyncio.get_running_loop(), self._end
+        assert end is not None  # noqa: S101 - there is one as long as it runs
+        wished: dict[str, Callable[[], object]] = {
+            "SIGTERM": end.set,
+            "SIGINT": end.set,
+            "SIGHUP": partial(self._read_again, core, record),
+        }
+        taken = []
+        for name, do in wished.items():
+            # Neither Windows nor a thread of a test has them.
+            with suppress(AttributeError, NotImplementedError, RuntimeError, ValueError):
+                number = getattr(signal, name)
+                loop.add_signal_handler(number, do)
+                taken.append(number)
+        try:
+            yield
+        finally:
+            for number in taken:
+                loop.remove_signal_handler(number)
+
+    def _read_again(self, core: Core, record: Path) -> None:
+        if self._reading is None or self._reading.done():
+            self._reading = asyncio.create_task(self._reload(core, record), name="reading the plant file again")
+
+    async def _reload(self, core: Core, record: Path) -> None:
+        """Read the plant file again; one that cannot be read changes nothing."""
+        self._manager.reloading()
+        try:
+            plant = await asyncio.to_thread(read_plant, self.path)
+            settings = await asyncio.to_thread(read_settings, self.path)
+        except (DriveCommError, OSError) as error:
+            core.table.happened("server", f"the plant file cannot be read, so that all stays as it is: {error}")
+        else:
+            said = await core.changed(plant)
+            self.plant = plant
+            if settings.doors != self.settings.doors or settings.audit != self.settings.audit:
+                core.table.happened("server", "doors and files of the server change when it is started again")
+            with suppress(OSError):
+                written_again(record, self._registration())
+            core.table.happened("server", f"plant file read again: {'; '.join(said) or 'nothing has changed'}")
+        self._manager.ready(self._size(core))
+
+
+async def _opened(doors: list[OpenDoor]) -> None:
+    """Wait until the doors are open; one that is not within some seconds is not waited for."""
+    until = time.monotonic() + _OPEN_S
+    for door in doors:
+        if not await asyncio.to_thread(door.opened.wait, max(0.0, until - time.monotonic())):
+            _log.warning("door %s is not open yet", door.door.name)
+
+
+async def _closed(doors: list[OpenDoor]) -> None:
+    await asyncio.gather(*(asyncio.to_thread(door.close) for door in doors))
+
+
+def _logged(events: Sequence[Event]) -> None:
+    for event in events:
+        about = " ".join(part for part in (event.line, event.drive) if part)
+        level = logging.WARNING if event.kind in _LOUD else logging.INFO
+        _log.log(
+            level,
+            "%s%s: %s%s",
+            f"{about}: " if about else "",
+            event.kind,
+            event.text,
+            f" by {event.who}" if event.who else "",
+        )
+
+
+_LOUD = frozenset({"fault", "silent", "warning", "link loss", "door", "alarm"})

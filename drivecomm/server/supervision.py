@@ -1,0 +1,86 @@
+"""Doors in threads of their own: one that fails, hangs or cannot be opened costs nobody else anything."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from contextlib import suppress
+from importlib.metadata import entry_points
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import UsageError, meant
+from drivecomm.link import Backoff
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.server.door import Door, MakeDoor, ServedPlant
+
+GROUP = "drivecomm.doors"
+_FIRST_S, _LONGEST_S = 0.5, 30.0
+_END_S = 3.0
+
+_log = logging.getLogger("drivecomm.server")
+
+
+def kind_of_door(kind: str) -> MakeDoor:
+    """Return what makes a door of this kind. Raises UsageError for one that is not installed, or cannot be loaded."""
+    found = {each.name: each for each in entry_points(group=GROUP)}
+    if kind not in found:
+        raise UsageError(f"there is no kind of door {kind!r}; {meant(kind, found, 'installed are')}")
+    try:
+        made: Any = found[kind].load()
+    except Exception as error:
+        raise UsageError(f"the kind of door {kind!r} cannot be loaded: {error}") from error
+    return made  # type: ignore[no-any-return]
+
+
+class OpenDoor:
+    """A door in a thread of its own, opened again when it fails. told: hears, from that thread, what becomes of it."""
+
+    def __init__(self, door: Door, plant: ServedPlant, told: Callable[[str], None]) -> None:
+        self.door = door
+        self.opened = Event()
+        self._plant = plant
+        self._told = told
+        self._closing = False
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._task: asyncio.Task[None] | None = None
+        self._thread = Thread(target=self._work, name=f"door {door.name}", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Let it end; whoever hangs is left behind."""
+        self._closing = True
+        loop, task = self._loop, self._task
+        if loop is not None and task is not None:
+            with suppress(RuntimeError):
+                loop.call_soon_threadsafe(task.cancel)
+        self._thread.join(_END_S)
+        if self._thread.is_alive():
+            self._told(f"door {self.door.name} does not end; it is left behind")
+
+    def _work(self) -> None:
+        with suppress(asyncio.CancelledError):
+            asyncio.run(self._serve())
+
+    async def _serve(self) -> None:
+        self._loop, self._task = asyncio.get_running_loop(), asyncio.current_task()
+        waiting = Backoff(_FIRST_S, _LONGEST_S)
+        while not self._closing:
+            try:
+                await self.door.run(self._plant, self.opened.set)
+            except Exception as error:  # noqa: BLE001 - whatever a door does, the server goes on
+                if isinstance(error, AttributeError | TypeError | KeyError | NameError):
+                    _log.exception("door %s", self.door.name)
+                self._told(f"door {self.door.name} failed: {' '.join(str(error).split()) or type(error).__name__}")
+            else:
+                self._told(f"door {self.door.name} has ended by itself")
+            if self.opened.is_set():
+                # It worked until now, so that it is worth trying soon.
+                waiting.succeeded()
+                self.opened.clear()
+            waiting.failed(self._loop.time())
+            await asyncio.sleep(waiting.over_at - self._loop.time())
+            self._told(f"door {self.door.name} is opened again")

@@ -1,0 +1,146 @@
+"""The table of a server: the current values, what happened lately, and who is told of it.
+
+Everything is put in by one thread. Others may read at any time: what they get are values that do not change.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from itertools import count
+from threading import Lock
+from typing import TYPE_CHECKING, TypeAlias
+
+from drivecomm.server.observations import Event
+
+if TYPE_CHECKING:
+    import asyncio
+    from collections.abc import AsyncIterator, Callable, Collection, Sequence
+
+    from drivecomm.server.observations import CurrentValue, EventKind
+
+KEPT_EVENTS = 1000
+"""Older ones are in the history."""
+
+TOGETHER_S = 0.002
+"""What follows a change so soon is told together with it."""
+
+
+class Table:
+    """Current values and events. later: calls a function after so many seconds, in the one thread."""
+
+    def __init__(self, later: Callable[[float, Callable[[], None]], object]) -> None:
+        self._later = later
+        self._values: dict[tuple[str, str], CurrentValue] = {}
+        self._events: deque[Event] = deque(maxlen=KEPT_EVENTS)
+        self._numbers = count(1)
+        self._new_values: dict[tuple[str, str], CurrentValue] = {}
+        self._new_events: list[Event] = []
+        self._listeners: tuple[Listener, ...] = ()
+        self._told_soon = False
+
+    def put_value(self, value: CurrentValue) -> None:
+        """Take note of the latest value of a quantity."""
+        key = value.drive, value.name
+        self._values[key] = value
+        self._new_values[key] = value
+        self._tell_soon()
+
+    def happened(self, kind: EventKind, text: str, *, drive: str = "", line: str = "", who: str = "") -> Event:
+        """Take note of what has happened."""
+        event = Event(
+            number=next(self._numbers), time_s=time.time(), kind=kind, text=text, drive=drive, line=line, who=who
+        )
+        self._events.append(event)
+        self._new_events.append(event)
+        self._tell_soon()
+        return event
+
+    def forget(self, drives: Collection[str]) -> None:
+        """Forget the values of these drives."""
+        self._values = {key: each for key, each in self._values.items() if key[0] not in drives}
+
+    def values(self) -> Sequence[CurrentValue]:
+        """Return all current values."""
+        return tuple(self._values.copy().values())
+
+    def events(self) -> Sequence[Event]:
+        """Return the latest events, the oldest first."""
+        return tuple(self._events.copy())
+
+    def listen(self, listener: Listener) -> Callable[[], None]:
+        """Have a listener told of what changes from now on; returns what ends that. May be called in any thread."""
+        self._listeners = (*self._listeners, listener)
+
+        def end() -> None:
+            self._listeners = tuple(each for each in self._listeners if each is not listener)
+
+        return end
+
+    def _tell_soon(self) -> None:
+        # The first change after a pause is told in this round of the event loop, what follows it a little later.
+        if not self._told_soon:
+            self._told_soon = True
+            self._later(0.0, self._tell)
+
+    def _tell(self) -> None:
+        values, self._new_values = tuple(self._new_values.values()), {}
+        events, self._new_events = self._new_events, []
+        if not values and not events:
+            self._told_soon = False
+            return
+        for listener in self._listeners:
+            listener(values, events)
+        self._later(TOGETHER_S, self._tell)
+
+
+Listener: TypeAlias = "Callable[[Sequence[CurrentValue], Sequence[Event]], None]"
+"""Told of the latest values and the events of a short time."""
+
+MOST_EVENTS = 1000
+"""So many wait for a slow reader."""
+
+
+class ChangesFor:
+    """What changes, for one event loop; made within it."""
+
+    def __init__(self, table: Table, loop: asyncio.AbstractEventLoop, ready: asyncio.Event) -> None:
+        self._loop = loop
+        self._ready = ready
+        self._lock = Lock()
+        self._values: dict[tuple[str, str], CurrentValue] = {}
+        self._events: deque[Event] = deque(maxlen=MOST_EVENTS)
+        self._called = False
+        self.lost = 0
+        self._end = table.listen(self._told)
+
+    async def __aiter__(self) -> AsyncIterator[tuple[Sequence[CurrentValue], Sequence[Event]]]:
+        """Wait for the next batch."""
+        while True:
+            await self._ready.wait()
+            self._ready.clear()
+            with self._lock:
+                values, self._values = tuple(self._values.values()), {}
+                events = tuple(self._events)
+                self._events.clear()
+                self._called = False
+            if values or events:
+                yield values, events
+
+    def close(self) -> None:
+        """Want no more."""
+        self._end()
+
+    def _told(self, values: Sequence[CurrentValue], events: Sequence[Event]) -> None:
+        with self._lock:
+            for value in values:
+                self._values[value.drive, value.name] = value
+            self.lost += max(0, len(self._events) + len(events) - MOST_EVENTS)
+            self._events.extend(events)
+            called, self._called = self._called, True
+        if not called:
+            try:
+                self._loop.call_soon_threadsafe(self._ready.set)
+            except RuntimeError:
+                # Its loop has ended.
+                self._end()

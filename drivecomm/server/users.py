@@ -1,0 +1,135 @@
+"""The file of those who may come in by doors other than the local one.
+
+[[user]]
+name = "anna"
+role = "operate"                # view, operate or commission
+token = "sha256:..."            # what her token is recognised by; or password = "scrypt:...", or both
+
+`drivecomm users` writes it. Others can neither read nor write it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import FileFormatError, UsageError, meant
+from drivecomm.server.credentials import is_password_hash, is_token_hash
+from drivecomm.server.door import ANONYMOUS, Role
+from drivecomm.tomlfile import TABLES, TEXT, parse_toml, read_text_file, read_toml, toml_line, write_whole
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from drivecomm.tomlfile import Table
+
+ROLES = {role.name.lower(): role for role in Role if role is not Role.NOBODY}
+_USER = {"name": TEXT, "role": TEXT, "token": TEXT, "password": TEXT}
+_NAME = re.compile(r"[^\W_][\w.@+-]{0,63}")
+_HEADER = re.compile(r"\s*\[")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class User:
+    """Somebody who may come in. token, password: what they are recognised by, empty where there is none."""
+
+    name: str
+    role: Role
+    token: str = ""
+    password: str = ""
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name):
+            raise UsageError(f"{self.name!r:.80} cannot be a user's name; use letters, digits and . _ @ + -")
+        if self.name == ANONYMOUS:
+            raise UsageError(f"nobody can be called {ANONYMOUS}, which stands for those who do not say who they are")
+        if not self.token and not self.password:
+            raise UsageError(f"{self.name} has neither a token nor a password; make one with drivecomm users add")
+        if self.token and not is_token_hash(self.token):
+            raise UsageError(f"the token of {self.name} is not sha256:...; make one with drivecomm users add")
+        if self.password and not is_password_hash(self.password):
+            raise UsageError(f"the password of {self.name} is not scrypt:...; make one with drivecomm users add")
+
+
+def read_users(file: Path) -> tuple[User, ...]:
+    """Read the users. Raises FileFormatError with file, line, entry and what is wrong, never with a secret."""
+    _must_be_private(file)
+    top = read_toml(file, "a file of users")
+    top.take({"user": TABLES})
+    users: dict[str, User] = {}
+    for table in top.tables("user"):
+        user = _user(table)
+        if user.name in users:
+            raise table.error(f"{user.name} is there twice; remove one of both")
+        users[user.name] = user
+    return tuple(users.values())
+
+
+def add_user(file: Path, user: User) -> None:
+    """Add a user to the file, which is made where there is none; what people wrote there stays.
+
+    Raises UsageError for a name that is there, FileFormatError for a file that cannot be read or written.
+    """
+    there = file.exists()
+    if there and user.name in (each.name for each in read_users(file)):
+        raise UsageError(f"{file} has a user {user.name} already; remove that one first with drivecomm users remove")
+    said = {"name": user.name, "role": user.role.name.lower(), "token": user.token, "password": user.password}
+    entry = "".join(f"{toml_line(key, value)}\n" for key, value in said.items() if value)
+    before = read_text_file(file, "a file of users") if there else ""
+    if before and not before.endswith("\n"):
+        before += "\n"
+    write_whole(file, f"{before}{chr(10) if before else ''}[[user]]\n{entry}", mode=0o600)
+
+
+def remove_user(file: Path, name: str) -> None:
+    """Remove a user from the file; what people wrote of the others stays.
+
+    Raises UsageError for a name that is not there, FileFormatError for a file that cannot be read or written.
+    """
+    names = [each.name for each in read_users(file)]
+    if name not in names:
+        raise UsageError(f"{file} has no user {name!r:.80}; {meant(name, names, 'it has')}")
+    text = read_text_file(file, "a file of users")
+    lines = text.splitlines(keepends=True)
+    headers = [place for place, line in enumerate(lines) if _HEADER.match(line)]
+    number = names.index(name)
+    left = parse_toml(text, str(file))["user"]
+    del left[number]
+    if number < len(headers):
+        del lines[headers[number] : headers[number + 1] if number + 1 < len(headers) else len(lines)]
+    if parse_toml("".join(lines), str(file)).get("user", []) != left:
+        raise FileFormatError(f"{file}: {name} cannot be removed from what is written there; remove the entry by hand")
+    write_whole(file, "".join(lines), mode=0o600)
+
+
+def _user(table: Table) -> User:
+    for key in ("token", "password"):
+        if not isinstance(table.content.get(key, ""), str):
+            raise table.error(f"{key} is a text in quotes, as drivecomm users add writes it", key)
+    given = table.take(_USER, "name", "role")
+    if given["role"] not in ROLES:
+        raise table.error(f"unknown role {given['role']!r:.80}; {meant(given['role'], ROLES, 'use')}", "role")
+    try:
+        return User(**{**given, "role": ROLES[given["role"]]})
+    except UsageError as error:
+        raise table.error(str(error)) from error
+
+
+def _must_be_private(file: Path) -> None:
+    """Raise FileFormatError for a file that others could read or write."""
+    if os.name != "posix":
+        return
+    try:
+        found = file.stat()
+    except OSError:
+        # Reading it will say why.
+        return
+    # What the service manager gives a service belongs to root, and may be the service's by its group.
+    others = 0o077 if found.st_uid == os.geteuid() else 0o027
+    if stat.S_IMODE(found.st_mode) & others:
+        raise FileFormatError(f"{file}: others can read or write it; say chmod 600 {file}")
+    if found.st_uid not in (os.geteuid(), 0):
+        raise FileFormatError(f"{file}: belongs to another user, who can write it; say chown $USER {file}")

@@ -1,0 +1,28 @@
+"""Ask the servers of this container whether they are well: exit code 0 if all that listen here say so, else 1.
+
+Each has a socket in $RUNTIME_DIRECTORY, which carries HTTP.
+"""
+
+import os
+import socket
+import sys
+from http.client import HTTPException, HTTPResponse
+from pathlib import Path
+
+
+def is_well(server: Path) -> bool:
+    """Whether the server behind a socket answers /healthz with 200."""
+    with socket.socket(socket.AF_UNIX) as asked:
+        asked.settimeout(3)
+        try:
+            asked.connect(str(server))
+            asked.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+            response = HTTPResponse(asked)
+            response.begin()
+        except (OSError, HTTPException):
+            return False
+        return response.status == 200
+
+
+servers = list(Path(os.environ.get("RUNTIME_DIRECTORY", "/run/drivecomm")).glob("*.sock"))
+sys.exit(0 if servers and all(is_well(server) for server in servers) else 1)

@@ -1,0 +1,205 @@
+"""The core of a server: what it knows of its drives, what becomes of commands, and of motors that it keeps."""
+
+import asyncio
+import time
+from dataclasses import replace
+from functools import partial
+
+import pytest
+from served import ANOTHER, ENGINEER, OPERATOR, VIEWER, NoteBook, asked, awaited, core_of, until
+
+from drivecomm.errors import NotAllowedError
+
+
+@pytest.fixture
+def core(tmp_path):
+    return partial(core_of, tmp_path)
+
+
+def state(core, name):
+    return core.drive(name)
+
+
+def value(core, drive, name="output_frequency"):
+    return next((each for each in core.table.values() if (each.drive, each.name) == (drive, name)), None)
+
+
+def leased(core, caller, drive, seconds, key=""):
+    return core.leases.take(caller, drive, seconds, now=time.monotonic(), time_s=time.time(), key=key)
+
+
+class TestKnowing:
+    @awaited
+    async def test_values_have_quality_and_source_time(self, core):
+        async with core() as (served, _):
+            await until(lambda: value(served, "pump") is not None and value(served, "fan") is not None)
+            found = value(served, "pump")
+            assert found.quality == found.reading.quality
+            assert found.reading.unit == "Hz"
+            assert found.source_s == found.reading.time_s > 1e9
+            await until(lambda: value(served, "pump").source_s > found.source_s)
+
+    @awaited
+    async def test_every_drives_status_is_known_without_a_poll_plan(self, core):
+        async with core() as (served, _):
+            await until(lambda: state(served, "mixer").status is not None)
+            assert state(served, "mixer").reachability == "answers"
+            assert value(served, "mixer", "status").reading.value == state(served, "mixer").status.state.value
+
+    @awaited
+    async def test_a_drive_without_power_is_silent_and_holds_up_nobody(self, core):
+        async with core() as (served, control):
+            await until(lambda: state(served, "mixer").status is not None)
+            control.order("power", drive="mixer", state="off")
+            await until(lambda: state(served, "mixer").reachability == "silent", 20)
+            assert state(served, "mixer").status is None
+            before = value(served, "pump").source_s
+            await until(lambda: value(served, "pump").source_s > before)
+            control.order("power", drive="mixer", state="on")
+            await until(lambda: state(served, "mixer").reachability == "answers", 20)
+            kinds = [event.kind for event in served.table.events() if event.drive == "mixer"]
+            assert kinds == ["silent", "answers"]
+
+    @awaited
+    async def test_a_fault_is_an_event_once(self, core):
+        async with core() as (served, control):
+            await until(lambda: state(served, "fan").status is not None)
+            control.order("trip", drive="fan", code=4)
+            await until(lambda: state(served, "fan").fault)
+            await asyncio.sleep(0.3)
+            faults = [event for event in served.table.events() if event.kind == "fault"]
+            assert [(event.drive, event.line) for event in faults] == [("fan", "yard")]
+
+
+class TestCommands:
+    @awaited
+    async def test_a_read_needs_nobody_but_a_viewer(self, core):
+        async with core() as (served, _):
+            answer = await asked(served, VIEWER, "pump", "read", arguments={"parameter": "output_frequency"})
+            assert answer.outcome == "done"
+            assert answer.result.unit == "Hz"
+
+    @awaited
+    async def test_a_viewer_commands_nothing_and_stops(self, core):
+        book = NoteBook()
+        async with core(audit=book) as (served, _):
+            refused = await asked(served, VIEWER, "pump", "set_reference", arguments={"percent": 10})
+            assert refused.outcome == "refused"
+            stopped = await asked(served, VIEWER, "pump", "stop")
+            assert stopped.outcome == "done"
+            assert book.stops == [("pump", "ramp")]
+            assert book.asked_for == []
+
+    @awaited
+    async def test_who_cannot_be_noted_commands_nothing_but_a_stop(self, core):
+        book = NoteBook()
+        book.refuses = NotAllowedError("the audit cannot be written, so that nothing is commanded but a stop")
+        async with core(audit=book) as (served, _):
+            answer = await asked(served, ENGINEER, "pump", "set_reference", arguments={"percent": 10})
+            assert answer.outcome == "refused"
+            assert (await asked(served, ENGINEER, "pump", "stop")).outcome == "done"
+
+    @awaited
+    async def test_the_same_id_acts_once(self, core):
+        book = NoteBook()
+        async with core(audit=book) as (served, _):
+            order = {"id": "7", "arguments": {"percent": 10}}
+            first = await asked(served, ENGINEER, "pump", "set_reference", **order)
+            again = await asked(served, ENGINEER, "pump", "set_reference", **order)
+            assert first.outcome == again.outcome == "done"
+            assert len(book.asked_for) == 1
+
+    @awaited
+    async def test_one_commander_at_a_time(self, core):
+        async with core() as (served, _):
+            lease = leased(served, OPERATOR, "pump", 10)
+            theirs = await asked(served, ANOTHER, "pump", "set_reference", arguments={"percent": 10})
+            assert theirs.outcome == "refused"
+            assert "otto" in str(theirs.error)
+            mine = await asked(served, OPERATOR, "pump", "set_reference", arguments={"percent": 10}, lease=lease.key)
+            assert mine.outcome == "done"
+
+    @awaited
+    async def test_arguments_that_are_not_there_are_refused(self, core):
+        async with core() as (served, _):
+            for arguments in ({"per_cent": 10}, {}, {"percent": 1, "hz": 2}):
+                answer = await asked(served, ENGINEER, "pump", "set_reference", arguments=arguments)
+                assert answer.outcome == "refused", arguments
+
+    @awaited
+    async def test_a_drive_that_the_plant_does_not_arm_is_commanded_only_if_that_is_said(self, core):
+        async with core() as (served, _):
+            order = {"arguments": {"percent": 10}}
+            assert (await asked(served, ENGINEER, "mixer", "set_reference", **order)).outcome == "refused"
+            assert (await asked(served, ENGINEER, "mixer", "set_reference", arm=True, **order)).outcome == "done"
+
+
+class TestKept:
+    async def start(self, served, caller=OPERATOR, drive="pump"):
+        lease = leased(served, caller, drive, 1.0)
+        answer = await asked(served, caller, drive, "keep", lease=lease.key, arguments={"percent": 50})
+        assert answer.outcome == "done", answer.error
+        return lease
+
+    @awaited
+    async def test_a_motor_turns_as_long_as_its_lease(self, core):
+        async with core() as (served, _):
+            lease = await self.start(served)
+            assert state(served, "pump").kept == "trip"
+            for _ in range(8):
+                await asyncio.sleep(0.25)
+                lease = leased(served, OPERATOR, "pump", 1.0, lease.key)
+            assert state(served, "pump").status.running
+            await until(lambda: state(served, "pump").kept == "", 3)
+            await until(lambda: not state(served, "pump").status.running)
+            assert any(event.kind == "link loss" for event in served.table.events())
+
+    @awaited
+    async def test_a_stop_of_somebody_else_ends_it(self, core):
+        async with core() as (served, _):
+            await self.start(served)
+            assert (await asked(served, VIEWER, "pump", "stop")).outcome == "done"
+            await until(lambda: state(served, "pump").status and not state(served, "pump").status.running)
+            assert state(served, "pump").kept == ""
+            story = [item["done"] async for item in served.following("pump")]
+            assert story == ["watchdog set", "started", "stop commanded"]
+
+    @awaited
+    async def test_a_start_from_the_network_is_kept_by_the_plants_policy(self, core):
+        async with core() as (served, _):
+            without = await asked(served, OPERATOR, "pump", "start")
+            assert without.outcome == "refused"
+            assert "lease" in str(without.error)
+            lease = leased(served, OPERATOR, "pump", 5)
+            answer = await asked(served, OPERATOR, "pump", "start", lease=lease.key)
+            assert answer.outcome == "done", answer.error
+            assert state(served, "pump").kept == "trip"
+
+    @awaited
+    async def test_the_end_of_the_server_stops_what_it_keeps(self, core):
+        async with core() as (served, _):
+            await self.start(served)
+            await until(lambda: state(served, "pump").status.running)
+            await served.release_all()
+            status = (await asked(served, VIEWER, "pump", "status")).result
+            assert not status.running or status.state.value == "stopping"
+            answer = await asked(served, ENGINEER, "pump", "set_reference", arguments={"percent": 1})
+            assert answer.outcome == "refused"
+
+
+class TestReload:
+    @awaited
+    async def test_lines_that_did_not_change_are_not_dropped(self, core):
+        async with core() as (served, _):
+            await until(lambda: value(served, "pump") is not None)
+            hall, yard = served.lines["hall"], served.lines["yard"]
+            bus = yard.bus
+            plant = replace(served.plant, drives=served.plant.drives[:2])
+            told = await served.changed(plant)
+            assert served.lines["hall"] is hall
+            assert served.lines["yard"].bus is bus
+            assert told == ["line yard has other drives, or other values to poll"]
+            assert [each.name for each in served.drives()] == ["pump", "fan"]
+            await until(lambda: value(served, "fan") is not None)
+            before = value(served, "fan").source_s
+            await until(lambda: value(served, "fan").source_s > before)
