@@ -73,6 +73,7 @@ CALLS = {
     "poll": "Lüfter output_frequency --period 0.01 --cycles 3",
     "watch": "",
     "plot": "nowhere.csv -o values.png",
+    "history": "--file nowhere.sqlite",
     "forecast": "Lüfter output_frequency@1",
     "cohabit": "--drive vabus:1",
     "alarms check": "nowhere.toml",
