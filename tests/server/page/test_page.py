@@ -109,6 +109,14 @@ def test_another_run_of_the_server_is_loaded_anew(page_server, shown):
     expect(page.get_by_text("from the first run")).to_be_hidden()
 
 
+def test_a_plant_file_that_is_read_again_brings_its_drives(page_server, shown):
+    page = shown()
+    expect(page.locator(".tile")).to_have_count(3)
+    page_server.drives["well"] = page_server.drives["pump"] | {"name": "well"}
+    page_server.happened("server", "the plant file is read again")
+    expect(tile(page, "well")).to_be_visible()
+
+
 def test_a_stop_takes_one_tap_and_no_lease(page_server, shown):
     page = shown()
     page_server.run("pump")

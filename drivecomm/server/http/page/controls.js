@@ -27,7 +27,7 @@ export function controls(name) {
     reference.element, starting.element);
 
   function show(drive) {
-    const mine = Boolean(leases.key(name)) && drive.lease?.yours !== false;
+    const mine = Boolean(leases.key(name) && drive.lease?.yours);
     const other = drive.lease && !mine;
     const allowed = COMMANDS.some((verb) => may(drive, verb));
     put(holder, whoCommands(drive, mine));

@@ -173,7 +173,11 @@ async function clear() {
   const names = [...unclear];
   unclear.clear();
   try {
-    if (names.includes("")) setInfo(await get("plant"));
+    if (names.includes("")) {
+      const info = await get("plant");
+      setInfo(info);
+      if (info.drives.join("\n") !== [...plant.drives.keys()].join("\n")) setDrives(await get("drives"));
+    }
     const drives = names.filter(Boolean);
     if (drives.length > 8) for (const drive of await get("drives")) setDrive(drive);
     else for (const one of await Promise.all(drives.map((each) => get(`drives/${encodeURIComponent(each)}`)))) setDrive(one);

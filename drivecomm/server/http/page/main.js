@@ -27,12 +27,20 @@ function route(event) {
   leave();
   main.replaceChildren();
   scrollTo(0, 0);
-  leave = name === "drive" ? drivePage(main, decodeURIComponent(drive)) : (PAGES[name] ?? plantPage)(main);
+  leave = name === "drive" ? drivePage(main, driveNamed(drive)) : (PAGES[name] ?? plantPage)(main);
   for (const link of document.querySelectorAll("nav a")) {
     mark(link, "aria-current", link.dataset.page === (name || "plant") ? "page" : null);
   }
   showFrame();
   if (event) main.querySelector("h1")?.focus({ preventScroll: true });
+}
+
+function driveNamed(text) {
+  try {
+    return decodeURIComponent(text);
+  } catch {
+    return text;
+  }
 }
 
 function showFrame() {

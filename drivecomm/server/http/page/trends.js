@@ -3,11 +3,13 @@
 import { get } from "./api.js";
 import { el, put } from "./elements.js";
 import { isNumber, number, rounded, title, unit } from "./format.js";
-import { isSound, onValue, plant, serverTime } from "./plant.js";
+import { isSound, onChange, onValue, plant, serverTime } from "./plant.js";
 
 export const SPANS = { "10 min": 600, "1 h": 3600, "6 h": 21600, "24 h": 86400 };
 const AT_ONCE = 4;
 const POINTS = 600;
+/** Points of a page that has been open for the whole span. */
+const MOST_LIVE = 3000;
 const HEIGHT = 150;
 
 /** Show the trends of a drive within an element; returns what ends it. */
@@ -50,10 +52,13 @@ export function showTrends(place, drive) {
   fit.observe(area);
   const dark = matchMedia("(prefers-color-scheme: dark)");
   dark.addEventListener("change", reload);
+  // What came while there was no connection is in the history.
+  const leave = onChange((changed) => { if (changed.reloaded) reload(); });
   document.addEventListener("theme", reload);
   reload();
   return () => {
     sampled();
+    leave();
     clearInterval(drawn);
     fit.disconnect();
     dark.removeEventListener("change", reload);
@@ -101,7 +106,7 @@ function makeChart(area, drive, name, unitText, seconds) {
 
   function add(value) {
     const time = value.time_s || serverTime();
-    if (time <= (times.at(-1) ?? 0)) return;
+    if (time - (times.at(-1) ?? 0) < seconds / MOST_LIVE) return;
     times.push(time);
     values.push(isSound(value) && isNumber(value.reading.value) ? Number(value.reading.value) : null);
   }
