@@ -32,7 +32,7 @@ export function drivePage(main, name) {
   const stopButton = el("button", { type: "button", class: "stop", "aria-label": `Stop ${name}`, click: () => stop(name) }, "Stop");
   const bar = el("div", { class: "drive-bar" },
     el("a", { href: "#/", class: "back", "aria-label": "Back to the plant" }, "‹"),
-    drawing, el("h1", { tabindex: "-1" }, name), state, heading, holder, stopButton);
+    el("div", { class: "drive-head" }, drawing, el("h1", { tabindex: "-1" }, name), state, heading, holder), stopButton);
   const fault = el("div", { class: "fault-box", role: "status", hidden: true });
   const values = valuesTable();
   const control = controls(name);
