@@ -34,12 +34,18 @@ COMMANDS = {
     "restore": ("parameter_sets.restore:restore", "Write the parameters in a file to a drive."),
     "poll": ("poll:poll", "Read parameters periodically."),
     "watch": ("watch.command:watch", "Watch drives on a live screen in the terminal."),
-    "plot": ("plot:plot", "Plot a log of values."),
+    "plot": ("plot:plot", "Plot a log or a history."),
+    "history": (
+        "history:history",
+        "Show what a server kept: values, events, commands, and the drives' own fault logs.",
+    ),
     "forecast": (
         "forecast:forecast",
         "Estimate how long a round of a poll plan takes.",
     ),
     "cohabit": ("cohabit:cohabit", "Check whether drives on one line can mistake each other's telegrams."),
+    "alarms": ("", "Alarms of a plant that drivecomm serve runs."),
+    "alarms check": ("alarms:check", "Show the alarms of a plant file in words, or try one out."),
     "simulate": ("simulate:simulate", "Serve virtual drives to other programs."),
     "serve": (
         "serve:serve",
@@ -74,7 +80,7 @@ COMMANDS = {
 READING = frozenset(
     {
         *("protocols", "decode", "encode", "scan", "doctor", "stats", "read", "status", "wait", "compare", "poll"),
-        *("forecast", "cohabit", "replay", "sniff", "conformance", "models", "vectors", "demo"),
+        *("forecast", "cohabit", "replay", "sniff", "conformance", "models", "vectors", "demo", "history"),
     }
 )
 """Commands that only print: they end when their output cannot be written. The others finish their work."""

@@ -1,31 +1,58 @@
-"""The plot command: a log of values as a picture or a page."""
+"""The plot command: a log of values, or a server's history, as a picture or a page."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drivecomm.cli.options import Json
 from drivecomm.cli.output import counted, tell
+from drivecomm.cli.time_ranges import From, Last, To, time_range
 from drivecomm.plant.value_log import read_rows
 from drivecomm.plant.value_plots import picture_of, save
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from drivecomm.cli.time_ranges import TimeRange
+    from drivecomm.plant.value_log import LogRow
+
+HISTORY_ENDING = ".sqlite"
+
 
 def plot(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="A file written by --log: .csv or .parquet.")],
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG", help="A file written by --log: .csv or .parquet; or a history: .sqlite.")
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", help="The file to write: .png, .svg or .html.")],
     drive: Annotated[list[str] | None, typer.Option("--drive", help="Only this drive; repeatable.")] = None,
     name: Annotated[list[str] | None, typer.Option("--name", help="Only this quantity; repeatable.")] = None,
     title: Annotated[str | None, typer.Option("--title", help="Title. Default: the name of the log.")] = None,
+    begin: From = None,
+    end: To = None,
+    last: Last = None,
     json: Json = False,
 ) -> int:
-    """Plot a log of values: a panel for each unit, gaps where a drive did not answer, and the states of the drives."""
-    picture = picture_of(read_rows(log), drives=drive or (), names=name or ())
+    """Plot a log or a history: a panel for each unit, gaps where a drive did not answer, and the drives' states."""
+    rows = _rows(log, drive or (), time_range(begin, end, last))
+    picture = picture_of(rows, drives=drive or (), names=name or ())
     save(picture, title or log.name, output)
     faults = f", {counted(len(picture.faults), 'fault')}" if picture.faults else ""
     text = f"{output}: {counted(len(picture.curves), 'curve')}{faults}"
     counts = {"curves": len(picture.curves), "drives": len(picture.drives), "faults": len(picture.faults)}
     tell(text, as_json=json, output=str(output), **counts)
     return 0
+
+
+def _rows(log: Path, drives: Sequence[str], when: TimeRange) -> Iterator[LogRow]:
+    if log.suffix != HISTORY_ENDING:
+        yield from (row for row in read_rows(log) if when.has(row.time.timestamp()))
+        return
+    # Not for logs.
+    from drivecomm.server.history import History, log_row  # noqa: PLC0415
+
+    with History(log) as history:
+        for drive in (*drives,) or (None,):
+            yield from map(log_row, history.values(drive, None, *when))

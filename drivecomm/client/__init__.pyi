@@ -1,6 +1,7 @@
 from .connection import LocalServer as LocalServer
+from .kept_motor import KeptMotor as KeptMotor
 from .line_streams import examined as examined
-from .line_trace import pieces_of as pieces_of
+from .line_trace import LineEar as LineEar
 from .registration import (
     Registration as Registration,
     identity as identity,

@@ -30,7 +30,7 @@ LONGEST_S = 60.0
 
 _STREAM_TICK_S = 0.1
 _CHUNK = 1 << 16
-_ERRORS = (OSError, http.client.HTTPException)
+_ERRORS = (OSError, ValueError, http.client.HTTPException)
 
 
 class LocalServer:
@@ -151,6 +151,8 @@ class LocalServer:
         return connection.getresponse()
 
     def _lines(self, sock: socket.socket, response: http.client.HTTPResponse) -> Iterator[Any]:
+        # What http.client makes of chunks waits for the next one before it hands over what has come.
+        chunks = _Chunks(response.chunked)
         pending = b""
         heard_at = time.monotonic()
         with self._errors():
@@ -163,11 +165,13 @@ class LocalServer:
                     yield None
                     continue
                 heard_at = time.monotonic()
-                piece = response.read1(_CHUNK)
-                if not piece:
-                    return
-                *lines, pending = (pending + piece).split(b"\n")
+                piece = response.fp.read1(_CHUNK)
+                *lines, pending = (pending + chunks.taken(piece)).split(b"\n")
                 yield from (parsed(line) for line in lines if line.strip())
+                if chunks.ended or (not piece and not response.chunked):
+                    return
+                if not piece:
+                    raise ConnectionResetError("a stream that breaks off")
 
     def _connected(self) -> _Connection:
         connection = _Connection(self.registration, self._alive_s)
@@ -223,6 +227,30 @@ class _Connection(http.client.HTTPConnection):
         """Whether something has come within this time, which may be that the server has gone."""
         ready, _, _ = select.select([self.sock], [], [], seconds)
         return bool(ready)
+
+
+class _Chunks:
+    """The pieces in which a stream comes (RFC 9112, section 7.1). ended: the last one has come."""
+
+    def __init__(self, chunked: bool) -> None:
+        self._chunked = chunked
+        self._pending = b""
+        self.ended = False
+
+    def taken(self, data: bytes) -> bytes:
+        """Return what these bytes complete."""
+        if not self._chunked:
+            return data
+        self._pending += data
+        taken = b""
+        while not self.ended:
+            head, end, rest = self._pending.partition(b"\r\n")
+            size = int(head.partition(b";")[0], 16) if end else 0
+            if not end or len(rest) < size + 2:
+                break
+            taken, self._pending = taken + rest[:size], rest[size + 2 :]
+            self.ended = not size
+        return taken
 
 
 def _has_more(sock: socket.socket, response: http.client.HTTPResponse) -> bool:

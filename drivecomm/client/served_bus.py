@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from drivecomm.bus import Found, Job, LineChoices, Member
     from drivecomm.capture import Record
     from drivecomm.client.registration import Registration
-    from drivecomm.client.served_drive import SentDrive
     from drivecomm.link import CommandCall, Health, Peer, Statistics, TraceEvent
     from drivecomm.polling import PollItem, PollResult
     from drivecomm.protocol import LineSettings, Model
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
 # What a call may take in all unless its drive says otherwise, and the way there and back.
 _CALL_S = 30.0
 _WAY_S = 5.0
+_VALID_S = 10
 
 
 class ServedLine:
@@ -108,7 +108,11 @@ class ServedLine:
         """Have the server carry out a verb, and return its result; raises the error that it ends with."""
         content = {"id": os.urandom(8).hex(), **of.request(arguments)}
         limit_s = float(content.get("options", {}).get("deadline_s", _CALL_S)) + _WAY_S
-        post = self.server.read if verb in READING else self.server.order
+        reads = verb in READING
+        if not reads:
+            # As long as a server lets a command wait for its turn.
+            content["valid_s"] = _VALID_S
+        post = self.server.read if reads else self.server.order
         answer = post(f"{of.place}/{verb}", content, limit_s=max(limit_s, LONGEST_S))
         if answer.get("error"):
             raise of.own_error(error_of(answer["error"]))
@@ -206,11 +210,7 @@ class ServedBus(ServedLine):
         """Count no writes to EEPROM: the server does, for everybody."""
 
     def watched(self, peer: Peer, silence_s: float | None) -> None:
-        """Take no note of a watchdog: see `note_watchdog`."""
-
-    def note_watchdog(self, drive: SentDrive[Any], silence_s: float | None) -> None:
-        """Tell the server how long a drive's watchdog waits."""
-        self.carry_out(drive, "watched", {"silence_s": silence_s})
+        """Take no note of a watchdog: the server does, of the motors that it keeps."""
 
     def now(self) -> float:
         """Return the time of this machine's clock that nobody sets, in seconds."""

@@ -82,8 +82,7 @@ class SentDrive(DriveVerbs[B], Sent):
             self._exchanges.operations.reason = reason
 
     def watched(self, silence_s: float | None) -> None:
-        """Say how long this drive's watchdog waits for its master; the server takes note."""
-        self._bus.note_watchdog(self, silence_s)
+        """Take no note of how long its watchdog waits: the server does, of the motors that it keeps."""
 
     def send(self, verb: str, arguments: dict[str, Any], job: Callable[[], Job[Any]]) -> Any:
         """Have the server carry out a verb."""

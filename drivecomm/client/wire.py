@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from decimal import Decimal
 from enum import Enum
 from functools import cache
+from json.encoder import encode_basestring_ascii as _quoted
+from math import isfinite
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm import errors
@@ -23,20 +25,19 @@ Json: TypeAlias = "dict[str, Any] | list[Any] | str | int | float | Decimal | bo
 
 
 def json_text(content: Any) -> str:
-    """Return JSON for what `plain` gives, with decimals as numbers that keep their digits: 10.00 stays 10.00.
-
-    A decimal without a point is written with an exponent, 50E0, so that it is read as a decimal again.
-    """
+    """Return JSON for what `plain` gives, with decimals as numbers that keep their digits: 10.00 stays 10.00."""
+    # Each value that changes goes through here, for the stream.
     if isinstance(content, str):
-        return json.dumps(content)
+        return _quoted(content)
+    if content is None:
+        return "null"
+    if type(content) is float and isfinite(content):
+        return repr(content)
     if isinstance(content, Decimal):
-        if not content.is_finite():
-            # What is no number has no other form than its name.
-            return f'"{content}"'
-        text = str(content)
-        return text if "." in text or "E" in text else f"{text}E0"
+        # "1E+3" is JSON, too; what is no number has no other form than its name.
+        return str(content) if content.is_finite() else f'"{content}"'
     if isinstance(content, dict):
-        return "{" + ",".join(f"{json.dumps(str(key))}:{json_text(each)}" for key, each in content.items()) + "}"
+        return "{" + ",".join(f"{_quoted(str(key))}:{json_text(each)}" for key, each in content.items()) + "}"
     if isinstance(content, list | tuple):
         return "[" + ",".join(map(json_text, content)) + "]"
     return json.dumps(content, allow_nan=False)
@@ -52,10 +53,9 @@ def plain(value: Any) -> Any:
     if value is None or (isinstance(value, str | int | float | Decimal) and not isinstance(value, Enum)):
         return value
     if type(value).__name__ == "Reading":
-        return {**{field.name: getattr(value, field.name) for field in dataclasses.fields(value)},
-                "quality": value.quality}  # fmt: skip
+        return {**{name: getattr(value, name) for name in _names(value)}, "quality": value.quality}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return {name: plain(getattr(value, name)) for name in _names(value)}
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, bytes):
@@ -67,6 +67,15 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(each) for each in value]
     return str(value)
+
+
+def _names(value: Any) -> tuple[str, ...]:
+    return _names_of(value.__class__)
+
+
+@cache
+def _names_of(owner: Any) -> tuple[str, ...]:
+    return tuple(field.name for field in dataclasses.fields(owner))
 
 
 def reading_of(content: Mapping[str, Any]) -> Reading:
@@ -86,11 +95,6 @@ def status_of(content: Mapping[str, Any]) -> DriveStatus:
     }
     state, flags = DriveState(content["state"]), tuple(content.get("flags", ()))
     return DriveStatus(**{**content, **exact, "state": state, "flags": flags})
-
-
-def drive_options(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what is said of a drive, as `Bus.drive` takes it: times are floats there, and exact in JSON."""
-    return {name: float(value) if isinstance(value, Decimal) else value for name, value in content.items()}
 
 
 def result_of(content: Any) -> Any:

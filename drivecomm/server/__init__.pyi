@@ -32,7 +32,6 @@ from .observations import (
 from .places import (
     audit_file as audit_file,
     history_file as history_file,
-    plant_id as plant_id,
     state_folder as state_folder,
 )
 from .repeats import Repeats as Repeats

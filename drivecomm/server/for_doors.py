@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import NotAllowedError, UsageError
 from drivecomm.protocol import Stop
-from drivecomm.server.door import Command, Role
+from drivecomm.server.door import LOCAL, Command, Role
 from drivecomm.server.examining import Crossing, examination
 from drivecomm.server.rights import NEEDS
 from drivecomm.server.table import ChangesFor
@@ -131,7 +131,9 @@ class PlantForDoors:
 
     async def _take(self, caller: Caller, drive: str, seconds: float) -> Lease:
         config = self._core.plant.drive(drive)
-        if not COMMANDING & set(self._core.rights.verbs_for(caller, config)):
+        # Whoever may arm a drive for one command may have its lease, too.
+        arms = caller.door == LOCAL and caller.role >= Role.COMMISSION
+        if not arms and not COMMANDING & set(self._core.rights.verbs_for(caller, config)):
             # Says why.
             self._core.rights.check(caller, Command(drive=drive, verb="set_reference"), config)
         return self._core.leases.take(caller, config.name, seconds, now=time.monotonic(), time_s=time.time())

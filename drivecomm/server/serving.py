@@ -11,7 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import Registration, local_socket, register, written_again
-from drivecomm.errors import DriveCommError
+from drivecomm.errors import DriveCommError, PortError
 from drivecomm.plant import read_plant
 from drivecomm.server.alarm_watch import AlarmWatch
 from drivecomm.server.alarms import PlantAlarms, read_alarms
@@ -119,6 +119,10 @@ class Serving:
                 doors.append(OpenDoor(alarms, plant, self._tell("alarm")))
             stack.push_async_callback(_closed, doors)
             await _opened(doors)
+            if not doors[0].opened.is_set():
+                raise PortError(
+                    f"the server cannot be reached at {self.socket}: {doors[0].failed or 'it does not open'}"
+                )
             with self._signals(core, record):
                 feeding = asyncio.create_task(self._manager.feed_watchdog())
                 self._manager.ready(self._size(core))

@@ -6,14 +6,14 @@ import asyncio
 import os
 import time
 from contextlib import suppress
-from datetime import UTC, datetime
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from drivecomm.errors import FileFormatError, NotAllowedError
 from drivecomm.server import STATUS, Role
 from drivecomm.server.alarms.delivery import Delivery, Waiting
 from drivecomm.server.alarms.kept_state import KeptState, read_state, write_state
+from drivecomm.server.alarms.messages import entry_of
 from drivecomm.server.alarms.receivers import receivers_of
 from drivecomm.server.alarms.states import Alarms
 
@@ -79,8 +79,8 @@ class PlantAlarms:
         with self._lock:
             return self._alarms.standing()
 
-    def acknowledge(self, caller: Caller, alarm_id: str) -> None:
-        """Take note that somebody looks after an alarm: it is not reminded of any more.
+    def acknowledge(self, caller: Caller, alarm_id: str) -> Alarm:
+        """Take note that somebody looks after an alarm, and return it: nobody is reminded of it any more.
 
         Raises NotAllowedError for a caller who may only look, UsageError for an alarm that does not stand.
         """
@@ -88,8 +88,10 @@ class PlantAlarms:
             raise NotAllowedError(f"{caller} may not acknowledge alarms; that needs the role operate")
         with self._lock:
             done = self._alarms.acknowledge(alarm_id, caller.name, time.time())
-        if done is not None:
-            self._tell([done], who=str(caller))
+            if done is None:
+                return next(each for each in self._alarms.standing() if each.id == alarm_id)
+        self._tell([done], who=str(caller))
+        return done.alarm
 
     async def run(self) -> None:
         """Watch the plant until cancelled; then what is waiting is tried for 2 s, and the rest is kept in the file."""
@@ -191,41 +193,3 @@ class PlantAlarms:
 
     def _change(self) -> None:
         self._changed = True
-
-
-def entry_of(transition: Transition) -> dict[str, Any]:
-    """Return what is told of a transition, as receivers get it."""
-    alarm = transition.alarm
-    title = f"{alarm.rule}: {alarm.drive}" + {"reminded": " (reminder)", "over": " (over)"}.get(transition.what, "")
-    return {
-        "message": f"{alarm.id}.{alarm.told}",
-        "what": transition.what,
-        "id": alarm.id,
-        "rule": alarm.rule,
-        "drive": alarm.drive,
-        "title": title,
-        "text": f"{alarm.drive}: {transition.text}, since {_clock(alarm.since_s)}",
-        "since": _utc(alarm.since_s),
-        "time": _utc(transition.time_s),
-        "times": alarm.times,
-        "acknowledged_by": alarm.acknowledged_by,
-    }
-
-
-def entry_of_test(rule: AlarmRule) -> dict[str, Any]:
-    """Return what is told to see whether a rule's messages arrive."""
-    now = time.time()
-    text = f"This is a test of {rule.name}; there is no alarm."
-    return {
-        "message": f"test-{now:.0f}", "what": "test", "id": f"test-{now:.0f}", "rule": rule.name, "drive": "",
-        "title": f"{rule.name} (test)", "text": text, "since": _utc(now), "time": _utc(now), "times": 0,
-        "acknowledged_by": "",
-    }  # fmt: skip
-
-
-def _utc(time_s: float) -> str:
-    return datetime.fromtimestamp(time_s, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-
-
-def _clock(time_s: float) -> str:
-    return datetime.fromtimestamp(time_s).astimezone().isoformat(" ", timespec="seconds")

@@ -8,4 +8,5 @@ from .records import (
     Quantity as Quantity,
     log_row as log_row,
 )
+from .store import Store as Store
 from .thinning import Point as Point

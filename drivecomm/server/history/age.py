@@ -13,7 +13,7 @@ class AgeLimit:
 
     def __init__(self, days: float) -> None:
         self._kept_s = days * 86400
-        self._before_s = float("-inf")
+        self._before_s = 0.0
         self._next: float | None = None
         self._since_s = 0.0
 

@@ -9,20 +9,19 @@ import time
 from collections import deque
 from contextlib import suppress
 from datetime import datetime
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.server.history.age import AgeLimit
 from drivecomm.server.history.schema import code_of, is_damaged, move_aside
-from drivecomm.server.history.store import CommandDone, FaultLogRead, Gap, Store
+from drivecomm.server.history.store import CommandDone, FaultLogRead, Gap, Other, Store
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from drivecomm.protocol import Reading
-    from drivecomm.server.door import Answer, Caller, Command
-    from drivecomm.server.observations import CurrentValue, Event
+    from drivecomm.server import Answer, Caller, Command, CurrentValue, Event
 
 COMMITTED_EVERY_S = 0.5
 ROWS_A_COMMIT = 5_000
@@ -33,7 +32,6 @@ TRIED_AGAIN_S = 5.0
 _TIDIED_EVERY_S = 60.0
 _LEAST_MEGABYTES = 10
 _LOGGER = logging.getLogger("drivecomm.history")
-_Other: TypeAlias = "Event | CommandDone | FaultLogRead | Gap"
 
 
 class Journal:
@@ -66,7 +64,7 @@ class Journal:
         self._guard = threading.Lock()
         self._values: deque[Sequence[CurrentValue]] = deque()
         self._waiting = 0
-        self._others: deque[_Other] = deque(maxlen=MOST_WAITING)
+        self._others: deque[Other] = deque(maxlen=MOST_WAITING)
         self._dropped: Gap | None = None
         self._trouble = ""
         self._store: Store | None = None
@@ -186,7 +184,7 @@ class Journal:
             self._tell(f"{self.file}: the history is written again; {self.missing} values are missing in all")
             self._trouble = ""
 
-    def _put_back(self, values: Sequence[CurrentValue], others: Sequence[_Other], dropped: Gap | None) -> None:
+    def _put_back(self, values: Sequence[CurrentValue], others: Sequence[Other], dropped: Gap | None) -> None:
         with self._guard:
             if dropped:
                 later = self._dropped

@@ -6,12 +6,12 @@ import sqlite3
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 
-from drivecomm.client.wire import parsed
+from drivecomm.client import parsed
 from drivecomm.errors import FileFormatError, UsageError, meant
+from drivecomm.server import Event
 from drivecomm.server.history.records import FaultLogEntry, PastCommand, PastEvent, PastValue, Quantity, value_of
 from drivecomm.server.history.schema import open_for_reading
 from drivecomm.server.history.thinning import Point, thinned
-from drivecomm.server.observations import Event
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -221,13 +221,11 @@ class History:
     def _known_keys(self, drive: str | None, name: str | None) -> list[_Key]:
         keys = self._keys(drive, name)
         if not keys and drive is not None:
-            known = {key.quantity for key in self._keys(None, None)}
-            if drive not in {each.drive for each in known}:
-                raise UsageError(
-                    f"{self.file} has no drive {drive!r}; {meant(drive, {each.drive for each in known}, 'it has')}"
-                )
-            names = {each.name for each in known if each.drive == drive}
-            raise UsageError(f"{self.file} has no {name!r} of {drive}; {meant(name or '', names, 'it has')}")
+            drives = self.drives()
+            if drive not in drives:
+                raise UsageError(f"{self.file} has no drive {drive!r}; {meant(drive, drives, 'it has')}")
+            names = dict.fromkeys(key.quantity.name for key in self._keys(drive, None))
+            raise UsageError(f"{self.file} has no {name!r} of {drive}; {meant(name, names, 'it has')}")
         return keys
 
     def _extent(self) -> tuple[int, int]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from drivecomm.polling import ResultQuality
     from drivecomm.protocol import Value
-    from drivecomm.server.observations import Event
+    from drivecomm.server import Event
 
 _LARGEST_WHOLE = 2**63 - 1
 

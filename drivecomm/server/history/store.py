@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, NamedTuple
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
-from drivecomm.client.wire import json_text, plain
+from drivecomm.client import json_text, plain
 from drivecomm.server.history.records import whole_and_exponent
 from drivecomm.server.history.schema import ROWS_A_SEGMENT, open_for_writing
 
@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.protocol import Reading
-    from drivecomm.server.door import Answer, Caller, Command
-    from drivecomm.server.observations import CurrentValue, Event
+    from drivecomm.server import Answer, Caller, Command, CurrentValue, Event
 
 _FULL = 0.95
 """Up to this share of what it may have, a file is left alone."""
@@ -52,22 +51,22 @@ class Gap(NamedTuple):
     text: str
 
 
+Other: TypeAlias = "Event | CommandDone | FaultLogRead | Gap"
+_UNFIT = (ValueError, TypeError, ArithmeticError)
+
+
 class Store:
     """An open file. Raises FileFormatError and sqlite3.Error, as its methods do; after an error it has to be closed."""
 
     def __init__(self, path: Path) -> None:
         self._connection = open_for_writing(path)
         self._execute = self._connection.execute
+        self._segment = self._row = 1
+        self._recent = 0
+        self._quantities: dict[tuple[object, ...], int] = {}
+        self._remarks: dict[tuple[str, str, str], int] = {}
         try:
-            self._segment, sorted_row = self._execute(
-                "SELECT coalesce(max(number), 0) + 1, coalesce(max(last_row), 0) FROM segment"
-            ).fetchone()
-            self._recent, recent_row = self._execute("SELECT count(*), coalesce(max(row), 0) FROM recent").fetchone()
-            self._row = max(sorted_row, recent_row) + 1
-            found = self._execute("SELECT drive, name, address, unit, exponent, id FROM quantity")
-            self._quantities: dict[tuple[object, ...], int] = {row[:-1]: row[-1] for row in found}
-            found = self._execute("SELECT quality, text, note, number FROM remark WHERE segment = ?", (self._segment,))
-            self._remarks: dict[tuple[str, str, str], int] = {row[:-1]: row[-1] for row in found}
+            self._load()
         except BaseException:
             self._connection.close()
             raise
@@ -82,8 +81,19 @@ class Store:
         found = found or self._execute("SELECT end_ms FROM segment ORDER BY number DESC LIMIT 1").fetchone()
         return found[0] / 1000 if found else None
 
-    def add(self, values: Sequence[CurrentValue], others: Sequence[Event | CommandDone | FaultLogRead | Gap]) -> None:
-        """Add a batch, all of it or nothing."""
+    def add(self, values: Sequence[CurrentValue], others: Sequence[Other]) -> None:
+        """Add a batch, all of it or nothing; but what no database can hold, such as a time that is no number."""
+        try:
+            self._add(values, others)
+        except _UNFIT:
+            for value in values:
+                with suppress(*_UNFIT):
+                    self._add([value], [])
+            for other in others:
+                with suppress(*_UNFIT):
+                    self._add([], [other])
+
+    def _add(self, values: Sequence[CurrentValue], others: Sequence[Other]) -> None:
         with self._transaction():
             for other in others:
                 self._add_other(other)
@@ -151,7 +161,21 @@ class Store:
         except BaseException:
             if self._connection.in_transaction:
                 self._execute("ROLLBACK")
+                # It may have come to know what is in no file now.
+                self._load()
             raise
+
+    def _load(self) -> None:
+        """Find out where the file stands."""
+        self._segment, sorted_row = self._execute(
+            "SELECT coalesce(max(number), 0) + 1, coalesce(max(last_row), 0) FROM segment"
+        ).fetchone()
+        self._recent, recent_row = self._execute("SELECT count(*), coalesce(max(row), 0) FROM recent").fetchone()
+        self._row = max(sorted_row, recent_row) + 1
+        found = self._execute("SELECT drive, name, address, unit, exponent, id FROM quantity")
+        self._quantities = {row[:-1]: row[-1] for row in found}
+        found = self._execute("SELECT quality, text, note, number FROM remark WHERE segment = ?", (self._segment,))
+        self._remarks = {row[:-1]: row[-1] for row in found}
 
     def _row_of(self, row: int, value: CurrentValue) -> tuple[object, ...]:
         reading, quality = value.reading, value.quality
@@ -185,7 +209,7 @@ class Store:
             self._execute("INSERT INTO remark VALUES (?, ?, ?, ?, ?)", (self._segment, known, *key))
         return known
 
-    def _add_other(self, other: Event | CommandDone | FaultLogRead | Gap) -> None:
+    def _add_other(self, other: Other) -> None:
         if isinstance(other, Gap):
             gap = (self._row, round(other.from_s * 1000), round(other.to_s * 1000), other.text)
             self._execute("INSERT INTO gap VALUES (NULL, ?, ?, ?, ?)", gap)

@@ -89,7 +89,9 @@ class HttpDoor:
         tls = self._tls if self._certificate else None
         listening = _listening(self._address)
         self.port = listening.getsockname()[1]
-        await _run(plant, opened, listening, callers, names=[name.lower() for name in self._names], tls=tls)
+        await _run(
+            plant, opened, listening, callers, name=self.name, names=[name.lower() for name in self._names], tls=tls
+        )
 
     def _tls(self) -> ssl.SSLContext:
         import ssl  # noqa: PLC0415 - only for doors with TLS
@@ -122,11 +124,11 @@ class LocalDoor:
         if not hasattr(socket, "AF_UNIX") or os.name != "posix":
             listening = _listening(("127.0.0.1", 0))
             self.port, self.token = listening.getsockname()[1], secrets.token_urlsafe(32)
-            await _run(plant, opened, listening, SecretCallers(self.token), names=[], local=True)
+            await _run(plant, opened, listening, SecretCallers(self.token), name=self.name, names=[], local=True)
             return
         listening = _unix_socket(self._path)
         try:
-            await _run(plant, opened, listening, SocketCallers(), names=None, local=True)
+            await _run(plant, opened, listening, SocketCallers(), name=self.name, names=None, local=True)
         finally:
             with suppress(OSError):
                 self._path.unlink()
@@ -138,6 +140,7 @@ async def _run(
     listening: socket.socket,
     callers: Callers,
     *,
+    name: str,
     names: Collection[str] | None,
     local: bool = False,
     tls: Callable[[], ssl.SSLContext] | None = None,
@@ -153,12 +156,14 @@ async def _run(
         check_place,
         own_names,
     )
+    from drivecomm.server.http.metrics import Metrics  # noqa: PLC0415 - as above
     from drivecomm.server.http.serving import serve  # noqa: PLC0415 - as above
     from drivecomm.server.http.stream import Streams  # noqa: PLC0415 - as above
 
-    state = DoorState(plant=plant, streams=Streams(plant), logins=LoginRate())
+    streams = Streams(plant)
+    state = DoorState(plant=plant, streams=streams, logins=LoginRate(), metrics=Metrics(plant, name, streams))
     check = check_no_browser if names is None else partial(check_place, names=own_names().union(names))
-    await serve(application(state, callers, check, local=local), listening, opened, state.streams.close, tls)
+    await serve(application(state, callers, check, local=local), listening, opened, streams.close, tls)
 
 
 def _listening(address: tuple[str, int]) -> socket.socket:

@@ -3,8 +3,12 @@
 import asyncio
 import contextlib
 import json
+import os
+import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 from alarm_plant import AlarmPlant
@@ -170,18 +174,38 @@ def test_what_stands_is_in_the_file_before_it_is_delivered(running, hook, eventu
     eventually(lambda: not json.loads((tmp_path / "alarms.json").read_text())["waiting"])
 
 
-def test_killed_and_started_again(running, hook, eventually, tmp_path):
-    """What a killed server leaves is what stands in the file at any moment."""
-    watched = rule(deliver=(f"webhook:{hook.url}",))
-    server = running(watched, state=pump("F1"))
+PROGRAM = """
+import asyncio, sys
+from pathlib import Path
+from alarm_plant import AlarmPlant
+from alarm_points import pump, rule
+from drivecomm.server.alarms import PlantAlarms
+
+plant = AlarmPlant()
+plant.state = pump("F1")
+watched = rule(deliver=(f"webhook:{sys.argv[2]}",))
+asyncio.run(PlantAlarms(plant, [watched], file=Path(sys.argv[1]), write_event=lambda *_, **__: None).run())
+"""
+
+
+@pytest.mark.parametrize("does", ["hang", 200])
+def test_a_server_that_is_killed_while_it_tells_or_afterwards(running, hook, eventually, tmp_path, does):
+    hook.does = does
     file = tmp_path / "alarms.json"
-    eventually(lambda: hook.got and not json.loads(file.read_text())["waiting"])
-    left = file.read_text()
-    server.end()
-    file.write_text(left)
-    running(watched, session="later", state=pump("F1"))
-    time.sleep(0.5)
-    assert hook.told == ["raised"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    with subprocess.Popen([sys.executable, "-c", PROGRAM, file, hook.url], env=environment) as process:
+        eventually(lambda: hook.begun, 60)
+        eventually(lambda: does == "hang" or not json.loads(file.read_text())["waiting"])
+        process.kill()
+    hook.does = 200
+    server = running(rule(over_s=1.0, deliver=(f"webhook:{hook.url}",)), session="later", state=pump("F1"))
+    eventually(lambda: hook.told)
+    (alarm,) = server.alarms.standing()
+    assert alarm.id == "run-1"
+    server.plant.see(pump())
+    eventually(lambda: hook.told == ["raised", "over"])
+    assert hook.begun == 2 + (does == "hang")
+    assert [each["message"] for message in hook.got for each in message["alarms"]] == ["run-1.1", "run-1.2"]
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"format": 1}', '{"format": 7}', '{"format": 1, "number": "x"}'])

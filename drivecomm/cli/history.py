@@ -1,0 +1,182 @@
+"""The history command: what a server kept of values, events, commands, and faults that drives remember."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drivecomm.cli.drive_names import plant_file
+from drivecomm.cli.options import Json
+from drivecomm.cli.output import counted, emit, plain, say, tell
+from drivecomm.cli.time_ranges import From, Last, To, clock, time_range
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.server.history import History, log_row
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from drivecomm.cli.time_ranges import TimeRange
+    from drivecomm.plant.value_log import CsvLog, ParquetLog
+    from drivecomm.server.history import PastValue
+
+_SHOWN = "1h"
+"""What is shown where no time is given; files get everything."""
+
+
+def history(
+    drive: Annotated[
+        str | None, typer.Argument(metavar="DRIVE", help="Its name in the plant. Default: the latest values of all.")
+    ] = None,
+    quantities: Annotated[
+        list[str] | None, typer.Argument(metavar="QUANTITY...", help="Only these, such as output_frequency.")
+    ] = None,
+    events: Annotated[bool, typer.Option("--events", help="Show what happened: faults, silence, commands.")] = False,
+    commands: Annotated[bool, typer.Option("--commands", help="Show who commanded what, and what came of it.")] = False,
+    fault_logs: Annotated[
+        bool, typer.Option("--fault-logs", help="Show the faults that drives remembered when they were asked.")
+    ] = False,
+    begin: From = None,
+    end: To = None,
+    last: Last = None,
+    csv: Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="Export the values as CSV.")] = None,
+    parquet: Annotated[
+        Path | None, typer.Option("--parquet", metavar="FILE", help="Export the values as Parquet.")
+    ] = None,
+    file: Annotated[
+        Path | None, typer.Option("--file", metavar="FILE", help="The history file. Default: that of the plant.")
+    ] = None,
+    plant: Annotated[
+        Path | None, typer.Option("--plant", metavar="FILE", help="Plant file. Default: plant.toml in this folder.")
+    ] = None,
+    json: Json = False,
+) -> int:
+    """Show what a server kept: values, events, commands, and the drives' own fault logs.
+
+    The history can be read while the server writes it, and without a server. Times are local, and end with the zone.
+    Without a time, the last hour is shown; --csv and --parquet export everything then.
+    """
+    if file is not None and plant is not None:
+        raise UsageError("--file names the history itself, so --plant has no effect; leave it out")
+    chosen = [flag for flag, given in _flags(events, commands, fault_logs, csv, parquet).items() if given]
+    if len(chosen) > 1:
+        raise UsageError(f"{' and '.join(chosen)} exclude each other; give one of them")
+    lists = events or commands or fault_logs
+    if lists and quantities:
+        raise UsageError(f"{chosen[0]} is of drives, not of quantities; leave {quantities[0]} out")
+    target = csv or parquet
+    when = time_range(begin, end, last, otherwise=None if target else _SHOWN)
+    with History(file or history_file(plant)) as opened:
+        if events:
+            _show_events(opened, drive, when, as_json=json)
+        elif commands:
+            _show_commands(opened, drive, when, as_json=json)
+        elif fault_logs:
+            _show_fault_logs(opened, drive, when, as_json=json)
+        elif target is not None:
+            count = _export(_wanted(opened, drive, quantities, when), target, is_csv=csv is not None)
+            tell(f"{target}: {counted(count, 'value')}", as_json=json, output=str(target), values=count)
+        else:
+            given = drive is not None or any(each is not None for each in (begin, end, last))
+            for value in _wanted(opened, drive, quantities, when) if given else opened.latest():
+                _show(value, as_json=json)
+    return 0
+
+
+def history_file(plant: Path | None) -> Path:
+    """Return the history of a plant: of its server where one runs, otherwise where its file says. Raises UsageError."""
+    path = plant_file(plant, port_given=False)
+    if path is None:
+        raise UsageError("there is no plant file here; give --plant plant.toml, or the history itself with --file")
+    # Loaded by those who do not say which file.
+    from drivecomm.client import server_of_plant  # noqa: PLC0415
+    from drivecomm.server import read_settings  # noqa: PLC0415
+
+    server = server_of_plant(path)
+    if server is not None and server.history:
+        return Path(server.history)
+    settings = read_settings(path)
+    if settings.history is None:
+        raise UsageError(f"{path}: its server keeps no history; leave history = false out, and start it again")
+    return settings.history.file
+
+
+def _flags(events: bool, commands: bool, fault_logs: bool, csv: Path | None, parquet: Path | None) -> dict[str, Any]:
+    return {
+        "--events": events, "--commands": commands, "--fault-logs": fault_logs, "--csv": csv, "--parquet": parquet,
+    }  # fmt: skip
+
+
+def _wanted(history: History, drive: str | None, quantities: list[str] | None, when: TimeRange) -> Iterator[PastValue]:
+    for name in (*(quantities or ()),) or (None,):
+        yield from history.values(drive, name, *when)
+
+
+def _show(value: PastValue, *, as_json: bool) -> None:
+    if as_json:
+        emit(**plain(value))
+        return
+    shown = "-" if value.value is None else f"{value.value} {value.unit}".rstrip()
+    shown += f" ({value.text})" if value.text else ""
+    why = f": {value.note}" if value.note else ""
+    say(f"{clock(value.time_s)}  {value.drive}  {value.name:<24} {shown:>14}  {value.quality}{why}")
+
+
+def _show_events(history: History, drive: str | None, when: TimeRange, *, as_json: bool) -> None:
+    for each in history.events(drive, None, *when):
+        event = each.event
+        if as_json:
+            emit(row=each.row, **plain(event))
+        else:
+            about = " ".join(filter(None, (event.drive, event.line and f"(line {event.line})")))
+            who = f", by {event.who}" if event.who else ""
+            say(f"{clock(event.time_s)}  {event.kind:<10}  {about or '-'}: {event.text}{who}")
+
+
+def _show_commands(history: History, drive: str | None, when: TimeRange, *, as_json: bool) -> None:
+    for each in history.commands(drive, *when):
+        if as_json:
+            emit(**plain(each))
+        else:
+            arguments = " ".join(f"{name}={value}" for name, value in each.arguments.items())
+            asked = f"{each.verb} {arguments}".rstrip()
+            why = f": {each.text}" if each.text else ""
+            say(f"{clock(each.time_s)}  {each.drive}  {asked}, by {each.who} ({each.door}): {each.outcome}{why}")
+
+
+def _show_fault_logs(history: History, drive: str | None, when: TimeRange, *, as_json: bool) -> None:
+    for each in history.fault_logs(drive, *when):
+        if as_json:
+            emit(**plain(each))
+        else:
+            text = f" ({each.text})" if each.text else ""
+            say(f"{clock(each.time_s)}  {each.drive}  {each.place:>2}  {each.address:<10} {each.value}{text}")
+
+
+def _export(values: Iterable[PastValue], path: Path, *, is_csv: bool) -> int:
+    """Write values to a file as logs have them; returns how many."""
+    if path.exists():
+        raise FileFormatError(f"{path}: is there already; give another name")
+    count = 0
+    with _opened(path, is_csv=is_csv) as log:
+        for count, value in enumerate(values, 1):  # noqa: B007 - how many there were
+            log.write(log_row(value))
+    return count
+
+
+@contextmanager
+def _opened(path: Path, *, is_csv: bool) -> Iterator[CsvLog | ParquetLog]:
+    from drivecomm.plant.value_log import CsvLog, ParquetLog  # noqa: PLC0415 - for those who export
+
+    log = CsvLog(path) if is_csv else ParquetLog(path)
+    try:
+        yield log
+        log.close()
+    except OSError as error:
+        log.abandon()
+        raise FileFormatError(f"{path}: cannot be written: {error.strerror or error}; it is incomplete") from error
+    except BaseException:
+        log.abandon()
+        raise

@@ -1,0 +1,71 @@
+"""Options for a stretch of time: from when to when, or the last hours; times are local unless they name a zone."""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime, time, timedelta
+from typing import Annotated, NamedTuple
+
+import typer
+
+from drivecomm.errors import UsageError
+
+From = Annotated[
+    str | None, typer.Option("--from", metavar="TIME", help='From then on, such as "2026-11-22 10:00", or 10:00 today.')
+]
+To = Annotated[str | None, typer.Option("--to", metavar="TIME", help="Until then.")]
+Last = Annotated[str | None, typer.Option("--last", metavar="DURATION", help="The last 30min, 2h or 7d.")]
+
+_DURATION = re.compile(r"(\d+(?:\.\d+)?) *(s|min|m|h|d)", re.ASCII)
+_SECONDS = {"s": 1, "m": 60, "min": 60, "h": 3600, "d": 86400}
+
+
+class TimeRange(NamedTuple):
+    """From when to when, in seconds since 1970; None without an end."""
+
+    from_s: float | None
+    to_s: float | None
+
+    def has(self, time_s: float) -> bool:
+        """Whether a time is within."""
+        return (self.from_s is None or self.from_s <= time_s) and (self.to_s is None or time_s <= self.to_s)
+
+
+def time_range(begin: str | None, end: str | None, last: str | None, *, otherwise: str | None = None) -> TimeRange:
+    """Return what is asked for. otherwise: the last DURATION where nothing is. Raises UsageError."""
+    if last is not None and (begin is not None or end is not None):
+        raise UsageError("--last reaches to the present; give it alone, or --from and --to")
+    if last is None and begin is None and end is None:
+        last = otherwise
+    if last is not None:
+        match = _DURATION.fullmatch(last.strip())
+        if match is None:
+            raise UsageError(f"invalid --last {last!r}; write a number and s, min, h or d, such as 2h")
+        seconds = float(match[1]) * _SECONDS[match[2]]
+        now = datetime.now().astimezone()
+        try:
+            return TimeRange((now - timedelta(seconds=seconds)).timestamp(), None)
+        except OverflowError:
+            return TimeRange(None, None)
+    found = TimeRange(_clock(begin, "--from"), _clock(end, "--to"))
+    if found.from_s is not None and found.to_s is not None and found.from_s > found.to_s:
+        raise UsageError(f"--from {begin} is after --to {end}; exchange them")
+    return found
+
+
+def clock(time_s: float) -> str:
+    """Return a time as people read it: local, with the zone."""
+    return datetime.fromtimestamp(time_s).astimezone().isoformat(sep=" ", timespec="milliseconds")
+
+
+def _clock(text: str | None, flag: str) -> float | None:
+    if text is None:
+        return None
+    try:
+        try:
+            when = datetime.combine(datetime.now().astimezone().date(), time.fromisoformat(text))
+        except ValueError:
+            when = datetime.fromisoformat(text)
+        return when.astimezone().timestamp() if when.tzinfo is None else when.timestamp()
+    except (ValueError, OverflowError, OSError):
+        raise UsageError(f'invalid {flag} {text!r}; write a local time such as "2026-11-22 10:00", or 10:00') from None

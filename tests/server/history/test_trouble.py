@@ -1,0 +1,255 @@
+"""What becomes of a history when its process is killed, its disk is full or hangs, or its file is damaged."""
+
+import resource
+import signal
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from past_values import NOON, event, value
+
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.server.history import History, Journal, journal as journals, store
+
+WRITER = """
+import sys, time
+from decimal import Decimal
+from pathlib import Path
+from drivecomm.protocol import Reading
+from drivecomm.server import CurrentValue
+from drivecomm.server.history import Journal
+
+journal, number = Journal(Path(sys.argv[1])), 0
+while True:
+    batch = []
+    for _ in range(50):
+        reading = Reading(parameter="241", value=number, raw=number, time_s=time.time())
+        batch.append(CurrentValue(drive="pump", name="f", reading=reading, quality="good", time_s=time.time()))
+        number += 1
+    journal.add_values(batch)
+    print(number, journal.written, flush=True)
+    time.sleep(0.002)
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "history.sqlite"
+
+
+@pytest.fixture
+def said():
+    return []
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch):
+    monkeypatch.setattr(journals, "COMMITTED_EVERY_S", 0.01)
+    monkeypatch.setattr(journals, "TRIED_AGAIN_S", 0.02)
+
+
+def until(condition):
+    end = time.monotonic() + 20
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def numbers(file, **wanted):
+    with History(file) as history:
+        return [each.raw for each in history.values("pump", **wanted) if each.quality == "good"]
+
+
+@pytest.mark.parametrize("seconds", [0.7, 1.3])
+def test_kill_9_costs_what_was_not_committed_yet(file, seconds):
+    """What was committed is there, without a hole and once; what is missing came within the last half second."""
+    with subprocess.Popen([sys.executable, "-c", WRITER, file], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline()
+        time.sleep(seconds)
+        process.send_signal(signal.SIGKILL)
+        handed_over, committed = map(int, process.stdout.read().splitlines()[-1].split())
+    found = numbers(file)
+    assert found == list(range(len(found)))
+    assert committed <= len(found) <= handed_over + 50
+    connection = sqlite3.connect(file)
+    assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    connection.close()
+    # The next server goes on with it, and the history says that there was none.
+    journal = Journal(file)
+    journal.add_values([value(7, name="f", time_s=time.time())])
+    journal.close()
+    with History(file) as history:
+        *_, before, gap, after = history.values("pump", "f")
+    assert before.row + 1 == after.row == gap.row
+    assert (gap.value, gap.quality, gap.note) == (None, "bad", "no values were recorded: no server was running")
+
+
+def test_a_full_disk_loses_the_oldest_values_and_no_event_and_says_what_is_missing(file, said, monkeypatch):
+    monkeypatch.setattr(journals, "MOST_WAITING", 1000)
+    full = threading.Event()
+    add = store.Store.add
+
+    def add_while_there_is_room(self, values, others):
+        if full.is_set():
+            self._execute("PRAGMA max_page_count = 1")
+        return add(self, [*values] * (1 if not full.is_set() else 100), others)
+
+    monkeypatch.setattr(store.Store, "add", add_while_there_is_room)
+    journal = Journal(file, tell=said.append)
+    journal.add_values([value(n) for n in range(100)])
+    until(lambda: journal.written == 100)
+    full.set()
+    for n in range(100, 5100, 100):
+        began = time.perf_counter()
+        journal.add_values([value(n + m) for m in range(100)])
+        journal.add_events([event(n)])
+        assert time.perf_counter() - began < 0.5
+    until(lambda: said)
+    assert journal.missing == 4000
+    full.clear()
+    until(lambda: journal.written == 1100)
+    journal.close()
+    assert numbers(file) == [*range(100), *range(4100, 5100)]
+    with History(file) as history:
+        assert [each.event.number for each in history.events()] == list(range(100, 5100, 100))
+        (gap,) = (each for each in history.values() if each.quality == "bad")
+        assert None in [point.value for point in history.points("pump", "output_frequency")]
+    assert gap.time_s == NOON + 100
+    assert gap.note == "values were lost, because of the history's file: database or disk is full"
+    assert "database or disk is full; the history is not written from" in said[0]
+    assert said[1:] == [f"{file}: the history is written again; 4000 values are missing in all"]
+
+
+def test_a_file_that_may_not_grow_any_further(file, said):
+    """As a full disk, by the operating system's own word."""
+    journal = Journal(file, tell=said.append)
+    journal.add_values([value(n) for n in range(100)])
+    until(lambda: journal.written == 100)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
+    try:
+        journal.add_values([value(n) for n in range(100, 1000)])
+        until(lambda: said)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    until(lambda: journal.written == 1000)
+    journal.close()
+    assert numbers(file) == list(range(1000))
+    assert journal.missing == 0
+
+
+def test_a_disk_that_hangs_holds_nobody_up(file, said, monkeypatch):
+    goes_on = threading.Event()
+    add = store.Store.add
+    monkeypatch.setattr(store.Store, "add", lambda *given: goes_on.wait(30) and add(*given))
+    journal = Journal(file, tell=said.append)
+    journal.add_values([value(1)])
+    until(lambda: not journal._values)
+    began = time.perf_counter()
+    for n in range(2, 100):
+        journal.add_values([value(n)])
+        journal.add_events([event(n)])
+    journal.close(timeout_s=0.2)
+    assert time.perf_counter() - began < 2
+    assert said == [f"{file}: the disk does not answer; what was not written to the history by now is lost"]
+    goes_on.set()
+    journal._thread.join(10)
+    assert numbers(file) == list(range(1, 100))
+
+
+def test_a_disk_that_is_full_when_the_server_starts(file, said, monkeypatch):
+    begin = journals.Store
+    full = [True]
+
+    def opened(path):
+        if full[0]:
+            error = sqlite3.OperationalError("database or disk is full")
+            error.sqlite_errorcode = sqlite3.SQLITE_FULL
+            raise error
+        return begin(path)
+
+    monkeypatch.setattr(journals, "Store", opened)
+    journal = Journal(file, tell=said.append)
+    journal.add_values([value(1)])
+    full[0] = False
+    until(lambda: journal.written == 1)
+    journal.close()
+    assert numbers(file) == [1]
+    assert len(said) == 2
+
+
+@pytest.mark.parametrize("damage", [b"no database at all" * 1000, b"SQLite format 3\0" + b"\xff" * 9000])
+def test_a_damaged_file_goes_aside_when_the_server_starts(file, said, damage):
+    file.write_bytes(damage)
+    journal = Journal(file, tell=said.append)
+    journal.add_values([value(1)])
+    journal.close()
+    assert numbers(file) == [1]
+    (aside,) = file.parent.glob("history.sqlite.damaged-*")
+    assert aside.read_bytes() == damage
+    assert said == [f"{file}: is damaged; it is kept as {aside.name}, and a new history begins"]
+
+
+def test_a_file_that_is_damaged_while_it_is_written_goes_aside(file, said):
+    journal = Journal(file, tell=said.append)
+    journal.add_values([value(n) for n in range(20_000)])
+    until(lambda: journal.written == 20_000)
+    journal._store._execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+    with file.open("r+b") as raw:
+        raw.seek(4096)
+        raw.write(b"\xa5" * (file.stat().st_size - 4096))
+    journal._store._execute("PRAGMA shrink_memory")
+    journal._store._execute("PRAGMA cache_size = 0")
+    journal.add_values([value(n, name="other") for n in range(20_000, 20_100)])
+    until(lambda: journal.written == 20_100)
+    journal.close()
+    assert numbers(file) == list(range(20_000, 20_100))
+    assert len(list(file.parent.glob("history.sqlite.damaged-*"))) >= 1
+    assert "is damaged; it is kept as" in said[0]
+
+
+def test_a_database_of_another_program_is_left_alone(file):
+    connection = sqlite3.connect(file)
+    connection.execute("CREATE TABLE precious (x)")
+    connection.close()
+    before = file.read_bytes()
+    with pytest.raises(FileFormatError, match="is a database of another program; name another file"):
+        Journal(file)
+    assert file.read_bytes() == before
+
+
+def test_a_folder_that_cannot_be_written(tmp_path):
+    (tmp_path / "no folder").write_text("")
+    with pytest.raises(FileFormatError, match=r"history\.sqlite: cannot be written as a history: "):
+        Journal(tmp_path / "no folder" / "history.sqlite")
+
+
+@pytest.mark.skipif("os.getuid() == 0", reason="root may write everywhere")
+def test_a_folder_without_the_right_to_write(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(FileFormatError, match="cannot be written as a history: unable to open database file"):
+        Journal(tmp_path / "history.sqlite")
+    tmp_path.chmod(0o700)
+
+
+def test_the_second_process_refuses_and_the_first_goes_on(file):
+    journal = Journal(file)
+    program = f"from pathlib import Path; from drivecomm.server.history import Journal; Journal(Path({str(file)!r}))"
+    second = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert "another server writes this history; stop it, or give this one another file" in second.stderr
+    with pytest.raises(FileFormatError, match="another server writes this history"):
+        Journal(file)
+    journal.add_values([value(1)])
+    journal.close()
+    assert numbers(file) == [1]
+    Journal(file).close()
+
+
+def test_limits_that_make_no_sense(file):
+    for limits in ({"days": 0}, {"megabytes": 1}):
+        with pytest.raises(UsageError, match="a history keeps more than 0 days and at least 10 megabytes"):
+            Journal(file, **limits)
+    assert not file.exists()
