@@ -129,11 +129,11 @@ class Serving:
                 core.table.happened("server", f"begins, drivecomm {__version__}")
                 ready(plant)
                 await self._end.wait()
-                feeding.cancel()
                 self._manager.stopping("stops the motors that it keeps")
                 core.table.happened("server", "ends")
                 # While everybody can still see it.
                 await core.release_all()
+                feeding.cancel()
 
     def _registration(self) -> Registration:
         history = self.settings.history
