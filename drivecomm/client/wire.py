@@ -25,7 +25,10 @@ Json: TypeAlias = "dict[str, Any] | list[Any] | str | int | float | Decimal | bo
 
 
 def json_text(content: Any) -> str:
-    """Return JSON for what `plain` gives, with decimals as numbers that keep their digits: 10.00 stays 10.00."""
+    """Return JSON for what `plain` gives, with decimals as numbers that keep their digits: 10.00 stays 10.00.
+
+    A decimal without a point is written with an exponent, 50E0, so that it is read as a decimal again.
+    """
     # Each value that changes goes through here, for the stream.
     if isinstance(content, str):
         return _quoted(content)
@@ -34,8 +37,11 @@ def json_text(content: Any) -> str:
     if type(content) is float and isfinite(content):
         return repr(content)
     if isinstance(content, Decimal):
-        # "1E+3" is JSON, too; what is no number has no other form than its name.
-        return str(content) if content.is_finite() else f'"{content}"'
+        if not content.is_finite():
+            # What is no number has no other form than its name.
+            return f'"{content}"'
+        text = str(content)
+        return text if "." in text or "E" in text else f"{text}E0"
     if isinstance(content, dict):
         return "{" + ",".join(f"{_quoted(str(key))}:{json_text(each)}" for key, each in content.items()) + "}"
     if isinstance(content, list | tuple):
@@ -154,3 +160,8 @@ def _kinds() -> dict[str, type[DriveCommError]]:
 def _by_exit_code() -> dict[int, type[DriveCommError]]:
     branches = (errors.UsageError, errors.LinkError, errors.ReplyError, errors.DriveError)
     return {each.exit_code: each for each in branches}
+
+
+def drive_options(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what is said of a drive, as `Bus.drive` takes it: times are floats there, and exact in JSON."""
+    return {name: float(value) if isinstance(value, Decimal) else value for name, value in content.items()}

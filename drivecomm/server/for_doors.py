@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
 
     from drivecomm.plant import Plant
+    from drivecomm.server.alarms import Alarm
     from drivecomm.server.core import Core
     from drivecomm.server.door import Answer, Caller, Examination, History, Users
     from drivecomm.server.leases import Lease
@@ -107,11 +108,11 @@ class PlantForDoors:
         """Return the verbs that this caller may use on a drive."""
         return self._core.rights.verbs_for(caller, self._core.plant.drive(drive))
 
-    def alarms(self) -> Sequence[Mapping[str, Any]]:
+    def alarms(self) -> Sequence[Alarm]:
         """Return the alarms that are on, or that nobody has acknowledged."""
         return [] if self._alarms is None else self._alarms.standing()
 
-    async def acknowledge(self, caller: Caller, alarm: str) -> Mapping[str, Any]:
+    async def acknowledge(self, caller: Caller, alarm: str) -> Alarm:
         """Acknowledge an alarm, and return it."""
         if self._alarms is None:
             raise UsageError("the plant file has no [[alarm]]")
@@ -158,8 +159,8 @@ def _check(caller: Caller, role: Role) -> None:
 class StandingAlarms(Protocol):
     """What watches over alarms; called from any thread."""
 
-    def standing(self) -> Sequence[Mapping[str, Any]]:
-        """Return the alarms that are on, or that nobody has acknowledged, in plain form."""
+    def standing(self) -> Sequence[Alarm]:
+        """Return the alarms that are on, or that nobody has acknowledged."""
 
-    def acknowledge(self, caller: Caller, alarm: str) -> Mapping[str, Any]:
+    def acknowledge(self, caller: Caller, alarm: str) -> Alarm:
         """Acknowledge one, and return it. Raises UsageError and NotAllowedError."""
