@@ -86,10 +86,12 @@ class HttpDoor:
                 '"users.toml" in [server], and add them with: drivecomm users add NAME, or spell out insecure = true'
             )
         anonymous = self._anonymous == "view" or (self._anonymous is None and plant.users is None and self._is_loopback)
-        callers = TokenCallers(users=plant.users, door=self.name, anonymous=Role.VIEW if anonymous else Role.NOBODY)
         tls = self._tls if self._certificate else None
         listening = _listening(self._address)
+        # Port 0 is any free one, and whoever reads the name wants to know which.
         self.port = listening.getsockname()[1]
+        self._listen = f"{self._listen.rpartition(':')[0]}:{self.port}"
+        callers = TokenCallers(users=plant.users, door=self.name, anonymous=Role.VIEW if anonymous else Role.NOBODY)
         await _run(
             plant, opened, listening, callers, name=self.name, names=[name.lower() for name in self._names], tls=tls
         )
