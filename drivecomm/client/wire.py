@@ -51,7 +51,11 @@ def json_text(content: Any) -> str:
 
 def parsed(text: str | bytes) -> Any:
     """Return the content of JSON; numbers with a point or an exponent are exact decimals. Raises ValueError."""
-    return json.loads(text, parse_float=Decimal)
+    return json.loads(text, parse_float=Decimal, parse_constant=_refuse)
+
+
+def _refuse(name: str) -> None:
+    raise ValueError(f"{name} is no JSON")
 
 
 def plain(value: Any) -> Any:
