@@ -27,9 +27,7 @@ async def main(place: str, path: str) -> None:
         asyncio.create_task(_read_stream(host, int(port), "", lambda value: ages.append(_age(value)))),
         asyncio.create_task(_scrape(host, int(port), end)),
         *(
-            asyncio.create_task(
-                _read_stream(host, int(port), "?every=1", lambda _: counts.__setitem__(0, len(others) + 1))
-            )
+            asyncio.create_task(_read_stream(host, int(port), "?every=1", lambda _: others.append(1)))
             for _ in range(asked["readers"])
         ),
     ]
