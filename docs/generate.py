@@ -1,4 +1,4 @@
-"""What is made from code and data while mkdocs runs: pages of protocols, commands and modules, pictures, the changelog.
+"""What is made from code and data while mkdocs runs: pages of protocols, commands, API, modules, pictures, changelog.
 
 Nothing of it is kept in the repository, so that none of it can be out of date.
 """
@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 
 from api_pages import api_pages
 from commands_page import commands_page
+from http_api_page import http_api_page
 from mkdocs.structure.files import File
+from page_pictures import page_pictures
 from pictures import pictures
 from protocol_pages import overview, protocol_page
 
@@ -46,10 +48,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         _LOG.warning("no page for the protocol %s: %s", name, reason)
     plugins = list(installed.working())
     made = {f"{_PROTOCOLS}/index.md": overview(plugins), "reference/commands.md": commands_page()}
+    made["reference/http-api.md"] = http_api_page()
     made |= {f"{_PROTOCOLS}/{plugin.name}.md": protocol_page(plugin) for plugin in plugins}
     made |= {f"{_API}/{name}.md": page for name, page in api_pages().items()}
     root = Path(config.config_file_path).parent
     made |= {f"pictures/{name}": picture for name, picture in pictures(root / ".cache" / "docs").items()}
+    made |= {f"pictures/{name}": picture for name, picture in page_pictures(root / ".cache" / "docs").items()}
     made["changelog.md"] = (root / "CHANGELOG.md").read_text(encoding="utf-8")
     for place, content in made.items():
         files.append(File.generated(config, place, content=content))

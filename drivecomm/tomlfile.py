@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -220,8 +221,8 @@ def _key(key: object) -> str:
 def write_whole(path: Path, text: str, *, mode: int | None = None) -> None:
     """Write a file, in place of the one that is there: whatever happens, one of both is there whole.
 
-    mode: who may read and write it; as before, or as usual for new files, unless given. Raises FileFormatError where it
-    cannot be written.
+    Its owner and group stay, as far as this user may give files away. mode: who may read and write it; as before, or as
+    usual for new files, unless given. Raises FileFormatError where it cannot be written.
     """
     import tempfile  # noqa: PLC0415 - as above
 
@@ -232,6 +233,7 @@ def write_whole(path: Path, text: str, *, mode: int | None = None) -> None:
                 file.write(text)
                 file.flush()
                 os.fsync(file.fileno())
+            _give_to_its_owner(beside, path)
             Path(beside).chmod(_mode(path) if mode is None else mode)
             Path(beside).replace(path)
         except BaseException:
@@ -239,6 +241,13 @@ def write_whole(path: Path, text: str, *, mode: int | None = None) -> None:
             raise
     except OSError as error:
         raise FileFormatError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _give_to_its_owner(beside: str, path: Path) -> None:
+    if os.name == "posix" and path.exists():
+        before = path.stat()
+        with suppress(OSError):
+            os.chown(beside, before.st_uid, before.st_gid)
 
 
 def _mode(path: Path) -> int:

@@ -9,6 +9,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar, Unpack
 
 from drivecomm.bus.faces import Awaited
+from drivecomm.bus.lending import LentPort
 from drivecomm.bus.opening import opened_with
 from drivecomm.bus.priority_lock import Rank
 from drivecomm.bus.procedures import carry_out_async, reaching
@@ -16,7 +17,6 @@ from drivecomm.bus.scanning import Found, Search
 from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
 from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError
-from drivecomm.link import PortProxy
 from drivecomm.polling import poll_async
 from drivecomm.transport import runner_for
 
@@ -34,10 +34,6 @@ if TYPE_CHECKING:
     from drivecomm.transport import Runner
 
 T = TypeVar("T")
-
-
-_LOOK_S = 0.02
-"""How often whoever has the port for a while looks whether a stop waits."""
 
 
 class AsyncDrive(DriveVerbs["AsyncBus"], Awaited):
@@ -134,18 +130,14 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
             self._give_back()
 
     async def lend(self, work: Callable[[Port, Port], T]) -> T:
-        """Let a function have the port for itself, in a thread, opened anew for it; return what it returns.
-
-        work: is given the port, and the same port as one that fails with LinkDownError as soon as a stop waits for the
-        line, or whoever lends it is cancelled. Raises PortError when it cannot be opened.
-        """
+        """Let a function have the port for itself, in a thread, as `Bus.lend` does; cancelling this ends it, too."""
         await self._take_turn(Rank.COMMAND, float("inf"), "the bus")
         wanted = True
 
         def carry_out() -> T:
             port = self._open_port()
             try:
-                return work(port, _Lent(port, lambda: self._lock.stop_waits() or not wanted))
+                return work(port, LentPort(port, lambda: self._lock.stop_waits() or not wanted))
             finally:
                 port.close()
 
@@ -226,34 +218,6 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         if self._port is not None:
             self._port.close()
             self._port = None
-
-
-class _Lent(PortProxy):
-    """A port that somebody has for a while. taken_back: whether the while is over."""
-
-    def __init__(self, port: Port, taken_back: Callable[[], bool]) -> None:
-        super().__init__(port)
-        self._taken_back = taken_back
-
-    def write(self, data: bytes) -> None:
-        self._check()
-        super().write(data)
-
-    def read(self, until: float, at_least: int) -> bytes:
-        while True:
-            self._check()
-            came = super().read(min(until, self.now() + _LOOK_S), at_least)
-            if came or self.now() >= until:
-                return came
-
-    def wait(self, until: float) -> None:
-        while self.now() < until:
-            self._check()
-            super().wait(min(until, self.now() + _LOOK_S))
-
-    def _check(self) -> None:
-        if self._taken_back():
-            raise LinkDownError("the port was given up in the middle, because a stop went first")
 
 
 class _Opening:

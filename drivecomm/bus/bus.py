@@ -166,6 +166,29 @@ class Bus(SharedBus[Drive, Broadcast]):
         finally:
             self._lock.hand_on()
 
+    def lend(self, work: Callable[[Port, Port], T]) -> T:
+        """Let a function have the port for itself, opened anew for it; return what it returns.
+
+        work: is given the port, and the same port as one that fails with LinkDownError as soon as a stop waits for the
+        line. Raises PortError when it cannot be opened.
+        """
+        from drivecomm.bus.lending import LentPort  # noqa: PLC0415 - a stop does without it
+
+        turn = Turn(Rank.COMMAND)
+        try:
+            with turn.held:
+                if not self._lock.ask(turn):
+                    self._wait_for(turn, float("inf"), "the bus")
+                if self._port is not None:
+                    self._lost(self._port)
+                port = self._open_port()
+                try:
+                    return work(port, LentPort(port, self._lock.stop_waits))
+                finally:
+                    port.close()
+        finally:
+            self._lock.hand_on()
+
     def close(self) -> None:
         """Give the port back; the bus cannot be used any more."""
         turn = Turn(Rank.COMMAND)

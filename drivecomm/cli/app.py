@@ -44,6 +44,8 @@ COMMANDS = {
         "Estimate how long a round of a poll plan takes.",
     ),
     "cohabit": ("cohabit:cohabit", "Check whether drives on one line can mistake each other's telegrams."),
+    "alarms": ("", "Alarms of a plant that drivecomm serve runs."),
+    "alarms check": ("alarms:check", "Show the alarms of a plant file in words, or try one out."),
     "simulate": ("simulate:simulate", "Serve virtual drives to other programs."),
     "serve": (
         "serve:serve",

@@ -150,7 +150,13 @@ class LineOptions:
         Where a server has the port, everything goes through it.
         """
         opening = {**self.opening, "trace": tell_all(self.shown_trace, listener)}
-        with self._recorded(), self._named_in_errors(), self._opened_bus(opening) as bus:
+        with self._recorded(), self.named_in_errors(), self._opened_bus(opening) as bus:
+            yield bus
+
+    @contextmanager
+    def own_bus(self) -> Iterator[Bus]:
+        """Open the bus as `bus` does, with the port itself whoever has it."""
+        with self._recorded(), self.named_in_errors(), buses.open_bus(self.named_port, **self.opening) as bus:
             yield bus
 
     @contextmanager
@@ -194,7 +200,7 @@ class LineOptions:
     @contextmanager
     def opened(self) -> Iterator[Port]:
         """Open the port alone for the time of the block; errors then name it."""
-        with self._named_in_errors():
+        with self.named_in_errors():
             port = buses.port_opener(self.named_port, rs485=self.rs485, low_latency=self.low_latency)()
             try:
                 yield port
@@ -246,7 +252,8 @@ class LineOptions:
         return recorded(self.record, as_json=self.json)
 
     @contextmanager
-    def _named_in_errors(self) -> Iterator[None]:
+    def named_in_errors(self) -> Iterator[None]:
+        """Let the errors of the block name the port."""
         where = self.named_port
         try:
             yield

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, cast, get_args
 
 import typer
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from threading import Event
 
     from drivecomm import bus
+    from drivecomm.client import ServedDrive
     from drivecomm.protocol import DriveConfig, DriveStatus, Stop
 
 
@@ -69,6 +71,19 @@ def start(
             if runs:
                 one.set_reference(percent=number(percent), hz=number(hz))
 
+        if policy != "hold" and line.reaching(drive)[0].server is not None:
+            # Loaded by those who go through a server only.
+            from drivecomm.cli.start_served import start_and_stay  # noqa: PLC0415
+
+            return start_and_stay(
+                cast("ServedDrive", one),
+                partial(Watch, name, as_json=line.json),
+                policy,
+                watchdog or usual_s,
+                percent=number(percent),
+                hz=number(hz),
+                reverse=reverse or None,
+            )
         if policy != "hold":
             return _start_and_stay(
                 one, name, run, policy, watchdog or usual_s, port=line.reaching(drive)[0].named_port, as_json=line.json
@@ -138,7 +153,7 @@ def _start_and_stay(
     A stop from another program ends it, too, and other drives of its line are stopped for it.
     """
     with until_stopped() as stop:
-        watch = _Watch(name, stop, as_json=as_json)
+        watch = Watch(name, stop, as_json=as_json)
         kept = keep(drive, policy, watchdog_s=watchdog_s, on_failure=watch.failed, on_status=watch.answered)
 
         def end(how: Stop) -> None:
@@ -160,7 +175,7 @@ def _start_and_stay(
     return DriveError.exit_code if watch.fault else 0
 
 
-class _Watch:
+class Watch:
     """Tells what happens to a drive that is kept in hand, each thing once."""
 
     def __init__(self, name: DriveConfig, stop: Event, *, as_json: bool) -> None:

@@ -1,6 +1,8 @@
+from .async_served_bus import AsyncServedBus as AsyncServedBus, AsyncServedDrive as AsyncServedDrive
 from .connection import LocalServer as LocalServer
+from .kept_motor import KeptMotor as KeptMotor
 from .line_streams import examined as examined
-from .line_trace import pieces_of as pieces_of
+from .line_trace import LineEar as LineEar
 from .registration import (
     Registration as Registration,
     identity as identity,

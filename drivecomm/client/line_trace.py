@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from drivecomm.client.connection import LocalServer
 from drivecomm.client.line_streams import path_of
-from drivecomm.errors import DriveCommError
+from drivecomm.client.wire import error_of
+from drivecomm.errors import DriveCommError, LinkDownError
 from drivecomm.link import TraceEvent
 from drivecomm.protocol import decode
 from drivecomm.version import __version__
@@ -19,81 +22,102 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from drivecomm.capture import Piece, Record
-    from drivecomm.client.connection import LocalServer
-    from drivecomm.client.served_bus import ServedBus
-    from drivecomm.protocol import Message
+    from drivecomm.client.registration import Registration
+    from drivecomm.client.served_bus import LineOfServer
+    from drivecomm.protocol import LineSettings, Message
 
 Listener: TypeAlias = "Callable[[TraceEvent], None]"
 
 # What was done is told at once, but by another connection than its result.
-_AFTERWARDS_S = 0.3
+_AFTERWARDS_S = 0.05
+_BEGIN_S = 1.0
 _SENT = frozenset({"sent"})
 _HEARD = frozenset({"received", "stray", "damaged", "noise"})
 
 
 @contextmanager
-def traced(bus: ServedBus, trace: Listener | None, record: Record | None) -> Iterator[None]:
+def traced(bus: LineOfServer, trace: Listener | None, record: Record | None) -> Iterator[None]:
     """Tell a trace function and a recording what happens on a line, for the time of the block.
 
     Everything that happens there is told, whoever asked for it.
     """
-    over = threading.Event()
+    begun, over = threading.Event(), threading.Event()
     with bus.server.stream(path_of(bus.line, "trace")) as news, _recording(bus, record) as keep:
 
         def listen() -> None:
+            ends_s = math.inf
             for event in events_of(news):
+                begun.set()
                 if event is not None:
                     keep(event)
                     if trace is not None:
                         trace(event)
-                elif over.is_set():
-                    return
+                if over.is_set():
+                    ends_s = min(ends_s, time.monotonic() + _AFTERWARDS_S)
+                    # A line on which others go on talking has no end of its own.
+                    if event is None or time.monotonic() >= ends_s:
+                        return
 
         thread = threading.Thread(target=_until_lost, args=(listen,), name=f"trace of {bus.line}", daemon=True)
         thread.start()
+        # The server says something at once, or has nothing to say for a tick: from then on it is told everything.
+        begun.wait(_BEGIN_S)
         try:
             yield
         finally:
             over.set()
-            thread.join(_AFTERWARDS_S)
+            thread.join()
 
 
 def events_of(news: Iterator[Any]) -> Iterator[TraceEvent | None]:
     """Yield trace events of the lines of a stream, None where nothing came."""
     for each in news:
+        if each is not None and "error" in each:
+            raise error_of(each["error"])
         # The first line only says that the server listens.
-        yield None if each is None or "what" not in each else _event_of(each)
+        yield _event_of(each) if each is not None and "what" in each else None
 
 
-def pieces_of(server: LocalServer, line: str, seconds: float | None) -> Iterator[Piece]:
-    """Yield what is said on a line, as pieces with times since now; empty ones while nothing is.
+class LineEar:
+    """A port that only listens, as sniffing takes it, to what a server says and hears on a line."""
 
-    seconds: for how long, None for without end.
-    """
-    from drivecomm.capture import Piece  # noqa: PLC0415 - for those who keep the bytes
+    def __init__(self, server: Registration, line: str) -> None:
+        self.spoilt = 0
+        self._stack = ExitStack()
+        self._news = self._stack.enter_context(LocalServer(server).stream(path_of(line, "trace")))
 
-    with server.stream(path_of(line, "trace")) as news:
-        began_s = time.monotonic()
-        for event in events_of(news):
-            passed_s = time.monotonic() - began_s
-            if seconds is not None and passed_s >= seconds:
-                return
-            if event is None or not _is_on_line(event):
-                yield Piece(time_s=passed_s, data=b"")
-            else:
-                yield _piece_of(event, passed_s)
+    def configure(self, settings: LineSettings) -> str:  # noqa: ARG002 - the server has set the line
+        """Return that the server hears with its own settings."""
+        return "through its server, with the settings of its drives"
+
+    def read(self, until: float) -> bytes:
+        """Return what has come as soon as there is anything; nothing at `until`. Raises ServerLostError."""
+        for event in events_of(self._news):
+            if event is not None and _is_on_line(event):
+                return event.data
+            if self.now() >= until:
+                return b""
+        raise LinkDownError("the server has ended its trace of the line")
+
+    def now(self) -> float:
+        """Return the time of this machine's clock that nobody sets, in seconds."""
+        return time.monotonic()
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._stack.close()
 
 
 def _until_lost(listen: Callable[[], None]) -> None:
     try:
         listen()
-    except (DriveCommError, OSError, ValueError):
-        # The server has gone, of which whoever asks it something is told, or the stream was closed.
+    except DriveCommError:
+        # The server has gone, of which whoever asks it something is told.
         return
 
 
 @contextmanager
-def _recording(bus: ServedBus, record: Record | None) -> Iterator[Listener]:
+def _recording(bus: LineOfServer, record: Record | None) -> Iterator[Listener]:
     if record is None:
         yield lambda _: None
         return

@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from decimal import Decimal
 from enum import Enum
 from functools import cache
+from json.encoder import encode_basestring_ascii as _quoted
+from math import isfinite
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm import errors
@@ -27,16 +29,21 @@ def json_text(content: Any) -> str:
 
     A decimal without a point is written with an exponent, 50E0, so that it is read as a decimal again.
     """
+    # Each value that changes goes through here, for the stream.
     if isinstance(content, str):
-        return json.dumps(content)
+        return _quoted(content)
+    if content is None:
+        return "null"
+    if type(content) is float and isfinite(content):
+        return repr(content)
     if isinstance(content, Decimal):
+        text = str(content)
         if not content.is_finite():
             # What is no number has no other form than its name.
-            return f'"{content}"'
-        text = str(content)
+            return f'"{text}"'
         return text if "." in text or "E" in text else f"{text}E0"
     if isinstance(content, dict):
-        return "{" + ",".join(f"{json.dumps(str(key))}:{json_text(each)}" for key, each in content.items()) + "}"
+        return "{" + ",".join(f"{_quoted(str(key))}:{json_text(each)}" for key, each in content.items()) + "}"
     if isinstance(content, list | tuple):
         return "[" + ",".join(map(json_text, content)) + "]"
     return json.dumps(content, allow_nan=False)
@@ -52,10 +59,9 @@ def plain(value: Any) -> Any:
     if value is None or (isinstance(value, str | int | float | Decimal) and not isinstance(value, Enum)):
         return value
     if type(value).__name__ == "Reading":
-        return {**{field.name: getattr(value, field.name) for field in dataclasses.fields(value)},
-                "quality": value.quality}  # fmt: skip
+        return {**{name: getattr(value, name) for name in _names(value)}, "quality": value.quality}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return {name: plain(getattr(value, name)) for name in _names(value)}
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, bytes):
@@ -67,6 +73,15 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(each) for each in value]
     return str(value)
+
+
+def _names(value: Any) -> tuple[str, ...]:
+    return _names_of(value.__class__)
+
+
+@cache
+def _names_of(owner: Any) -> tuple[str, ...]:
+    return tuple(field.name for field in dataclasses.fields(owner))
 
 
 def reading_of(content: Mapping[str, Any]) -> Reading:

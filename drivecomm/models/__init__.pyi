@@ -9,6 +9,7 @@ from .files import (
 )
 from .quantities import (
     CommonName as CommonName,
+    Quantity as Quantity,
     converted as converted,
     factor_between as factor_between,
     not_said as not_said,

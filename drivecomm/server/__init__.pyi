@@ -10,6 +10,7 @@ from .door import (
     Door as Door,
     Examination as Examination,
     History as History,
+    KnownUsers as KnownUsers,
     LoggedIn as LoggedIn,
     MakeDoor as MakeDoor,
     Outcome as Outcome,
@@ -32,7 +33,6 @@ from .observations import (
 from .places import (
     audit_file as audit_file,
     history_file as history_file,
-    plant_id as plant_id,
     state_folder as state_folder,
 )
 from .repeats import Repeats as Repeats

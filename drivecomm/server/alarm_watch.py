@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from drivecomm.client import plain
 from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
-    from drivecomm.server.alarms import PlantAlarms
+    from drivecomm.server.alarms import Alarm, PlantAlarms
     from drivecomm.server.door import Caller, ServedPlant
 
 
@@ -27,14 +26,15 @@ class AlarmWatch:
         opened()
         await self._alarms.run()
 
-    def standing(self) -> Sequence[Mapping[str, Any]]:
+    def standing(self) -> Sequence[Alarm]:
         """Return the alarms that are on, or that nobody has acknowledged."""
-        return [plain(each) for each in self._alarms.standing()]
+        return self._alarms.standing()
 
-    def acknowledge(self, caller: Caller, alarm: str) -> Mapping[str, Any]:
-        """Acknowledge one, and return it as it was. Raises UsageError and NotAllowedError."""
-        found = next((each for each in self.standing() if each["id"] == alarm), None)
+    def acknowledge(self, caller: Caller, alarm: str) -> Alarm:
+        """Acknowledge one, and return it. Raises UsageError and NotAllowedError."""
+        found = next((each for each in self.standing() if each.id == alarm), None)
         if found is None:
             raise UsageError(f"there is no alarm {alarm!r} that stands")
         self._alarms.acknowledge(caller, alarm)
-        return next((each for each in self.standing() if each["id"] == alarm), found)
+        # One that was over already stands no longer.
+        return next((each for each in self.standing() if each.id == alarm), found)

@@ -234,6 +234,8 @@ class AuditFile:
 
     def _open(self) -> int:
         """Open the file unless it is open; return its size. A line that was cut off, as by a kill, is ended."""
+        if self._descriptor is not None and not self._still_there(self._descriptor):
+            self.close()
         if self._descriptor is None:
             self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
@@ -246,6 +248,13 @@ class AuditFile:
             else:
                 _sync_folder(self.path.parent)
         return os.fstat(self._descriptor).st_size
+
+    def _still_there(self, descriptor: int) -> bool:
+        """Whether nobody has moved the file away, or removed it."""
+        try:
+            return os.path.samestat(os.fstat(descriptor), self.path.stat())
+        except OSError:
+            return False
 
     def _make_room(self) -> None:
         """Give the file its number, and those before it the next ones; where that cannot be, it goes on growing.

@@ -12,6 +12,7 @@ from functools import partial
 from inspect import signature
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from drivecomm.client import drive_options
 from drivecomm.errors import (
     CommandCancelledError,
     DriveCommError,
@@ -204,7 +205,7 @@ class Commands:
         else:
             line = self._core.line(command.line)
             config = _on(line, command.drive)
-        return line, config.with_options(**command.options) if command.options else config
+        return line, config.with_options(**drive_options(command.options)) if command.options else config
 
     async def _built(self, line: ServedLine, config: DriveConfig, *, arm: bool) -> Any:
         """Return what carries the verbs, when its line is open. Making one anew reads its model's file, in a thread."""

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from drivecomm.errors import DriveCommError
     from drivecomm.plant import Plant
+    from drivecomm.server.alarms import Alarm
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState
     from drivecomm.tomlfile import Table
@@ -131,7 +132,7 @@ class LoggedIn(Protocol):
         """Until when it counts."""
 
 
-class Users(Protocol):
+class KnownUsers(Protocol):
     """Who may come in by doors other than the local one; called from any thread."""
 
     def caller(self, token: str, door: str) -> Caller:
@@ -213,7 +214,7 @@ class ServedPlant(Protocol):
         """Give it back. A motor that was started under it, and kept, is treated by its link-loss policy."""
 
     @property
-    def users(self) -> Users | None:
+    def users(self) -> KnownUsers | None:
         """Who may come in; None where the plant has no users, and only the local door has callers with a name."""
 
     @property
@@ -223,11 +224,14 @@ class ServedPlant(Protocol):
     def may(self, caller: Caller, drive: str) -> Sequence[str]:
         """Return the verbs that this caller may use on a drive."""
 
-    def alarms(self) -> Sequence[Mapping[str, Any]]:
-        """Return the alarms that are on, or that nobody has acknowledged, each with its `id`, in plain form."""
+    def alarms(self) -> Sequence[Alarm]:
+        """Return the alarms that are on, or that nobody has acknowledged."""
 
-    async def acknowledge(self, caller: Caller, alarm: str) -> Mapping[str, Any]:
-        """Acknowledge an alarm, and return it. Raises UsageError for one that is not there, and NotAllowedError."""
+    async def acknowledge(self, caller: Caller, alarm: str) -> Alarm:
+        """Acknowledge an alarm by its id, and return it: nobody is reminded of it any more.
+
+        Raises UsageError for one that is not there, NotAllowedError for a caller who may only look.
+        """
 
     def kept_events(self, caller: Caller, drive: str) -> AsyncIterator[Mapping[str, Any]]:
         """Tell what happens to the motor that the server keeps running, until it does so no more; in plain form."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import NotAllowedError, UsageError
 from drivecomm.protocol import Stop
-from drivecomm.server.door import Command, Role
+from drivecomm.server.door import LOCAL, Command, Role
 from drivecomm.server.examining import Crossing, examination
 from drivecomm.server.rights import NEEDS
 from drivecomm.server.table import ChangesFor
@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
 
     from drivecomm.plant import Plant
+    from drivecomm.server.alarms import Alarm
     from drivecomm.server.core import Core
-    from drivecomm.server.door import Answer, Caller, Examination, History, Users
+    from drivecomm.server.door import Answer, Caller, Examination, History, KnownUsers
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState
 
@@ -30,7 +31,9 @@ COMMANDING = frozenset(verb for verb, needs in NEEDS.items() if needs.commands)
 class PlantForDoors:
     """A `ServedPlant` of a core that runs in this event loop. name: what the plant is called."""
 
-    def __init__(self, core: Core, name: str, *, users: Users | None = None, history: History | None = None) -> None:
+    def __init__(
+        self, core: Core, name: str, *, users: KnownUsers | None = None, history: History | None = None
+    ) -> None:
         self.name, self.users, self.history = name, users, history
         self._core = core
         self._loop = asyncio.get_running_loop()
@@ -107,11 +110,11 @@ class PlantForDoors:
         """Return the verbs that this caller may use on a drive."""
         return self._core.rights.verbs_for(caller, self._core.plant.drive(drive))
 
-    def alarms(self) -> Sequence[Mapping[str, Any]]:
+    def alarms(self) -> Sequence[Alarm]:
         """Return the alarms that are on, or that nobody has acknowledged."""
         return [] if self._alarms is None else self._alarms.standing()
 
-    async def acknowledge(self, caller: Caller, alarm: str) -> Mapping[str, Any]:
+    async def acknowledge(self, caller: Caller, alarm: str) -> Alarm:
         """Acknowledge an alarm, and return it."""
         if self._alarms is None:
             raise UsageError("the plant file has no [[alarm]]")
@@ -131,7 +134,9 @@ class PlantForDoors:
 
     async def _take(self, caller: Caller, drive: str, seconds: float) -> Lease:
         config = self._core.plant.drive(drive)
-        if not COMMANDING & set(self._core.rights.verbs_for(caller, config)):
+        # Whoever may arm a drive for one command may have its lease, too.
+        arms = caller.door == LOCAL and caller.role >= Role.COMMISSION
+        if not arms and not COMMANDING & set(self._core.rights.verbs_for(caller, config)):
             # Says why.
             self._core.rights.check(caller, Command(drive=drive, verb="set_reference"), config)
         return self._core.leases.take(caller, config.name, seconds, now=time.monotonic(), time_s=time.time())
@@ -156,8 +161,8 @@ def _check(caller: Caller, role: Role) -> None:
 class StandingAlarms(Protocol):
     """What watches over alarms; called from any thread."""
 
-    def standing(self) -> Sequence[Mapping[str, Any]]:
-        """Return the alarms that are on, or that nobody has acknowledged, in plain form."""
+    def standing(self) -> Sequence[Alarm]:
+        """Return the alarms that are on, or that nobody has acknowledged."""
 
-    def acknowledge(self, caller: Caller, alarm: str) -> Mapping[str, Any]:
+    def acknowledge(self, caller: Caller, alarm: str) -> Alarm:
         """Acknowledge one, and return it. Raises UsageError and NotAllowedError."""

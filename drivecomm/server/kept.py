@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import keep_async
+from drivecomm.client import error_content
+from drivecomm.errors import DriveCommError
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Mapping
 
     from drivecomm.bus import AsyncDrive
-    from drivecomm.errors import DriveCommError
     from drivecomm.protocol import DriveStatus, LinkLoss, Stop
 
 
@@ -131,7 +132,8 @@ class KeptMotor:
                     await self._end.wait()
         except Exception as error:
             if begun.done():
-                self._tell("failed", " ".join(str(error).split()))
+                told = {"error": error_content(error)} if isinstance(error, DriveCommError) else {}
+                self._tell("failed", " ".join(str(error).split()), **told)
                 raise
             begun.set_exception(error)
         else:
@@ -155,7 +157,7 @@ class KeptMotor:
     def _failed(self, error: DriveCommError) -> None:
         if str(error) != self._failing:
             self._failing = str(error)
-            self._tell("not answering", " ".join(str(error).split()))
+            self._tell("not answering", " ".join(str(error).split()), error=error_content(error))
 
     def _answered(self, status: DriveStatus) -> None:
         if self._failing:

@@ -3,17 +3,9 @@
 from __future__ import annotations
 
 import os
-from hashlib import sha256
 from pathlib import Path
 
-
-def plant_id(plant: Path) -> str:
-    """Return what the plant of a file is called in folders that several plants share, such as plant-1f3a9c04.
-
-    The same file has the same name, by whatever path or link it is called.
-    """
-    real = os.path.realpath(plant)
-    return f"{Path(real).stem}-{sha256(os.fsencode(real)).hexdigest()[:8]}"
+from drivecomm.client import identity
 
 
 def state_folder(plant: Path) -> Path:
@@ -21,10 +13,10 @@ def state_folder(plant: Path) -> Path:
     # A service manager may name several, the first for all that is not said otherwise.
     given = os.environ.get("STATE_DIRECTORY", "").partition(os.pathsep)[0]
     if given:
-        return Path(given) / plant_id(plant)
+        return Path(given) / identity(plant)
     from platformdirs import user_state_path  # noqa: PLC0415 - only where no service manager says it
 
-    return user_state_path("drivecomm", appauthor=False) / plant_id(plant)
+    return user_state_path("drivecomm", appauthor=False) / identity(plant)
 
 
 def audit_file(plant: Path) -> Path:

@@ -11,7 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import Registration, local_socket, register, written_again
-from drivecomm.errors import DriveCommError
+from drivecomm.errors import DriveCommError, PortError
 from drivecomm.plant import read_plant
 from drivecomm.server.alarm_watch import AlarmWatch
 from drivecomm.server.alarms import PlantAlarms, read_alarms
@@ -45,17 +45,24 @@ _OPEN_S = 5.0
 class Serving:
     """The server of one plant file. Raises FileFormatError and UsageError for a file that cannot be served.
 
-    port_of: what to open for a line, instead of its port; for tests.
+    port_of, doors: what to open for a line, instead of its port, and instead of the doors of the file; for tests.
     """
 
-    def __init__(self, path: Path, *, port_of: Callable[[PlantLine], Any] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        port_of: Callable[[PlantLine], Any] | None = None,
+        doors: Sequence[Door] | None = None,
+    ) -> None:
         self.path = path
         self.plant = read_plant(path)
         self.settings = read_settings(path)
         self.socket = local_socket(path)
         self._rules = read_alarms(self.settings.alarms, self.plant.drives)
         self._port_of = port_of
-        self._made: list[Door] = [kind_of_door(kind)(table) for kind, table in self.settings.doors]
+        said = self.settings.doors
+        self._made = [kind_of_door(kind)(table) for kind, table in said] if doors is None else list(doors)
         self._manager = ServiceManager()
         self._reading: asyncio.Task[None] | None = None
         self._end: asyncio.Event | None = None
@@ -112,17 +119,21 @@ class Serving:
                 doors.append(OpenDoor(alarms, plant, self._tell("alarm")))
             stack.push_async_callback(_closed, doors)
             await _opened(doors)
+            if not doors[0].opened.is_set():
+                raise PortError(
+                    f"the server cannot be reached at {self.socket}: {doors[0].failed or 'it does not open'}"
+                )
             with self._signals(core, record):
                 feeding = asyncio.create_task(self._manager.feed_watchdog())
                 self._manager.ready(self._size(core))
                 core.table.happened("server", f"begins, drivecomm {__version__}")
                 ready(plant)
                 await self._end.wait()
-                feeding.cancel()
                 self._manager.stopping("stops the motors that it keeps")
                 core.table.happened("server", "ends")
                 # While everybody can still see it.
                 await core.release_all()
+                feeding.cancel()
 
     def _registration(self) -> Registration:
         history = self.settings.history

@@ -42,6 +42,8 @@ class OpenDoor:
     def __init__(self, door: Door, plant: ServedPlant, told: Callable[[str], None]) -> None:
         self.door = door
         self.opened = Event()
+        self.failed = ""
+        """Why it is not open."""
         self._plant = plant
         self._told = told
         self._closing = False
@@ -74,7 +76,8 @@ class OpenDoor:
             except Exception as error:  # noqa: BLE001 - whatever a door does, the server goes on
                 if isinstance(error, AttributeError | TypeError | KeyError | NameError):
                     _log.exception("door %s", self.door.name)
-                self._told(f"door {self.door.name} failed: {' '.join(str(error).split()) or type(error).__name__}")
+                self.failed = " ".join(str(error).split()) or type(error).__name__
+                self._told(f"door {self.door.name} failed: {self.failed}")
             else:
                 self._told(f"door {self.door.name} has ended by itself")
             if self.opened.is_set():

@@ -81,7 +81,7 @@ def add_user(file: Path, user: User) -> None:
     before = read_text_file(file, "a file of users") if there else ""
     if before and not before.endswith("\n"):
         before += "\n"
-    write_whole(file, f"{before}{chr(10) if before else ''}[[user]]\n{entry}", mode=0o600)
+    write_whole(file, f"{before}{chr(10) if before else ''}[[user]]\n{entry}", mode=None if there else 0o600)
 
 
 def remove_user(file: Path, name: str) -> None:
@@ -102,7 +102,7 @@ def remove_user(file: Path, name: str) -> None:
         del lines[headers[number] : headers[number + 1] if number + 1 < len(headers) else len(lines)]
     if parse_toml("".join(lines), str(file)).get("user", []) != left:
         raise FileFormatError(f"{file}: {name} cannot be removed from what is written there; remove the entry by hand")
-    write_whole(file, "".join(lines), mode=0o600)
+    write_whole(file, "".join(lines))
 
 
 def _user(table: Table) -> User:
@@ -127,9 +127,9 @@ def _must_be_private(file: Path) -> None:
     except OSError:
         # Reading it will say why.
         return
-    # What the service manager gives a service belongs to root, and may be the service's by its group.
-    others = 0o077 if found.st_uid == os.geteuid() else 0o027
-    if stat.S_IMODE(found.st_mode) & others:
-        raise FileFormatError(f"{file}: others can read or write it; say chmod 600 {file}")
-    if found.st_uid not in (os.geteuid(), 0):
+    # What root gives a service to read belongs to the group of the service.
+    allowed = 0o640 if found.st_uid == 0 else 0o600
+    if stat.S_IMODE(found.st_mode) & ~allowed & 0o077:
+        raise FileFormatError(f"{file}: others can read or write it; say chmod {allowed:o} {file}")
+    if os.geteuid() not in (found.st_uid, 0) and found.st_uid != 0:
         raise FileFormatError(f"{file}: belongs to another user, who can write it; say chown $USER {file}")

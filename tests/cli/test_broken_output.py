@@ -76,6 +76,7 @@ CALLS = {
     "history": "--file nowhere.sqlite",
     "forecast": "Lüfter output_frequency@1",
     "cohabit": "--drive vabus:1",
+    "alarms check": "nowhere.toml",
     "simulate": "nowhere.toml",
     "replay": "heard.jsonl --port PORT --faster 100 --timeout 5",
     "sniff": "heard.jsonl",

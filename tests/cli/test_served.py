@@ -2,11 +2,17 @@
 
 import os
 import re
+import signal
+import subprocess
+import sys
 import threading
+import time
 
 import pytest
 from fake_server import serving
+from running_server import running_server
 
+from drivecomm.capture import read_capture
 from drivecomm.cli import main
 from drivecomm.plant import read_plant
 from drivecomm.virtual import PlantServer, VirtualPlant
@@ -26,8 +32,8 @@ name = "pump"
 drive = "vabus:1"
 options = {{ model = "agile" }}
 armed = true
-poll = [{{ parameters = ["output_frequency"], period_s = 0 }}]
-link_loss = {{ policy = "ramp", watchdog_s = 5 }}
+poll = [{{ parameters = ["output_frequency"], period_s = 0.05 }}]
+link_loss = {{ policy = "trip", watchdog_s = 5 }}
 reply_delay_s = 0.0
 
 [[drive]]
@@ -95,17 +101,15 @@ COMMANDS = {
     "doctor": ["doctor", "--quick", "--protocol", "vabus", "-a", "1-2", "--timeout", "0.05"],
     "backup": ["backup", "pump", "{folder}/pump.toml"],
     "compare": ["compare", "pump", "pump"],
-    "trace": ["read", "pump", "480", "--trace"],
-    "record": ["read", "pump", "480", "--record", "{folder}/said.jsonl"],
 }
 """By what they show."""
 
 TIMES = (
+    (re.compile(r"^(ok|note) +time .*", re.MULTILINE), "REPLY TIMES"),
     (re.compile(r"\d\d:\d\d:\d\d(\.\d+)?"), "CLOCK"),
     (re.compile(r'"(time_s|age_s|late_s|took_s|due_s|seconds)": [-\d.e]+'), r'"\1": T'),
     (re.compile(r"\d\d\d\d-\d\d-\d\d[T ]CLOCK(\+\d\d:\d\d|Z)?"), "DATE"),
     (re.compile(r"^ +\d+\.\d+  (?=->|<-|  )", re.MULTILINE), " T  "),
-    (re.compile(r"\d+(\.\d+)? (ms|to)\b"), r"N \2"),
     (re.compile(r'"counters": .*'), "COUNTS"),
     (re.compile(r"\d+\.\d s\b"), "T s"),
     (re.compile(r"pid \d+"), "PID"),
@@ -139,6 +143,7 @@ def place(tmp_path, capsys, monkeypatch):
     """A folder with a plant file, whose drives a thread serves."""
     (tmp_path / "run").mkdir(mode=0o700)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     for name in ("DRIVECOMM_PORT", "DRIVECOMM_PLANT", "RUNTIME_DIRECTORY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.chdir(tmp_path)
@@ -155,8 +160,137 @@ def place(tmp_path, capsys, monkeypatch):
 @pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
 def test_the_same_through_a_server_as_on_bare_ports(place, command):
     bare = place(*command)
-    with serving(place.file) as server:
+    with running_server(place.file):
         served = place(*command)
-        asked = [each for each in server.requests if each[1] != "/healthz"]
     assert served == bare
-    assert asked or bare[0] == 2, "it did not go through the server"
+
+
+def started(*arguments, end=lambda process: process.send_signal(signal.SIGINT)):
+    """Run a start that stays, end it when it says that the motor was started, and return what came of it."""
+    command = [sys.executable, "-m", "drivecomm", "start", *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        said = []
+        for text in process.stdout:
+            said.append(text)
+            if "started" in text:
+                end(process)
+        complaint = process.stderr.read()
+    return process.returncode, masked("".join(said)), masked(complaint)
+
+
+@pytest.mark.parametrize("further", [[], ["--json"], ["--watchdog", "3", "--percent", "40", "--reverse"]], ids=str)
+def test_a_start_that_stays_until_ctrl_c(place, further):
+    bare = started("pump", *further)
+    with running_server(place.file):
+        served = started("pump", *further)
+    assert served == bare
+    assert bare[0] == 0
+    assert place("wait", "pump", "ready")[0] == 0
+
+
+def test_a_start_is_ended_by_the_stop_of_another_program(place):
+    def stop(_):
+        subprocess.run([sys.executable, "-m", "drivecomm", "stop", "pump"], check=True, capture_output=True)
+
+    bare = started("pump", end=stop)
+    with running_server(place.file):
+        served = started("pump", end=stop)
+    assert served == bare
+    assert bare[0] == 0
+
+
+def test_a_start_refuses_what_the_server_refuses(place):
+    bare = place("start", "fan", "--arm", "--link-loss", "ramp", "--watchdog", "2.55")
+    with running_server(place.file):
+        served = place("start", "fan", "--arm", "--link-loss", "ramp", "--watchdog", "2.55")
+    assert served == bare
+    assert bare[0] == 2
+
+
+@pytest.mark.parametrize("as_json", [[], ["--json"]], ids=["text", "json"])
+def test_stop_all_through_the_server_tells_what_each_drive_has_confirmed(place, as_json):
+    code, bare, _ = place("stop", "--all", *as_json)
+    with running_server(place.file):
+        code_served, served, complaint = place("stop", "--all", *as_json)
+    assert code_served == code == 0
+    assert complaint == ""
+    assert served.splitlines() == [text for text in bare.splitlines() if ":*" not in text]
+
+
+def test_stop_all_of_a_port_stops_the_drives_of_its_line(place):
+    with running_server(place.file):
+        code, said, _ = place("stop", "--all", "--port", PORT)
+    assert code == 0
+    assert said == "hall: pump  stop (ramp) confirmed\nhall: fan  stop (ramp) confirmed\n"
+
+
+@pytest.mark.parametrize("command", [["stop", "pump"], ["stop", "--all"]], ids=" ".join)
+def test_a_stop_goes_to_the_port_when_the_server_does_not_answer(place, command):
+    bare = place(*command)
+    with serving(place.file) as server:
+        for plant in server.plants.values():
+            plant.close()
+        server.hang.set()
+        began = time.monotonic()
+        code, said, complaint = place(*command)
+        took_s = time.monotonic() - began
+    assert (code, said) == bare[:2]
+    assert "does not answer" in complaint
+    assert "tried now" in complaint
+    assert took_s < 4
+
+
+def test_a_command_names_the_server_that_does_not_answer(place):
+    with serving(place.file) as server:
+        server.hang.set()
+        code, _, complaint = place("read", "pump", "480")
+    assert code == 3
+    assert f"the server of {place.file} (PID) does not answer" in complaint
+
+
+@pytest.mark.parametrize("command", [["tune", "pump"], ["replay", "{folder}/said.jsonl"]], ids=lambda each: each[0])
+def test_what_needs_the_port_for_itself_names_the_server(place, command):
+    assert place("read", "pump", "480", "--record", "{folder}/said.jsonl")[0] == 0
+    with running_server(place.file):
+        code, _, complaint = place(*command)
+    assert code == 3
+    assert f"in use by drivecomm serve {place.file} (PID), and {command[0]} needs it for itself; end that" in complaint
+
+
+@pytest.mark.parametrize("flag", ["--rs485", "--echo", "--low-latency"])
+def test_what_the_server_has_decided_is_refused(place, flag):
+    with running_server(place.file):
+        code, _, complaint = place("read", "pump", "480", flag)
+    assert code == 2
+    assert f"so {flag} has no effect; leave it out" in complaint
+
+
+def test_a_trace_through_the_server_has_what_was_asked(place):
+    code, said, trace = place("read", "pump", "480", "--trace")
+    with running_server(place.file):
+        code_served, said_served, trace_served = place("read", "pump", "480", "--trace")
+    assert (code_served, said_served) == (code, said)
+    asked = [text for text in trace.splitlines() if "->" in text or "<-" in text]
+    assert len(asked) == 3
+    # What the server asks of itself stands between.
+    left = iter(trace_served.splitlines())
+    assert all(text in left for text in asked)
+
+
+def test_a_recording_through_the_server_has_what_was_asked(place):
+    with running_server(place.file):
+        code, _, complaint = place("read", "pump", "480", "--record", "{folder}/said.jsonl")
+    assert (code, complaint) == (0, "")
+    pieces = read_capture(place.folder / "said.jsonl").pieces
+    asked = next(each for each in pieces if each.data == bytes.fromhex("0441303034383005"))
+    assert asked.source == "master"
+    assert "<-" in place("sniff", "{folder}/said.jsonl")[1]
+
+
+def test_sniff_listens_to_the_servers_own_traffic(place):
+    with running_server(place.file):
+        code, said, complaint = place("sniff", PORT, "--protocol", "vabus", "--for", "0.5")
+    assert code == 0
+    assert "parameter=210" in said
+    assert "listening at" in complaint
+    assert "through its server" in complaint

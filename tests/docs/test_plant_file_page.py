@@ -9,6 +9,7 @@ from console import Console, in_process, must_match
 from pages import ROOT, blocks_of
 
 from drivecomm.plant import read_plant
+from drivecomm.protocol import NETWORK_VERBS
 
 PAGE = ROOT / "docs" / "reference" / "plant-file.md"
 
@@ -32,6 +33,12 @@ def test_the_file_is_a_plant(files):
     assert (pump.armed, fan.armed) == (True, False)
     assert pump.poll[0].parameters == ("output_frequency", "480")
     assert pump.link_loss.policy == "ramp"
+
+
+def test_all_that_a_network_can_be_allowed_stands_there():
+    text = PAGE.read_text(encoding="utf-8")
+    (line,) = [line for line in text.splitlines() if line.startswith("`network` lists")]
+    assert line.partition(": ")[2] == ", ".join(f"`{verb}`" for verb in NETWORK_VERBS) + "."
 
 
 @pytest.mark.usefixtures("files")

@@ -180,7 +180,9 @@ def test_whoever_goes_away_before_it_is_written_leaves_nothing(tmp_path, monkeyp
         waiting = asyncio.create_task(audit.asked(ANNA, START))
         await asyncio.sleep(0.05)
         waiting.cancel()
-        await asyncio.sleep(0)
+        with pytest.raises(asyncio.CancelledError):
+            await waiting
+        await asyncio.sleep(0.05)
         go_on.set()
 
     with_audit(tmp_path / "audit.jsonl", use)
@@ -328,6 +330,20 @@ def test_where_files_cannot_be_renamed_one_goes_on_growing(tmp_path, monkeypatch
     for number in range(5):
         file.add([b"%03d\n" % number])
     assert (tmp_path / "audit.jsonl").read_bytes().split() == [b"%03d" % number for number in range(5)]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="an open file cannot be moved there")
+@pytest.mark.parametrize("how", ["moved", "removed"])
+def test_a_file_that_others_take_away_is_made_again(tmp_path, how):
+    path = tmp_path / "audit.jsonl"
+    file = AuditFile(path)
+    file.add([b"one\n"])
+    if how == "moved":
+        path.rename(tmp_path / "away")
+    else:
+        path.unlink()
+    file.add([b"two\n"])
+    assert path.read_bytes() == b"two\n"
 
 
 KILLED = """

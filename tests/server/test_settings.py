@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from drivecomm.client import identity
 from drivecomm.errors import FileFormatError
 from drivecomm.plant import read_plant
-from drivecomm.server.places import audit_file, history_file, plant_id, state_folder
+from drivecomm.server.places import audit_file, history_file, state_folder
 from drivecomm.server.settings import HistorySettings, read_settings
 from drivecomm.tomlfile import TEXT
 
@@ -103,20 +104,18 @@ def test_what_cannot_be(file, text, sentence):
     assert str(caught.value).startswith(f"{file}, {sentence}")
 
 
-def test_a_plant_has_one_name_by_whatever_path(tmp_path):
-    file = tmp_path / "hall.toml"
+def test_a_plant_has_one_state_by_whatever_path(file, tmp_path):
     file.touch()
     (tmp_path / "link.toml").symlink_to(file)
-    assert plant_id(tmp_path / "link.toml") == plant_id(Path(os.path.relpath(file))) == plant_id(file)
-    assert plant_id(file).startswith("hall-")
-    assert plant_id(tmp_path / "other" / "hall.toml") != plant_id(file)
+    assert state_folder(tmp_path / "link.toml") == state_folder(Path(os.path.relpath(file))) == state_folder(file)
+    assert state_folder(tmp_path / "other" / "plant.toml") != state_folder(file)
 
 
 def test_where_the_state_is(tmp_path, monkeypatch):
     file = tmp_path / "plant.toml"
     monkeypatch.setenv("STATE_DIRECTORY", f"{tmp_path}{os.pathsep}/elsewhere")
-    assert state_folder(file) == tmp_path / plant_id(file)
+    assert state_folder(file) == tmp_path / identity(file)
     monkeypatch.delenv("STATE_DIRECTORY")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "home"))
     if os.name == "posix":
-        assert state_folder(file) == tmp_path / "home" / "drivecomm" / plant_id(file)
+        assert state_folder(file) == tmp_path / "home" / "drivecomm" / identity(file)

@@ -69,28 +69,59 @@ def test_what_is_written_is_for_its_owner_alone(tmp_path):
     assert not [each for each in tmp_path.iterdir() if each != file]
 
 
+@pytest.fixture
+def owned(file, monkeypatch):
+    """Lets the file belong to somebody, and somebody look at it."""
+
+    def belongs_to(owner, mode, me):
+        file.chmod(mode)
+        real = file.stat()
+        monkeypatch.setattr("pathlib.Path.stat", lambda *_, **__: os.stat_result([*real[:4], owner, *real[5:]]))
+        monkeypatch.setattr(os, "geteuid", lambda: me)
+
+    return belongs_to
+
+
 @POSIX
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o602, 0o644, 0o666])
-def test_a_file_that_others_can_read_or_write(file, mode):
-    file.chmod(mode)
+def test_a_file_that_others_can_read_or_write(file, owned, mode):
+    owned(1000, mode, 1000)
     for use in (read_users, lambda path: add_user(path, user("ben"))):
         with pytest.raises(FileFormatError, match=f"{file}: others can read or write it; say chmod 600 {file}"):
             use(file)
 
 
 @POSIX
-@pytest.mark.parametrize(("owner", "mode", "sentence"), [(12345, 0o600, "belongs to another user"), (0, 0o640, "")])
-def test_a_file_of_somebody_else(file, monkeypatch, owner, mode, sentence):
-    """What a service is given belongs to root, and is readable by the group of the service."""
-    file.chmod(mode)
-    real = file.stat()
-    monkeypatch.setattr("pathlib.Path.stat", lambda *_, **__: os.stat_result([*real[:4], owner, *real[5:]]))
-    monkeypatch.setattr(os, "geteuid", lambda: 4711)
+@pytest.mark.parametrize(
+    ("owner", "mode", "me", "sentence"),
+    [
+        (1000, 0o600, 4711, "belongs to another user"),
+        (1000, 0o600, 0, ""),
+        (0, 0o600, 0, ""),
+        (0, 0o640, 4711, ""),
+        (0, 0o640, 0, ""),
+        (0, 0o660, 4711, "others can read or write it; say chmod 640"),
+        (0, 0o644, 4711, "others can read or write it; say chmod 640"),
+    ],
+)
+def test_a_file_of_somebody_else(file, owned, *, owner, mode, me, sentence):
+    """What root gives a service is readable by the group of the service."""
+    owned(owner, mode, me)
     if sentence:
         with pytest.raises(FileFormatError, match=sentence):
             read_users(file)
     else:
         assert read_users(file)
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root gives files away")
+def test_whoever_could_read_it_can_read_it_still(file):
+    os.chown(file, 0, 4711)
+    file.chmod(0o640)
+    add_user(file, user("ben"))
+    remove_user(file, "anna")
+    found = file.stat()
+    assert (found.st_uid, found.st_gid, found.st_mode & 0o777) == (0, 4711, 0o640)
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from drivecomm.cli.output import complain, tell
 from drivecomm.cli.sniff.lines import LiveTable, emit_event, emit_summary, print_summary, say_event
 from drivecomm.cli.sniff.naming import Naming
 from drivecomm.cli.sniff.sources import Ear, is_file, pieces_from
+from drivecomm.client import server_of_port
 from drivecomm.errors import LinkError, UsageError
 from drivecomm.protocol import LineSettings, installed, parse_drive
 from drivecomm.traffic.sniffer import LineMonitor, detect
@@ -95,7 +96,16 @@ def sniff(
             )
         job.read(place, write, output)
         return 0
-    open_port = shared_listening_port if shared else listening_port
+    open_port: Callable[[str, LineSettings], ListeningPort] = shared_listening_port if shared else listening_port
+    if (found := server_of_port(place)) is not None:
+        if find or shared:
+            raise UsageError(
+                f"{place} is the port of {found[0]}, which tells what it hears; leave --detect and --shared out"
+            )
+        # Loaded by those who go through a server only.
+        from drivecomm.client import LineEar  # noqa: PLC0415
+
+        open_port = lambda *_: LineEar(*found)  # noqa: E731
     heard = job.listen(
         place,
         write,

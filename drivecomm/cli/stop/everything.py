@@ -19,6 +19,7 @@ from drivecomm.cli.control.client import StopRequest, StopResult, broadcasts, st
 from drivecomm.cli.output import complain, emit, say, sentence
 from drivecomm.cli.signals import until_stopped
 from drivecomm.cli.stop.one_drive import as_far_as_possible
+from drivecomm.cli.stop.served import all_stopped_by_server
 from drivecomm.errors import (
     DriveCommError,
     DriveError,
@@ -51,6 +52,11 @@ def stop_all(line: LineOptions, path: Path | None, how: Stop) -> int:
     A drive that cannot stop this way is stopped down its ramp. Line facts of the command line go before what the plant
     says.
     """
+    served = all_stopped_by_server(path, line.port, how, as_json=line.json)
+    if served:
+        for news in served:
+            _show(news, how, as_json=line.json)
+        return 0 if all(news.error is None for news in served) else DriveError.exit_code
     if path is None:
         return _without_a_plant(line, how)
     try:

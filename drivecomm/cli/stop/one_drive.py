@@ -10,12 +10,15 @@ from drivecomm.cli.control.client import StopRequest, stop_by_holder
 from drivecomm.cli.drive_names import plant_file
 from drivecomm.cli.line_options import naming
 from drivecomm.cli.output import complain, tell
-from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.cli.stop.served import one_stopped_by_server
+from drivecomm.errors import FileFormatError, ServerLostError, UsageError
 from drivecomm.protocol import LINE_FACT_NAMES, DriveConfig, parse_drive
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from contextlib import AbstractContextManager
 
+    from drivecomm.bus import Bus
     from drivecomm.cli.control.client import StopResult
     from drivecomm.cli.line_options import LineOptions
     from drivecomm.protocol import Stop
@@ -35,25 +38,37 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> Non
         request = StopRequest(how=how, protocols=((protocol, chosen),))
         if _stopped_by_holder(line, line, request):
             return
-        with line.bus() as bus:
-            everybody, _ = as_far_as_possible(partial(bus.broadcast, protocol), chosen)
-            everybody.stop(how)
+        try:
+            _stop_all_of(line.bus(), protocol, chosen, how)
+        except ServerLostError as error:
+            complain(f"{error}; the port itself is tried now", as_json=line.json)
+            _stop_all_of(line.own_bus(), protocol, chosen, how)
         done = f"stop ({how.value}) sent to all; nobody confirms a broadcast"
         tell(f"{drive}  {done}", as_json=line.json, drive=drive, done=done)
         return
     reached, name, broken = reached_for_stopping(line, drive)
     options = {**name.options, **chosen}
     request = StopRequest(how=how, drives=((name.name, name.protocol, name.address, options),))
-    if _stopped_by_holder(line, reached, request):
-        return
-    with reached.bus() as bus:
-        one, without = as_far_as_possible(partial(bus.drive, name.protocol, name.address), options)
-        with naming(name):
-            one.stop(how)
+    without = ""
+    with reached.named_in_errors(), naming(name):
+        by_server = one_stopped_by_server(reached.named_port, name, how, line.said_facts, as_json=line.json)
+    if not by_server:
+        if _stopped_by_holder(line, reached, request):
+            return
+        with reached.own_bus() as bus:
+            one, without = as_far_as_possible(partial(bus.drive, name.protocol, name.address), options)
+            with naming(name):
+                one.stop(how)
     done = f"stop ({how.value}) commanded"
     tell(f"{name.name}  {done}", as_json=line.json, **name.labels, done=done, result=None)
     if broken or without:
         complain(broken or without, as_json=line.json)
+
+
+def _stop_all_of(opening: AbstractContextManager[Bus], protocol: str, options: Mapping[str, Any], how: Stop) -> None:
+    with opening as bus:
+        everybody, _ = as_far_as_possible(partial(bus.broadcast, protocol), options)
+        everybody.stop(how)
 
 
 def as_far_as_possible(make: Callable[..., T], options: Mapping[str, Any]) -> tuple[T, str]:

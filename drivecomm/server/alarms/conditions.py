@@ -34,7 +34,7 @@ def of_drive(on: Watched, state: DriveState) -> Finding:
         return Finding(holds=None, text="the drive does not answer")
     if on == "fault":
         if status.fault or state.fault:
-            which = (state.fault or status.fault_text).removeprefix("fault")
+            which = (state.fault or status.fault_text).removeprefix("fault").strip()
             return Finding(holds=True, text=f"fault {which}".rstrip(), which=which)
         return Finding(holds=False, text="no fault")
     if status.warning is None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from threading import Condition, Thread
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.server.alarms.messages import message_of
 from drivecomm.server.alarms.receivers import WITHIN_S
 
 if TYPE_CHECKING:
@@ -104,6 +105,7 @@ class _Queue:
         self._news = Condition()
         self._closing_until: float | None = None
         self._failures = 0
+        self._full = False
         # Nobody waits for one that hangs, also not when the program ends.
         self._thread = Thread(target=self._run, name=f"alarms to {receiver.label}", daemon=True)
 
@@ -113,12 +115,12 @@ class _Queue:
     def put(self, waiting: Waiting) -> None:
         with self._news:
             self._waiting.append((time.monotonic(), waiting))
-            full = len(self._waiting) > MOST
-            if full:
+            if full := len(self._waiting) > MOST:
                 self._waiting.popleft()
+            news, self._full = full and not self._full, self._full or full
             self._news.notify()
-        if full:
-            self._say(f"more than {MOST} alarms wait for {self._receiver.label}; the oldest is given up")
+        if news:
+            self._say(f"more than {MOST} alarms wait for {self._receiver.label}; the oldest are given up")
 
     def waiting(self) -> list[Waiting]:
         with self._news:
@@ -173,16 +175,5 @@ class _Queue:
         with self._news:
             gone = {id(each) for each in done}
             self._waiting = deque(each for each in self._waiting if id(each) not in gone)
+            self._full = len(self._waiting) >= MOST
         self._changed()
-
-
-def message_of(plant: str, entries: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the message that tells of these, as receivers get it."""
-    first = entries[0]
-    about = first["title"] if len(entries) == 1 else f"{len(entries)} alarms"
-    return {
-        "plant": plant,
-        "title": f"{plant}: {about}",
-        "text": "\n".join(each["text"] for each in entries),
-        "alarms": [dict(each) for each in entries],
-    }

@@ -6,14 +6,14 @@ import asyncio
 import os
 import time
 from contextlib import suppress
-from datetime import UTC, datetime
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from drivecomm.errors import FileFormatError, NotAllowedError
+from drivecomm.errors import FileFormatError, NotAllowedError, UsageError
 from drivecomm.server import STATUS, Role
 from drivecomm.server.alarms.delivery import Delivery, Waiting
 from drivecomm.server.alarms.kept_state import KeptState, read_state, write_state
+from drivecomm.server.alarms.messages import entry_of
 from drivecomm.server.alarms.receivers import receivers_of
 from drivecomm.server.alarms.states import Alarms
 
@@ -55,9 +55,12 @@ class PlantAlarms:
         self._plant = plant
         self._file = file
         self._write_event = write_event
+        self._pace = pace
+        self._environment = environment
         self._deliver = {rule.name: rule.deliver for rule in rules}
-        entries = list(dict.fromkeys(entry for rule in rules for entry in rule.deliver))
-        state = self._read(entries)
+        self._receivers = receivers_of(_entries(rules), environment)
+        self._others = False
+        state = self._read(self._receivers)
         self._lock = Lock()
         self._alarms = Alarms(
             rules,
@@ -67,9 +70,7 @@ class PlantAlarms:
             now_s=time.monotonic(),
             time_s=time.time(),
         )
-        self._delivery = Delivery(
-            receivers_of(entries, environment), plant=plant.name, say=self._say, changed=self._change, pace=pace
-        )
+        self._delivery = self._new_delivery()
         self._outbox = [*state.waiting]
         self._changed = bool(state.waiting)
         self._kept = True
@@ -79,8 +80,8 @@ class PlantAlarms:
         with self._lock:
             return self._alarms.standing()
 
-    def acknowledge(self, caller: Caller, alarm_id: str) -> None:
-        """Take note that somebody looks after an alarm: it is not reminded of any more.
+    def acknowledge(self, caller: Caller, alarm_id: str) -> Alarm:
+        """Take note that somebody looks after an alarm, and return it: nobody is reminded of it any more.
 
         Raises NotAllowedError for a caller who may only look, UsageError for an alarm that does not stand.
         """
@@ -88,11 +89,35 @@ class PlantAlarms:
             raise NotAllowedError(f"{caller} may not acknowledge alarms; that needs the role operate")
         with self._lock:
             done = self._alarms.acknowledge(alarm_id, caller.name, time.time())
-        if done is not None:
-            self._tell([done], who=str(caller))
+            if done is None:
+                return next(each for each in self._alarms.standing() if each.id == alarm_id)
+        self._tell([done], who=str(caller))
+        return done.alarm
+
+    def change_rules(self, rules: Sequence[AlarmRule]) -> None:
+        """Go on by other rules: alarms that stand by the old ones go on where they can, and are over otherwise.
+
+        Raises UsageError where a receiver cannot be what the plant file says; then nothing changes.
+        """
+        receivers = receivers_of(_entries(rules), self._environment)
+        with self._lock:
+            self._alarms = Alarms(
+                rules,
+                run=self._plant.session,
+                stood=self._alarms.standing(),
+                number=self._alarms.number,
+                now_s=time.monotonic(),
+                time_s=time.time(),
+            )
+            # Who was told of an alarm that is over with its rule hears of that, too, where they are still there.
+            self._deliver |= {rule.name: rule.deliver for rule in rules}
+            self._receivers, self._others = receivers, True
 
     async def run(self) -> None:
-        """Watch the plant until cancelled; then what is waiting is tried for 2 s, and the rest is kept in the file."""
+        """Watch the plant until cancelled; then what is waiting is tried for 2 s, and the rest is kept in the file.
+
+        May be called again afterwards.
+        """
         self._delivery.start()
         changes = self._plant.changes()
         try:
@@ -114,6 +139,10 @@ class PlantAlarms:
 
     async def _look(self) -> None:
         while True:
+            if self._others:
+                await asyncio.to_thread(self._exchange)
+                self._delivery.start()
+                self._see_all()
             with self._lock:
                 found = self._alarms.look(time.monotonic(), time.time())
             self._tell(found)
@@ -139,8 +168,9 @@ class PlantAlarms:
                     drives.add(value.drive)
                 else:
                     found += self._alarms.value_seen(value, now_s, time_s)
-            for drive in drives:
-                if self._alarms.watches(drive):
+            for drive in filter(self._alarms.watches, drives):
+                # One that has just been taken out of the plant file.
+                with suppress(UsageError):
                     found += self._alarms.drive_seen(self._plant.drive(drive), now_s, time_s)
         self._tell(found)
 
@@ -158,6 +188,11 @@ class PlantAlarms:
         with self._lock:
             self._changed = False
             new, self._outbox = self._outbox, []
+        self._write(new)
+        self._delivery.put(new)
+
+    def _write(self, new: Sequence[Waiting]) -> None:
+        with self._lock:
             waiting = (*self._delivery.waiting(), *new)
             state = KeptState(number=self._alarms.number, alarms=tuple(self._alarms.standing()), waiting=waiting)
         try:
@@ -168,9 +203,19 @@ class PlantAlarms:
             self._kept = False
         else:
             self._kept = True
-        self._delivery.put(new)
 
-    def _read(self, entries: Sequence[str]) -> KeptState:
+    def _new_delivery(self) -> Delivery:
+        return Delivery(self._receivers, plant=self._plant.name, say=self._say, changed=self._change, pace=self._pace)
+
+    def _exchange(self) -> None:
+        """Take the receivers as they are now; what was not delivered yet is delivered by them."""
+        self._delivery.close()
+        with self._lock:
+            self._outbox = [*self._delivery.waiting(), *self._outbox]
+            self._delivery, self._others = self._new_delivery(), False
+        self._change()
+
+    def _read(self, entries: Iterable[str]) -> KeptState:
         try:
             return read_state(self._file, entries)
         except FileFormatError as error:
@@ -183,8 +228,8 @@ class PlantAlarms:
 
     def _close(self) -> None:
         self._keep()
-        self._delivery.close()
-        self._keep()
+        self._exchange()
+        self._write(self._outbox)
 
     def _say(self, text: str) -> None:
         self._write_event("alarm", text)
@@ -193,39 +238,5 @@ class PlantAlarms:
         self._changed = True
 
 
-def entry_of(transition: Transition) -> dict[str, Any]:
-    """Return what is told of a transition, as receivers get it."""
-    alarm = transition.alarm
-    title = f"{alarm.rule}: {alarm.drive}" + {"reminded": " (reminder)", "over": " (over)"}.get(transition.what, "")
-    return {
-        "message": f"{alarm.id}.{alarm.told}",
-        "what": transition.what,
-        "id": alarm.id,
-        "rule": alarm.rule,
-        "drive": alarm.drive,
-        "title": title,
-        "text": f"{alarm.drive}: {transition.text}, since {_clock(alarm.since_s)}",
-        "since": _utc(alarm.since_s),
-        "time": _utc(transition.time_s),
-        "times": alarm.times,
-        "acknowledged_by": alarm.acknowledged_by,
-    }
-
-
-def entry_of_test(rule: AlarmRule) -> dict[str, Any]:
-    """Return what is told to see whether a rule's messages arrive."""
-    now = time.time()
-    text = f"This is a test of {rule.name}; there is no alarm."
-    return {
-        "message": f"test-{now:.0f}", "what": "test", "id": f"test-{now:.0f}", "rule": rule.name, "drive": "",
-        "title": f"{rule.name} (test)", "text": text, "since": _utc(now), "time": _utc(now), "times": 0,
-        "acknowledged_by": "",
-    }  # fmt: skip
-
-
-def _utc(time_s: float) -> str:
-    return datetime.fromtimestamp(time_s, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-
-
-def _clock(time_s: float) -> str:
-    return datetime.fromtimestamp(time_s).astimezone().isoformat(" ", timespec="seconds")
+def _entries(rules: Iterable[AlarmRule]) -> list[str]:
+    return list(dict.fromkeys(entry for rule in rules for entry in rule.deliver))

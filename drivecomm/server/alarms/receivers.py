@@ -194,6 +194,11 @@ def receivers_of(entries: Sequence[str], environment: Mapping[str, str]) -> dict
     }
 
 
+def label_of(entry: str) -> str:
+    """Return how a receiver is named without any secret."""
+    return entry if entry.startswith("@") else _receiver(entry, "").label
+
+
 def key_of(entry: str) -> str:
     """Return what stands for an entry in files: it may be a URL with a password in it."""
     return sha256(entry.encode()).hexdigest()[:16]
@@ -227,7 +232,7 @@ def _host(url: str, schemes: set[str]) -> str:
         port = f":{parts.port}" if parts.port else ""
     except ValueError as error:
         raise UsageError(f"invalid URL of a webhook: {error}") from None
-    if parts.scheme not in schemes or not parts.hostname or re.search(r"[\x00-\x20\x7f]", url):
+    if parts.scheme not in schemes or not parts.hostname or not re.fullmatch(r"[!-~]+", url):
         raise UsageError("invalid URL of a webhook; write webhook:https://example.com/hook, for example")
     return f"{parts.hostname}{port}"
 

@@ -21,7 +21,7 @@ from math import inf
 from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 from drivecomm.errors import UsageError, meant
-from drivecomm.server.alarms.receivers import check_entry
+from drivecomm.server.alarms.receivers import check_entry, label_of
 from drivecomm.tomlfile import LIST, NUMBER, SECONDS, TEXT
 
 if TYPE_CHECKING:
@@ -83,17 +83,22 @@ class AlarmRule:
     remind_s: float | None = None
     deliver: tuple[str, ...] = ()
 
+    @property
+    def labels(self) -> list[str]:
+        """Who is told, without any secret."""
+        return [label_of(entry) for entry in self.deliver]
+
     def __str__(self) -> str:
         """Return the rule in words."""
         limit = self.limit
         if limit is None:
-            words = {"fault": "has a fault", "warning": "has a warning", "silent": "does not answer"}.get(self.on, "")
+            words = {"fault": "a fault", "warning": "a warning", "silent": "silence"}.get(self.on, "")
         else:
             back = f" (over when back by {limit.hysteresis})" if limit.hysteresis else ""
-            words = f"has {limit}{back}"
+            words = f"{limit}{back}"
         held = f" for {self.for_s:g} s" if self.for_s else ""
         reminded = f", with a reminder each {self.remind_s:g} s" if self.remind_s else ""
-        return f"{', '.join(self.drives)} {words}{held}{reminded}; over after {self.over_s:g} s without it"
+        return f"{words} of {', '.join(self.drives)}{held}{reminded}; over after {self.over_s:g} s without it"
 
 
 def read_alarms(tables: Sequence[Table], drives: Sequence[DriveConfig]) -> tuple[AlarmRule, ...]:

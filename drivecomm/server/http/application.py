@@ -21,7 +21,8 @@ from drivecomm.server.http.asked import Asked
 from drivecomm.server.http.commanding import status_of
 from drivecomm.server.http.fields import of_body, of_query
 from drivecomm.server.http.guard import Guard, whole_body
-from drivecomm.server.http.reading import health, readiness
+from drivecomm.server.http.openapi import description
+from drivecomm.server.http.reading import health, json_answer, readiness
 from drivecomm.server.http.routes import ROUTES
 
 if TYPE_CHECKING:
@@ -49,9 +50,12 @@ def application(door: DoorState, callers: Callers, check_place: Callable[[Scope]
             return await route.carry_out(await _asked(route, request, door, callers, local=local))
 
         found = Served(route.path, endpoint, methods=[route.method])
-        if route.form != "json" and found.methods:
+        if route.form in ("events", "lines") and found.methods:
             found.methods.discard("HEAD")
         return found
+
+    async def described(_: Request) -> Response:
+        return json_answer(description())
 
     async def file(request: Request) -> Response:
         path = unquote(request.path_params.get("path", "index.html"))
@@ -66,6 +70,7 @@ def application(door: DoorState, callers: Callers, check_place: Callable[[Scope]
     app = Starlette(
         routes=[
             *map(served, ROUTES),
+            Served("/openapi.json", described),
             Served("/healthz", partial(plainly, health)),
             Served("/readyz", partial(plainly, readiness)),
             Served("/page/{path:path}", file),

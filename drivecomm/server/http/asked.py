@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
 
     from drivecomm.server import Caller, ServedPlant
     from drivecomm.server.http.guard import LoginRate
+    from drivecomm.server.http.metrics import Metrics
     from drivecomm.server.http.stream import Streams
 
 
@@ -22,6 +24,8 @@ class DoorState:
     plant: ServedPlant
     streams: Streams
     logins: LoginRate
+    metrics: Metrics
+    rendering: asyncio.Lock = field(default_factory=asyncio.Lock)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -122,6 +122,14 @@ async def stream(asked: Asked) -> Response:
     return _Stream(asked)
 
 
+async def metrics(asked: Asked) -> Response:
+    """Tell Prometheus all that there is; made in a thread, one at a time, because it takes long for a large plant."""
+    accept = asked.request.headers.get("accept", "")
+    async with asked.door.rendering:
+        text, media_type = await asyncio.to_thread(asked.door.metrics.rendered, accept)
+    return Response(text, media_type=None, headers={"Content-Type": media_type})
+
+
 def health(_: DoorState) -> Response:
     """Say that the process is there."""
     return PlainTextResponse("ok\n")

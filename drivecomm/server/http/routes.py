@@ -39,7 +39,7 @@ class Route:
     local: bool = False
     body: Mapping[str, Field] = field(default_factory=dict)
     query: Mapping[str, Field] = field(default_factory=dict)
-    form: Literal["json", "events", "lines"] = "json"
+    form: Literal["json", "events", "lines", "text"] = "json"
 
 
 _SPAN = {
@@ -116,6 +116,10 @@ ROUTES = (
     Route(
         method="GET", path=f"{V1}/alarms", answer="Alarms", carry_out=reading.alarms,
         summary="Alarms that are on, or that nobody has acknowledged.",
+    ),
+    Route(
+        method="GET", path="/metrics", answer="Metrics", carry_out=reading.metrics, form="text",
+        summary="All values, drives and lines for Prometheus.",
     ),
     Route(
         method="POST", path=f"{V1}/alarms/{{id}}/acknowledge", answer="Alarm", carry_out=commanding.acknowledge,

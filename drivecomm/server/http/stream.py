@@ -46,6 +46,10 @@ class _Seen:
     value: CurrentValue
     head: str = ""
 
+    @property
+    def key(self) -> tuple[str, str]:
+        return self.value.drive, self.value.name
+
     def text(self, now: float) -> str:
         self.head = self.head or value_head(self.value)
         return aged(self.head, self.value, now)
@@ -94,6 +98,7 @@ class Streams:
         # The latest at the end.
         self._latest: dict[tuple[str, str], _Seen] = {}
         self._number = 0
+        self._turn = asyncio.Lock()
         self._reading: asyncio.Task[None] | None = None
         self._pinging: asyncio.Task[None] | None = None
 
@@ -174,24 +179,24 @@ class Streams:
     async def _read(self, changes: Changes) -> None:
         try:
             async for values, events in changes:
-                began = time.monotonic()
+                began = time.thread_time()
                 self._note(values)
                 for group in list(self._groups.values()):
                     if not group.every_s:
                         await self._give_values(group)
                     if events:
                         await self._give_events(group, events)
-                if (took_s := time.monotonic() - began) > _SLICE_S:
+                if (took_s := time.thread_time() - began) > _SLICE_S:
                     await asyncio.sleep(took_s * _SHARE)
         finally:
             changes.close()
 
     def _note(self, values: Iterable[CurrentValue]) -> None:
         for value in values:
-            key = (value.drive, value.name)
-            self._latest.pop(key, None)
             self._number += 1
-            self._latest[key] = _Seen(self._number, value)
+            seen = _Seen(self._number, value)
+            self._latest.pop(seen.key, None)
+            self._latest[seen.key] = seen
 
     async def _tick(self, group: _Group) -> None:
         while True:
@@ -222,7 +227,7 @@ class Streams:
     async def _write(
         self, group: _Group, clients: Sequence[_Client], data: bytes, *, values: int = 0, events: Sequence[Event] = ()
     ) -> None:
-        framed = b"%x\r\n%b\r\n" % (len(data), data)
+        framed = _framed(data)
         until = time.monotonic() + _SLICE_S
         for client in clients:
             if client.keeps_up and client.transport.get_write_buffer_size() > _BEHIND:
@@ -244,26 +249,36 @@ class Streams:
     async def _give_missed(self, group: _Group, client: _Client) -> None:
         """Give a client what it has not, as fast as it reads, until it keeps up."""
         try:
-            while True:
-                async with asyncio.timeout(NOT_READING_S):
-                    # Goes out when there is room, so that what comes next is the latest.
-                    await client.send(_body(b":\n\n"))
-                events = [each for each in self._plant.events() if each.number > client.events and group.is_about(each)]
-                news = self._after(group, client.values)[:_PIECE]
-                lost, client.missed = max(0, client.missed - len(events)), 0
-                if not (events or news or lost):
-                    client.values, client.keeps_up = self._number, True
-                    return
-                if lost:
-                    await client.send(_body(_message("lost", json_text({"events": lost}))))
-                if events:
-                    client.events = events[-1].number
-                    await client.send(_body(_told(events)))
-                if news:
-                    client.values = news[-1].number
-                    await client.send(_body(_message("values", await _joined(news))))
+            while not client.keeps_up:
+                news = self._after(group, client.values)
+                for start in range(0, len(news) + 1, _PIECE):
+                    async with asyncio.timeout(NOT_READING_S):
+                        # Goes out when there is room, so that what comes next is the latest.
+                        await client.send(_body(b":\n\n"))
+                    # One client at a time, however many have to catch up.
+                    async with self._turn:
+                        await self._give_piece(group, client, news[start : start + _PIECE])
         except TimeoutError:
             client.transport.abort()
+
+    async def _give_piece(self, group: _Group, client: _Client, piece: Sequence[_Seen]) -> None:
+        # What has changed meanwhile is in a later piece.
+        values = await _joined([seen for seen in piece if self._latest.get(seen.key) is seen]) if piece else ""
+        events = [each for each in self._plant.events() if each.number > client.events and group.is_about(each)]
+        lost, client.missed = max(0, client.missed - len(events)), 0
+        data = b""
+        if lost:
+            data += _message("lost", json_text({"events": lost}))
+        if events:
+            client.events = events[-1].number
+            data += _told(events)
+        if piece:
+            client.values = piece[-1].number
+            data += _message("values", values)
+        if data:
+            client.transport.write(_framed(data))
+        elif not self._after(group, client.values):
+            client.values, client.keeps_up = self._number, True
 
     def _after(self, group: _Group, number: int) -> list[_Seen]:
         newer = takewhile(lambda seen: seen.number > number, reversed(self._latest.values()))
@@ -278,6 +293,10 @@ async def _joined(news: Sequence[_Seen]) -> str:
             await asyncio.sleep(0)
             until = time.monotonic() + _SLICE_S
     return f"[{','.join(texts)}]"
+
+
+def _framed(data: bytes) -> bytes:
+    return b"%x\r\n%b\r\n" % (len(data), data)
 
 
 def _told(events: Sequence[Event]) -> bytes:

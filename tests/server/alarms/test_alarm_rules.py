@@ -87,9 +87,9 @@ def test_in_words(rules):
         remind_s = 600
         """
     )
-    assert str(fault) == "pump, fan has a fault; over after 60 s without it"
+    assert str(fault) == "a fault of pump, fan; over after 60 s without it"
     assert str(current) == (
-        "pump, fan has output_current above 12.5 (over when back by 0.5) for 10 s, with a reminder each 600 s; "
+        "output_current above 12.5 (over when back by 0.5) of pump, fan for 10 s, with a reminder each 600 s; "
         "over after 5 s without it"
     )
 

@@ -3,12 +3,17 @@
 import asyncio
 import contextlib
 import json
+import os
+import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 from alarm_plant import AlarmPlant
 from alarm_points import current, limit, pump, rule
+from alarm_receivers import Hook
 
 from drivecomm.errors import NotAllowedError, UsageError
 from drivecomm.server import Caller, Role
@@ -83,6 +88,7 @@ def test_from_a_trip_to_its_end(running, hook, eventually):
     server.plant.see(pump())
     eventually(lambda: hook.told == ["raised", "over"])
     assert hook.got[1]["alarms"][0]["id"] == "run-1"
+    assert hook.got[1]["alarms"][0]["text"].startswith("pump: pump fault: over: no fault, it began 20")
     assert hook.got[1]["alarms"][0]["acknowledged_by"] == "ann"
     assert server.events == [
         ("alarm", "pump fault: fault F0400 overload", "pump", ""),
@@ -170,18 +176,38 @@ def test_what_stands_is_in_the_file_before_it_is_delivered(running, hook, eventu
     eventually(lambda: not json.loads((tmp_path / "alarms.json").read_text())["waiting"])
 
 
-def test_killed_and_started_again(running, hook, eventually, tmp_path):
-    """What a killed server leaves is what stands in the file at any moment."""
-    watched = rule(deliver=(f"webhook:{hook.url}",))
-    server = running(watched, state=pump("F1"))
+PROGRAM = """
+import asyncio, sys
+from pathlib import Path
+from alarm_plant import AlarmPlant
+from alarm_points import pump, rule
+from drivecomm.server.alarms import PlantAlarms
+
+plant = AlarmPlant()
+plant.state = pump("F1")
+watched = rule(deliver=(f"webhook:{sys.argv[2]}",))
+asyncio.run(PlantAlarms(plant, [watched], file=Path(sys.argv[1]), write_event=lambda *_, **__: None).run())
+"""
+
+
+@pytest.mark.parametrize("does", ["hang", 200])
+def test_a_server_that_is_killed_while_it_tells_or_afterwards(running, hook, eventually, tmp_path, does):
+    hook.does = does
     file = tmp_path / "alarms.json"
-    eventually(lambda: hook.got and not json.loads(file.read_text())["waiting"])
-    left = file.read_text()
-    server.end()
-    file.write_text(left)
-    running(watched, session="later", state=pump("F1"))
-    time.sleep(0.5)
-    assert hook.told == ["raised"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    with subprocess.Popen([sys.executable, "-c", PROGRAM, file, hook.url], env=environment) as process:
+        eventually(lambda: hook.begun, 60)
+        eventually(lambda: does == "hang" or not json.loads(file.read_text())["waiting"])
+        process.kill()
+    hook.does = 200
+    server = running(rule(over_s=1.0, deliver=(f"webhook:{hook.url}",)), session="later", state=pump("F1"))
+    eventually(lambda: hook.told)
+    (alarm,) = server.alarms.standing()
+    assert alarm.id == "run-1"
+    server.plant.see(pump())
+    eventually(lambda: hook.told == ["raised", "over"])
+    assert hook.begun == 2 + (does == "hang")
+    assert [each["message"] for message in hook.got for each in message["alarms"]] == ["run-1.1", "run-1.2"]
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"format": 1}', '{"format": 7}', '{"format": 1, "number": "x"}'])
@@ -202,6 +228,54 @@ def test_a_disk_that_is_full_costs_no_alarm(running, hook, eventually, tmp_path)
     eventually(lambda: hook.told == ["raised", "over"])
     assert sum(text.startswith("alarms would not survive a restart now: ") for text in server.texts) == 1
     (tmp_path / "alarms.json").rmdir()
+
+
+def test_other_rules(running, hook, eventually):
+    server = running(rule(deliver=(f"webhook:{hook.url}",)), state=pump("F1", warning=True))
+    eventually(lambda: hook.told == ["raised"])
+    server.alarms.acknowledge(ANN, "run-1")
+    with pytest.raises(UsageError, match="there is no secret"):
+        server.alarms.change_rules([rule("warning", deliver=("@mail",))])
+    with Hook() as other:
+        server.alarms.change_rules([rule(), rule("warning", deliver=(f"webhook:{other.url}",))])
+        eventually(lambda: other.told == ["raised"])
+        server.alarms.change_rules([rule("warning", over_s=1.0, deliver=(f"webhook:{hook.url}",))])
+        eventually(lambda: "pump fault: over: the plant file has no such alarm any more" in server.texts)
+        server.plant.see(pump())
+        eventually(lambda: hook.told == ["raised", "over"])
+        assert other.told == ["raised"]
+
+
+def test_it_may_be_run_again(hook, tmp_path):
+    """As it is by what looks after it, when something has failed."""
+    hook.does = 500
+    plant = AlarmPlant()
+    plant.state = pump("F1")
+    watched = [rule(deliver=(f"webhook:{hook.url}",))]
+    alarms = PlantAlarms(plant, watched, file=tmp_path / "a", write_event=lambda *_, **__: None, pace=QUICK)
+
+    async def some_time():
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(alarms.run(), 1)
+
+    asyncio.run(some_time())
+    assert hook.begun
+    hook.does = 200
+    asyncio.run(some_time())
+    assert hook.told == ["raised"]
+
+
+def test_a_drive_that_was_taken_out_of_the_plant(running, eventually):
+    server = running(rule())
+
+    def gone(name):
+        raise UsageError(f"no drive {name}")
+
+    server.plant.drive = gone
+    server.plant.see(pump("F1"))
+    del server.plant.drive
+    server.plant.see(pump("F2"))
+    eventually(lambda: "pump fault: fault F2" in server.texts)
 
 
 def test_a_secret_that_is_missing_is_told_at_the_start(tmp_path):

@@ -311,10 +311,11 @@ class Client:
         lines = [f"GET /api/v1/stream{query} HTTP/1.1", "Host: localhost"]
         lines += [f"{name}: {each}" for name, each in {**self.headers, **headers}.items()]
         connected.sendall("\r\n".join([*lines, "", ""]).encode())
+        source = EventSource(connected)
         try:
-            yield EventSource(connected)
+            yield source
         finally:
-            connected.close()
+            source.close()
 
 
 class EventSource:
@@ -328,6 +329,13 @@ class EventSource:
         while self._file.readline().strip():
             pass
         self._text = b""
+
+    def close(self):
+        self._file.close()
+        self.socket.close()
+
+    def line(self):
+        return self._file.readline()
 
     def next(self, kind=None):
         """Return the name, the content and the id of the next message (of this kind)."""

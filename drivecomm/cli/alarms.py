@@ -1,0 +1,51 @@
+"""The alarms commands: what a plant file says of alarms, in words, and a message to try whether it arrives."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drivecomm.cli.options import Json
+from drivecomm.cli.output import emit, say
+from drivecomm.errors import UsageError, meant
+from drivecomm.plant import read_plant
+from drivecomm.server import read_settings
+from drivecomm.server.alarms import read_alarms, try_out
+
+
+def check(
+    plant: Annotated[Path, typer.Argument(metavar="PLANT", help="A plant file.")],
+    test: Annotated[
+        str | None,
+        typer.Option("--test", metavar="NAME", help="Deliver a test message to the receivers of this alarm."),
+    ] = None,
+    json: Json = False,
+) -> int:
+    """Show the alarms of a plant file in words.
+
+    Exit code 1 when there are none, or when the test message could not be delivered to everybody.
+    """
+    rules = {rule.name: rule for rule in read_alarms(read_settings(plant).alarms, read_plant(plant).drives)}
+    if test is not None:
+        if test not in rules:
+            raise UsageError(f"{plant}: unknown alarm {test!r}; {meant(test, rules, 'it has')}")
+        if not rules[test].deliver:
+            raise UsageError(f"{plant}: the alarm {test!r} is delivered to nobody; give it deliver = [...]")
+        tried = try_out(rules[test], plant.stem, os.environ)
+        for label, failure in tried.items():
+            if json:
+                emit(alarm=test, receiver=label, delivered=not failure, error=failure)
+            else:
+                say(f"{label}: {failure or 'delivered'}")
+        return 1 if any(tried.values()) else 0
+    for rule in rules.values():
+        if json:
+            emit(alarm=rule.name, rule=str(rule), drives=list(rule.drives), receivers=list(rule.labels))
+        else:
+            say(f"{rule.name}: {rule}; told to {', '.join(rule.labels) or 'nobody'}")
+    if not rules and not json:
+        say(f"{plant} has no alarms; write an [[alarm]] for each")
+    return 0 if rules else 1

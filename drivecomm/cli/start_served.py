@@ -1,0 +1,46 @@
+"""Starting a motor through the server that owns its line: the server keeps it, for as long as this command is there."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.cli.signals import until_stopped
+from drivecomm.client import KeptMotor, error_of
+from drivecomm.errors import DriveError, ServerLostError
+from drivecomm.protocol import exact
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from threading import Event
+
+    from drivecomm.cli.start import Watch
+    from drivecomm.client import ServedDrive
+    from drivecomm.protocol import LinkLoss
+
+
+def start_and_stay(
+    drive: ServedDrive, watch_of: Callable[[Event], Watch], policy: LinkLoss, watchdog_s: str, **choices: Any
+) -> int:
+    """Start a motor, and stay until Ctrl-C or until the server keeps it no more; return the exit code.
+
+    choices: its reference and its direction. What happens is told as where no server is.
+    """
+    ended = ""
+    silence_s = exact(watchdog_s, "watchdog time")
+    with until_stopped() as stop, KeptMotor(drive, float(silence_s)) as kept:
+        watch = watch_of(stop)
+        kept.start(policy, watchdog_s=silence_s, **choices)
+        for event in kept.events(stop):
+            ended = event["done"]
+            if "error" in event:
+                error = error_of(event["error"])
+                if ended == "failed":
+                    raise error
+                watch.failed(error)
+                continue
+            watch.fault = watch.fault or ended == "fault"
+            said = {"watchdog_s": watchdog_s} if "watchdog_s" in event else {}
+            watch.tell(**{**event, **said})
+    if ended != "stop commanded":
+        raise ServerLostError(f"{drive.name}: its server keeps it no more, and does not say why; look at the motor")
+    return DriveError.exit_code if watch.fault else 0

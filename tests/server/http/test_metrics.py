@@ -1,0 +1,176 @@
+"""What Prometheus gets: names and units by its rules, nothing that is stale, and nothing that has to be asked for."""
+
+import json
+import shutil
+import subprocess
+import time
+import urllib.request
+from dataclasses import replace
+
+import pytest
+from fake_plant import Client, FakePlant, reading, served, value
+
+from drivecomm.models import quantities
+from drivecomm.server import CurrentValue
+from drivecomm.server.http import HttpDoor
+from drivecomm.server.http.metrics import names
+from drivecomm.tomlfile import Table
+
+PROMTOOL, PROMETHEUS = shutil.which("promtool"), shutil.which("prometheus")
+
+
+def samples(text):
+    """Return the value of each sample, by its name with labels."""
+    lines = [line for line in text.decode().splitlines() if line and line[0] != "#"]
+    return {line.rpartition(" ")[0]: float(line.rpartition(" ")[2]) for line in lines}
+
+
+def scraped(client):
+    answer = client.get("/metrics")
+    assert answer.status == 200
+    return samples(answer.content)
+
+
+def test_units_of_prometheus(local, plant):
+    plant.change(
+        value("pump", "output_frequency", "49.98", "Hz"),
+        value("pump", "torque_percent", "80", "%"),
+        value("pump", "heat_sink_temperature", "41.5", "degC"),
+        value("pump", "operating_hours", "2", "h"),
+        value("pump", "output_power", "1.5", "kW"),
+        value("pump", "switching_frequency", "4", "kHz"),
+    )
+    found = scraped(local)
+    labels = '{drive="pump",line="main"}'
+    assert found[f"drivecomm_output_frequency_hertz{labels}"] == 49.98
+    assert found[f"drivecomm_torque_ratio{labels}"] == pytest.approx(0.8)
+    assert found[f"drivecomm_heat_sink_temperature_celsius{labels}"] == 41.5
+    assert found[f"drivecomm_operating_seconds_total{labels}"] == 7200
+    assert found[f"drivecomm_output_power_watts{labels}"] == 1500
+    assert found[f"drivecomm_switching_frequency_hertz{labels}"] == 4000
+
+
+@pytest.mark.parametrize("quality", ["stale", "bad"])
+def test_what_is_stale_is_left_out(local, plant, quality):
+    plant.change(value("pump", quality=quality))
+    found = scraped(local)
+    assert 'drivecomm_output_frequency_hertz{drive="pump",line="main"}' not in found
+    assert 'drivecomm_output_frequency_hertz{drive="fan",line="main"}' in found
+
+
+def test_what_has_become_too_old_is_left_out(local, plant):
+    old = reading(time_s=time.time() - 60)
+    plant.change(CurrentValue(drive="pump", name="output_frequency", reading=old, quality="good", keeps_s=3.0))
+    assert 'drivecomm_output_frequency_hertz{drive="pump",line="main"}' not in scraped(local)
+
+
+def test_a_value_in_another_unit_is_left_out(local, plant):
+    plant.change(value("pump", "output_frequency", "1200", "rpm"))
+    assert 'drivecomm_output_frequency_hertz{drive="pump",line="main"}' not in scraped(local)
+
+
+def test_when_it_was_read(local, plant):
+    then = round(time.time() - 1, 3)
+    plant.change(value("pump", time_s=then))
+    found = scraped(local)
+    assert found['drivecomm_sample_timestamp_seconds{drive="pump",line="main",name="output_frequency"}'] == then
+
+
+def test_drives(local, plant):
+    plant.states["fan"] = replace(plant.states["fan"], reachability="silent", status=None)
+    found = scraped(local)
+    assert found['drivecomm_drive_up{drive="pump",line="main"}'] == 1
+    assert found['drivecomm_drive_up{drive="fan",line="main"}'] == 0
+    state = 'drivecomm_drive_state{drive="pump",drivecomm_drive_state="%s",line="main"}'
+    assert found[state % "running"] == 1
+    assert found[state % "fault"] == 0
+    assert not any(name.startswith('drivecomm_drive_state{drive="fan"') for name in found)
+    assert found['drivecomm_framing_errors_total{drive="pump",line="main"}'] == 1
+    info = next(name for name in found if name.startswith("drivecomm_drive_info{") and '"pump"' in name)
+    assert 'protocol="vabus"' in info
+    assert 'address="1"' in info
+
+
+def test_lines_and_the_server(local):
+    found = scraped(local)
+    assert found['drivecomm_line_up{line="main",port="/dev/ttyUSB0"}'] == 1
+    assert found['drivecomm_line_missed_polls_total{line="main"}'] == 2
+    assert found["drivecomm_alarms"] == 1
+    assert found["drivecomm_server_start_time_seconds"] == 1_700_000_000
+    assert found['drivecomm_door_streams{door="local"}'] == 0
+
+
+def test_a_parameter_without_a_common_name(local, plant):
+    plant.change(value("pump", "480", "7", "x"))
+    assert scraped(local)['drivecomm_parameter{drive="pump",line="main",parameter="480",unit="x"}'] == 7
+
+
+def test_open_metrics(local):
+    answer = local.get("/metrics", Accept="application/openmetrics-text; version=1.0.0")
+    assert answer.headers["Content-Type"].startswith("application/openmetrics-text")
+    assert answer.content.endswith(b"# EOF\n")
+
+
+def test_every_common_name_is_a_metric_of_its_own(local, plant):
+    plant.change(*(value("pump", name, "1", quantity.unit) for name, quantity in quantities().items()))
+    found = scraped(local)
+    metrics = [f"{each.metric}{'_total' if each.counts else ''}" for each in names().values()]
+    assert len(set(metrics)) == len(metrics) == len(quantities()) - 3
+    assert all(f'{metric}{{drive="pump",line="main"}}' in found for metric in metrics)
+
+
+@pytest.mark.skipif(not PROMTOOL, reason="promtool is not installed")
+def test_promtool_finds_nothing_to_say(local, plant):
+    plant.change(*(value("pump", name, "1", quantity.unit) for name, quantity in quantities().items()))
+    text = local.get("/metrics").content
+    found = subprocess.run([PROMTOOL, "check", "metrics"], input=text, capture_output=True, check=False)
+    assert (found.returncode, found.stdout, found.stderr) == (0, b"", b"")
+
+
+@pytest.mark.skipif(not PROMETHEUS, reason="prometheus is not installed")
+def test_a_real_prometheus_scrapes_500_drives(tmp_path):
+    polled = ("output_frequency", "output_current", "dc_link_voltage", "heat_sink_temperature")
+    plant = FakePlant([f"drive-{number}" for number in range(500)], polled=polled)
+    for key in plant.current:
+        plant.current[key] = replace(value(*key, unit=quantities()[key[1]].unit), keeps_s=600.0)
+    door = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
+    with served(door, plant):
+        assert len([name for name in scraped(Client(door)) if "_hertz{" in name]) == 500
+        assert _found_by_prometheus(tmp_path, door.port) == {"500"}
+
+
+def _found_by_prometheus(folder, port):
+    settings = {
+        "global": {"scrape_interval": "1s", "scrape_timeout": "1s"},
+        "scrape_configs": [{"job_name": "plant", "static_configs": [{"targets": [f"127.0.0.1:{port}"]}]}],
+    }
+    (folder / "prometheus.yml").write_text(json.dumps(settings))
+    own = _free_port()
+    command = [
+        PROMETHEUS, f"--config.file={folder / 'prometheus.yml'}", f"--storage.tsdb.path={folder / 'data'}",
+        f"--web.listen-address=127.0.0.1:{own}", "--log.level=error",
+    ]  # fmt: skip
+    running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        until = time.monotonic() + 60
+        while time.monotonic() < until:
+            time.sleep(0.5)
+            try:
+                query = f"http://127.0.0.1:{own}/api/v1/query?query=count(drivecomm_output_current_amperes)"
+                with urllib.request.urlopen(query, timeout=5) as answer:
+                    result = json.load(answer)["data"]["result"]
+            except OSError:
+                continue
+            if result:
+                return {each["value"][1] for each in result}
+        return set()
+    finally:
+        running.kill()
+        running.wait()
+
+
+def _free_port():
+    import socket  # noqa: PLC0415
+
+    with socket.create_server(("127.0.0.1", 0)) as found:
+        return found.getsockname()[1]

@@ -1,0 +1,229 @@
+"""Values and events as they come: to those who read, to those who do not, and to a thousand at once."""
+
+import asyncio
+import socket
+import threading
+import time
+
+import pytest
+from fake_plant import Client, EventSource, FakePlant, served, value
+
+from drivecomm.server.http import HttpDoor, LocalDoor, stream as streams
+from drivecomm.tomlfile import Table
+
+ASK = b"GET /api/v1/stream HTTP/1.1\r\nHost: localhost\r\n\r\n"
+
+
+def drives_of(message):
+    return {each["drive"] for each in message.data}
+
+
+def test_first_all_that_is_known(local):
+    with local.stream() as stream:
+        assert stream.next().name == "hello"
+        assert drives_of(stream.next()) == {"pump", "fan"}
+
+
+def test_only_some_drives(local, plant):
+    with local.stream("?drives=fan") as stream:
+        assert drives_of(stream.next("values")) == {"fan"}
+        plant.change(value("pump"), events=[plant.event(1, drive="pump")])
+        plant.change(value("fan", amount="5"), events=[plant.event(2, drive="fan"), plant.event(3, drive="")])
+        told = [stream.next(), stream.next()]
+        assert {each.name for each in told} == {"values", "events"}
+        for each in told:
+            assert "pump" not in drives_of(each)
+
+
+def test_a_drive_that_is_not_there(local):
+    found = local.get("/api/v1/stream?drives=pump,fax")
+    assert found.status == 404
+    assert "did you mean 'fan'?" in found.content["error"]["text"]
+
+
+def test_at_most_so_often_the_latest_only(local, plant):
+    with local.stream("?every=0.3") as stream:
+        stream.next("values")
+        began = time.monotonic()
+        for amount in range(50):
+            plant.change(value("pump", amount=str(amount)))
+            time.sleep(0.005)
+        messages = []
+        while not messages or messages[-1].data[-1]["reading"]["value"] != 49:
+            messages.append(stream.next("values"))
+        assert len(messages) <= (time.monotonic() - began) / 0.3 + 1
+        assert all(len(each.data) == 1 for each in messages)
+
+
+def test_events_do_not_wait(local, plant):
+    with local.stream("?every=60") as stream:
+        stream.next("values")
+        plant.change(value("pump"), events=[plant.event(1)])
+        assert stream.next().name == "events"
+
+
+def test_clients_of_one_kind_share_what_is_told(local, plant):
+    with local.stream() as first, local.stream() as second:
+        first.next("values"), second.next("values")
+        for amount in ("1", "2", "3"):
+            plant.change(value("pump", amount=amount))
+            assert str(first.next().data[0]["reading"]["value"]) == amount
+            assert str(second.next().data[0]["reading"]["value"]) == amount
+
+
+def test_who_comes_again_gets_what_they_missed(local, plant):
+    plant.change(events=[plant.event(number) for number in range(1, 6)])
+    with local.stream("", **{"Last-Event-ID": "3"}) as stream:
+        assert [each["number"] for each in stream.next("events").data] == [4, 5]
+    with local.stream() as stream:
+        stream.next("values")
+        plant.change(events=[plant.event(6)])
+        assert [each["number"] for each in stream.next("events").data] == [6]
+
+
+def test_numbers_of_an_earlier_run_hide_nothing(local, plant):
+    with local.stream("", **{"Last-Event-ID": "1000"}) as stream:
+        stream.next("values")
+        plant.change(events=[plant.event(1)])
+        assert stream.next("events").data[0]["number"] == 1
+
+
+def test_who_does_not_read_gets_the_latest_and_the_number_of_lost_events(plant, door):
+    with socket.create_connection(("127.0.0.1", door.port)) as slow, Client(door, "annaanna").stream() as quick:
+        slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        slow.settimeout(20)
+        slow.sendall(ASK.replace(b"\r\n\r\n", b"\r\nAuthorization: Bearer annaanna\r\n\r\n"))
+        quick.next("values")
+        source = EventSource(slow)
+        source.next("values")
+        text = "x" * 1000
+        for number in range(1, 3001):
+            plant.change(value("pump", amount=str(number)), events=[plant.event(number, text)])
+            if not number % 25:
+                # Whoever reads has everything.
+                while quick.next("events").data[-1]["number"] != number:
+                    pass
+        numbers, lost, amounts = [], 0, []
+        while not amounts or amounts[-1] != 3000 or numbers[-1] != 3000:
+            message = source.next()
+            if message.name == "events":
+                numbers += [each["number"] for each in message.data]
+            elif message.name == "lost":
+                lost += message.data["events"]
+            elif message.name == "values":
+                amounts += [int(each["reading"]["value"]) for each in message.data if each["drive"] == "pump"]
+        assert lost > 1000
+        assert len(numbers) + lost == 3000
+        assert numbers == sorted(set(numbers))
+        assert amounts == sorted(amounts)
+        assert len(amounts) < 2000
+        source.close()
+
+
+def test_who_never_reads_is_cut_off(plant, door, monkeypatch):
+    monkeypatch.setattr(streams, "NOT_READING_S", 0.3)
+    with socket.create_connection(("127.0.0.1", door.port)) as slow:
+        slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        slow.sendall(ASK.replace(b"\r\n\r\n", b"\r\nAuthorization: Bearer annaanna\r\n\r\n"))
+        until = time.monotonic() + 20
+        while not plant.listeners:
+            time.sleep(0.01)
+        number = 0
+        while plant.listeners and time.monotonic() < until:
+            number += 1
+            plant.change(events=[plant.event(number, "x" * 2000)])
+            time.sleep(0.001)
+        assert not plant.listeners, "it is still there"
+
+
+def test_nothing_is_taken_from_the_plant_without_a_client(local, plant):
+    with local.stream() as stream:
+        stream.next("values")
+        assert len(plant.listeners) == 1
+    until = time.monotonic() + 5
+    while plant.listeners and time.monotonic() < until:
+        time.sleep(0.01)
+    assert not plant.listeners
+
+
+def test_a_sign_of_life(plant, tmp_path, monkeypatch):
+    monkeypatch.setattr(streams, "PING_S", 0.05)
+    with served(LocalDoor(tmp_path / "x.sock"), plant), Client(tmp_path / "x.sock").stream() as stream:
+        stream.next("values")
+        while b": ping" not in stream.line():
+            pass
+
+
+def test_http_1_0_has_no_stream(local):
+    with local.connect() as connected:
+        connected.sendall(b"GET /api/v1/stream HTTP/1.0\r\nHost: localhost\r\n\r\n")
+        assert b" 505 " in connected.recv(1000).splitlines()[0]
+
+
+def test_a_door_ends_within_a_second_with_open_streams(plant, tmp_path):
+    path = tmp_path / "x.sock"
+    with served(LocalDoor(path), plant) as running, Client(path).stream() as stream:
+        stream.next("values")
+        with Client(path).connect() as idle:
+            idle.sendall(b"GET /api/v1/pl")
+            running.end()
+        assert running.ended_s < 2
+        with pytest.raises(EOFError):
+            stream.next()
+    assert not path.exists()
+
+
+@pytest.mark.parametrize("crowd", [100, pytest.param(1000, marks=pytest.mark.soak)])
+def test_a_crowd_holds_the_door_up_no_longer_than_a_few_milliseconds(crowd):
+    """A tenth of the crowd never reads; others ask on, and the loop belongs to nobody for long."""
+    polled = ("output_frequency", "output_current", "dc_link_voltage", "torque")
+    plant = FakePlant([f"drive-{number}" for number in range(100)], polled=polled)
+    door = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
+    told = threading.Event()
+    with served(door, plant) as running:
+        reading = threading.Thread(target=lambda: asyncio.run(_crowd(door.port, crowd, told)))
+        reading.start()
+        held = []
+
+        async def watch():
+            # In processor time: what others do on this machine is no matter here.
+            while True:
+                before = time.thread_time()
+                await asyncio.sleep(0.001)
+                held.append(time.thread_time() - before)
+
+        assert told.wait(60)
+        running.loop.call_soon_threadsafe(lambda: setattr(running, "watching", running.loop.create_task(watch())))
+        names = list(plant.states)
+        for number in range(200):
+            plant.change(*(value(name, "torque", str(number)) for name in names[:10]), events=[plant.event(number + 1)])
+            time.sleep(0.005)
+        running.loop.call_soon_threadsafe(running.watching.cancel)
+        held.sort()
+        assert held[int(len(held) * 0.95)] < 0.02, f"{held[-1] * 1e3:.1f} ms"
+        assert Client(door).get("/api/v1/plant").status == 200
+    reading.join(20)
+    assert running.ended_s < 3
+
+
+async def _crowd(port, many, told):
+    async def come():
+        reader, writer = await asyncio.open_connection("127.0.0.1", port, limit=2**22)
+        writer.write(ASK)
+        await reader.readuntil(b"event: hello")
+        return reader, writer
+
+    async def read(reader):
+        while await reader.read(2**16):
+            pass
+
+    there = []
+    while len(there) < many:
+        there += await asyncio.gather(*(come() for _ in range(20)))
+    for _, writer in there[::10]:
+        writer.transport.pause_reading()
+    told.set()
+    await asyncio.gather(*(read(each) for number, (each, _) in enumerate(there) if number % 10), return_exceptions=True)
+    for _, writer in there:
+        writer.transport.abort()
+    await asyncio.sleep(0.1)
