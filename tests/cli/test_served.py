@@ -9,7 +9,7 @@ import threading
 import time
 
 import pytest
-from fake_server import serving
+from fake_server import FakeServer, serving
 from running_server import running_server
 
 from drivecomm.capture import read_capture
@@ -294,3 +294,17 @@ def test_sniff_listens_to_the_servers_own_traffic(place):
     assert "parameter=210" in said
     assert "listening at" in complaint
     assert "through its server" in complaint
+
+
+def test_a_drive_that_has_not_confirmed_its_stop_to_the_server_is_told(place, monkeypatch):
+    silent = {"kind": "NoReplyError", "text": "vabus:1 did not answer", "exit_code": 4}
+    answers = [
+        {"drive": "pump", "outcome": "open", "error": silent, "how": "ramp"},
+        {"drive": "fan", "outcome": "done", "error": None, "how": "ramp"},
+    ]
+    monkeypatch.setattr(FakeServer, "stop_all", lambda *_: answers)
+    with serving(place.file):
+        code, said, complaint = place("stop", "--all")
+    assert code == 5
+    assert said == "hall: fan  stop (ramp) confirmed\n"
+    assert complaint.startswith("drivecomm: hall: pump has not confirmed its stop: vabus:1 did not answer")
