@@ -6,6 +6,7 @@ it imports nothing of drivecomm, not even the package: that happens when a test 
     virtual_line    makes a line with virtual drives on it: WatchedLine
     virtual_drive   makes a line with one virtual drive on it: WatchedDrive
     virtual_plant   makes the lines and drives of a plant file: WatchedPlant
+    served_plant    makes them in real time, with a server as `drivecomm serve` is one: WatchedServer
 
 Everything that they made is closed at the end of the test. What they take is said in `drivecomm.testing.fixtures`.
 """
@@ -19,7 +20,7 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    from drivecomm.testing import LineMaker, MakesDrive, MakesLine, MakesPlant
+    from drivecomm.testing import LineMaker, MakesDrive, MakesLine, MakesPlant, MakesServer
 
 _LINES = pytest.StashKey["LineMaker"]()
 
@@ -63,6 +64,12 @@ def virtual_drive(_virtual_lines: LineMaker) -> MakesDrive:
 def virtual_plant(_virtual_lines: LineMaker) -> MakesPlant:
     """Make a plant: `virtual_plant("plant.toml", listen=None)`."""
     return _virtual_lines.plant
+
+
+@pytest.fixture
+def served_plant(_virtual_lines: LineMaker) -> MakesServer:
+    """Make a plant and serve it: `served_plant("plant.toml")` has `url`, `socket`, `plant` and `client`."""
+    return _virtual_lines.server
 
 
 @pytest.hookimpl(wrapper=True)

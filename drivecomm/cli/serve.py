@@ -28,7 +28,7 @@ def serve(
     """Own the lines of a plant, and serve its drives to commands, programs and people.
 
     It ends with Ctrl-C or SIGTERM, and reads the plant file again at SIGHUP. Motors that it keeps running are treated
-    by their link-loss policy when it ends. Nothing listens on a network unless a [[door]] of the plant file says so.
+    by their link-loss policy when it ends. Nothing listens on a network unless the plant file names a door that does.
     """
     path = plant or plant_file(None, port_given=False) or PLANT_FILE
     try:

@@ -33,8 +33,11 @@ def folder_of_servers() -> Path:
 
 
 def folders_to_search() -> tuple[Path, ...]:
-    """Return where servers are looked for: only folders in which nobody else could have put something."""
-    found = [folder for folder in (users_folder(), folder_of_servers()) if is_private(folder)]
+    """Return where servers are looked for: only folders in which nobody else could have put something.
+
+    The one in which a server would be begins: whoever names another one means that.
+    """
+    found = [folder for folder in (folder_of_servers(), users_folder()) if is_private(folder)]
     if os.name == "posix" and _only_service_writes(SYSTEM_FOLDER):
         found.append(SYSTEM_FOLDER)
     return tuple(dict.fromkeys(found))

@@ -20,6 +20,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Protocol
 
 from drivecomm.capture import Gaps, GrowingFile
+from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -54,9 +55,12 @@ class Destination(Protocol):
 def logging_to(file: Path | None, level: str) -> Iterator[None]:
     """Let what is logged go to a file, or to stderr without one. level: one of `LOG_LEVELS`.
 
-    Libraries are heard from warnings on. Raises OSError for a file that cannot be opened.
+    Libraries are heard from warnings on. Raises UsageError for a file that cannot be opened.
     """
-    destination: Destination = Stderr() if file is None else RotatingFile(file)
+    try:
+        destination: Destination = Stderr() if file is None else RotatingFile(file)
+    except OSError as error:
+        raise UsageError(f"{file}: cannot be written as a log: {error.strerror or error}; name another file") from error
     handler = WaitingHandler(destination)
     root, own = logging.getLogger(), logging.getLogger("drivecomm")
     before = root.level, own.level

@@ -45,17 +45,24 @@ _OPEN_S = 5.0
 class Serving:
     """The server of one plant file. Raises FileFormatError and UsageError for a file that cannot be served.
 
-    port_of: what to open for a line, instead of its port; for tests.
+    port_of, doors: what to open for a line, instead of its port, and instead of the doors of the file; for tests.
     """
 
-    def __init__(self, path: Path, *, port_of: Callable[[PlantLine], Any] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        port_of: Callable[[PlantLine], Any] | None = None,
+        doors: Sequence[Door] | None = None,
+    ) -> None:
         self.path = path
         self.plant = read_plant(path)
         self.settings = read_settings(path)
         self.socket = local_socket(path)
         self._rules = read_alarms(self.settings.alarms, self.plant.drives)
         self._port_of = port_of
-        self._made: list[Door] = [kind_of_door(kind)(table) for kind, table in self.settings.doors]
+        said = self.settings.doors
+        self._made = [kind_of_door(kind)(table) for kind, table in said] if doors is None else list(doors)
         self._manager = ServiceManager()
         self._reading: asyncio.Task[None] | None = None
         self._end: asyncio.Event | None = None
@@ -122,11 +129,11 @@ class Serving:
                 core.table.happened("server", f"begins, drivecomm {__version__}")
                 ready(plant)
                 await self._end.wait()
-                feeding.cancel()
                 self._manager.stopping("stops the motors that it keeps")
                 core.table.happened("server", "ends")
                 # While everybody can still see it.
                 await core.release_all()
+                feeding.cancel()
 
     def _registration(self) -> Registration:
         history = self.settings.history

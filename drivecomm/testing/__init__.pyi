@@ -14,7 +14,13 @@ from .conformance import (
 )
 from .conversation_strategies import limits as limits
 from .exchange_vectors import Call as Call, ExchangeVector as ExchangeVector, Expected as Expected, WireStep as WireStep
-from .fixtures import LineMaker as LineMaker, MakesDrive as MakesDrive, MakesLine as MakesLine, MakesPlant as MakesPlant
+from .fixtures import (
+    LineMaker as LineMaker,
+    MakesDrive as MakesDrive,
+    MakesLine as MakesLine,
+    MakesPlant as MakesPlant,
+    MakesServer as MakesServer,
+)
 from .report import (
     CheckResult as CheckResult,
     Report as Report,
@@ -43,3 +49,4 @@ from .vectors import (
     packaged_vectors as packaged_vectors,
 )
 from .watched_line import ServingThread as ServingThread
+from .watched_server import WatchedServer as WatchedServer

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict, deque
+from collections import deque
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
@@ -16,10 +16,12 @@ from drivecomm.protocol import DriveConfig, installed, parse_drive
 from drivecomm.testing.line_trace import LineTrace
 from drivecomm.testing.recording import Record, RecordingDrive
 from drivecomm.testing.watched_line import ServingThread, WatchedDrive, WatchedLine
-from drivecomm.virtual import PlantServer, Server, VirtualLine, VirtualPlant, parse_listen, virtual_drive
+from drivecomm.testing.watched_plant import WatchedPlant, watched_plant
+from drivecomm.testing.watched_server import WatchedServer, folders_of_servers
+from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator
 
     from drivecomm.protocol import Model
 
@@ -36,6 +38,9 @@ MakesDrive: TypeAlias = "Callable[..., WatchedDrive]"
 MakesPlant: TypeAlias = "Callable[..., WatchedPlant]"
 """The fixture `virtual_plant`: see `LineMaker.plant`."""
 
+MakesServer: TypeAlias = "Callable[..., WatchedServer]"
+"""The fixture `served_plant`: see `LineMaker.server`."""
+
 
 class LineMaker:
     """Makes watched lines and closes all of them when it is left.
@@ -48,6 +53,7 @@ class LineMaker:
         self._seed = seed
         self._folder = folder
         self._made = 0
+        self._has_folders = False
         self._last: deque[tuple[str, WatchedLine, str]] = deque(maxlen=_MOST_TRACES)
         self._open = ExitStack()
 
@@ -110,6 +116,18 @@ class LineMaker:
         self._last.extend((name, line, "") for name, line in made.lines.items())
         return made
 
+    def server(self, plant: str | Path) -> WatchedServer:
+        """Make the plant of a file, in real time, and serve it to this process and others as `drivecomm serve` does.
+
+        Its lines are served at places of their own, and its HTTP door at a free port. Raises FileFormatError,
+        UsageError and PortError for what cannot be.
+        """
+        if not self._has_folders:
+            self._open.enter_context(folders_of_servers())
+            self._has_folders = True
+        path = Path(plant)
+        return self._open.enter_context(closing(WatchedServer(path, self.plant(path, listen="tcp"))))
+
     def traces(self) -> Iterator[tuple[str, str]]:
         """Yield a title and the decoded trace of each line; of more than eight, of the last eight."""
         for name, line, again in self._last:
@@ -169,55 +187,3 @@ class LineMaker:
         if listen == "pty":
             return f"pty:{self._folder() / 'port'}"
         return f"{listen}:127.0.0.1:0" if listen in ("tcp", "rfc2217") else listen
-
-
-class WatchedPlant:
-    """Lines with virtual drives on them, and the script of what goes wrong.
-
-    lines, drives: all of them by name. In virtual time each line has a clock of its own.
-    """
-
-    def __init__(
-        self, plant: VirtualPlant, lines: Mapping[str, WatchedLine], thread: ServingThread | None = None
-    ) -> None:
-        self.lines = dict(lines)
-        self.drives = {drive.name: drive for line in lines.values() for drive in line.drives}
-        self._plant = plant
-        self._thread = thread
-
-    @property
-    def plant(self) -> VirtualPlant:
-        """The plant itself, to steer it and to add to its script. Raises UsageError when it is served in real time."""
-        if self._thread is not None:
-            raise UsageError("this plant is served in real time; make it without listen= to steer it")
-        return self._plant
-
-    def line(self, name: str) -> WatchedLine:
-        """Return the line with this name. Raises UsageError."""
-        return self.lines[self._plant.plant.line(name).name]
-
-    def drive(self, name: str) -> WatchedDrive:
-        """Return the drive with this name. Raises UsageError."""
-        return self.drives[self._plant.plant.drive(name).name]
-
-    def close(self) -> None:
-        """Stop serving; what was received can still be looked at. The end of the test does it anyway."""
-        if self._thread is not None:
-            self._thread.close()
-
-
-def watched_plant(plant: Plant, *, in_real_time: bool) -> WatchedPlant:
-    """Make a plant, served where its lines say to listen or in virtual time. Raises UsageError, PortError."""
-    protocols = {drive.name: installed[drive.protocol] for drive in plant.drives}
-    records: defaultdict[str, Record] = defaultdict(Record)
-    virtual = VirtualPlant(plant, around=lambda name, drive: RecordingDrive(protocols[name], drive, records[name]))
-    traces = {name: LineTrace(line) for name, line in virtual.lines.items()}
-    server = PlantServer(virtual) if in_real_time else None
-    thread = None if server is None else ServingThread(server)
-    lines = {}
-    for name, line in virtual.lines.items():
-        planted = [virtual.drive(drive.name) for drive in plant.on_line(name)]
-        drives = [WatchedDrive(each.name, each, records[each.name], each.type.new) for each in planted]
-        served = (thread, server.addresses[name]) if server is not None and thread is not None else None
-        lines[name] = WatchedLine(line, drives, traces[name], served)
-    return WatchedPlant(virtual, lines, thread)

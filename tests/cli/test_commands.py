@@ -1,6 +1,8 @@
 """protocols, decode, encode, scan, vectors, demo, and the command line itself."""
 
 import errno
+import json
+import re
 import subprocess
 import sys
 
@@ -9,7 +11,7 @@ import pytest
 import drivecomm
 from drivecomm.cli import main
 from drivecomm.cli.app import app
-from drivecomm.cli.demo import sites
+from drivecomm.cli.demo import served, sites
 from drivecomm.protocol import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -134,25 +136,44 @@ def test_vectors_of_a_stranger(shell, tmp_path):
 
 
 class TestDemo:
-    def test_the_tour_works(self, shell):
-        assert shell("demo", port=None) == 0
-        assert "failed" not in shell.out
-        assert "27 of 27 steps worked" in shell.out
+    def toured(self, capsys, *flags):
+        """Its lines are virtual, and those of the plant that is served are real sockets: nothing is replaced here."""
+        code = main(["demo", *flags])
+        return code, capsys.readouterr().out
 
-    def test_as_json(self, shell):
-        assert shell("demo", "--json", port=None) == 0
-        assert all(step["ok"] for step in shell.objects)
-        assert len(shell.objects) > 20
+    def test_the_tour_works_and_ends_with_a_served_plant(self, capsys):
+        code, printed = self.toured(capsys)
+        assert code == 0
+        assert "failed" not in printed
+        assert "28 of 28 steps worked" in printed
+        end = printed.partition("drivecomm serve\n")[2]
+        assert re.search(r"GET /api/v1/drives/fan\n +dc_link_voltage \d+ V, ", end)
+        assert re.search(r"GET /api/v1/events\n +fan: fault: 14 earth fault\n", end)
 
-    def test_a_failed_step_fails_the_tour(self, shell, monkeypatch):
+    def test_without_the_extra_it_leaves_that_out_and_says_so(self, capsys, monkeypatch):
+        monkeypatch.setattr(served, "find_spec", lambda _: None)
+        code, printed = self.toured(capsys)
+        assert code == 0
+        assert "left out without starlette and uvicorn; install drivecomm[server]" in printed
+        assert "27 of 27 steps worked" in printed
+
+    def test_as_json(self, capsys):
+        code, printed = self.toured(capsys, "--json")
+        assert code == 0
+        steps = [json.loads(line) for line in printed.splitlines()]
+        assert all(step["ok"] for step in steps)
+        assert len(steps) > 20
+
+    def test_a_failed_step_fails_the_tour(self, capsys, monkeypatch):
         def deaf(protocol, address):
             drive = virtual_drive(protocol, address)
             drive.hear = lambda *_: None
             return drive
 
         monkeypatch.setattr(sites, "virtual_drive", deaf)
-        assert shell("demo", port=None) == 1
-        assert "failed" in shell.out
+        code, printed = self.toured(capsys)
+        assert code == 1
+        assert "failed" in printed
 
     def test_on_a_line_it_only_reads(self, shell):
         line = shell.line(virtual_drive("vabus", 2))

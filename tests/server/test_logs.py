@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from drivecomm.errors import UsageError
 from drivecomm.server import logs
 from drivecomm.server.logs import Repetitions, RotatingFile, WaitingHandler, for_journal, for_people, logging_to
 
@@ -150,7 +151,8 @@ class TestWhereTo:
 
     def test_a_file_that_cannot_be_is_said_before_anything_starts(self, tmp_path):
         (tmp_path / "file").touch()
-        with pytest.raises(OSError, match="file"), logging_to(tmp_path / "file" / "log", "info"):
+        file = tmp_path / "file" / "log"
+        with pytest.raises(UsageError, match="file/log: cannot be written"), logging_to(file, "info"):
             pass
 
 

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from drivecomm.cli.demo.served import served_plant
 from drivecomm.cli.demo.sites import case_for, real_site, virtual_sites
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, sentence
@@ -254,6 +255,8 @@ def demo(
         printed = [vector for vector in packaged_vectors(plugin).vectors if vector.printed and vector.valid]
         if printed:
             printed_telegrams(tour, plugin.name, printed)
+    if line.port is None:
+        served_plant(tour)
     _summary(tour, as_json=line.json)
     return 1 if tour.failed else 0
 

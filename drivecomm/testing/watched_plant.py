@@ -1,0 +1,70 @@
+"""A virtual plant and its drives as a test sees them: lines, drives, and the script of what goes wrong."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import UsageError
+from drivecomm.protocol import installed
+from drivecomm.testing.line_trace import LineTrace
+from drivecomm.testing.recording import Record, RecordingDrive
+from drivecomm.testing.watched_line import ServingThread, WatchedDrive, WatchedLine
+from drivecomm.virtual import PlantServer, VirtualPlant
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.plant import Plant
+
+
+class WatchedPlant:
+    """Lines with virtual drives on them, and the script of what goes wrong.
+
+    lines, drives: all of them by name. In virtual time each line has a clock of its own.
+    """
+
+    def __init__(
+        self, plant: VirtualPlant, lines: Mapping[str, WatchedLine], thread: ServingThread | None = None
+    ) -> None:
+        self.lines = dict(lines)
+        self.drives = {drive.name: drive for line in lines.values() for drive in line.drives}
+        self._plant = plant
+        self._thread = thread
+
+    @property
+    def plant(self) -> VirtualPlant:
+        """The plant itself, to steer it and to add to its script. Raises UsageError when it is served in real time."""
+        if self._thread is not None:
+            raise UsageError("this plant is served in real time; make it without listen= to steer it")
+        return self._plant
+
+    def line(self, name: str) -> WatchedLine:
+        """Return the line with this name. Raises UsageError."""
+        return self.lines[self._plant.plant.line(name).name]
+
+    def drive(self, name: str) -> WatchedDrive:
+        """Return the drive with this name. Raises UsageError."""
+        return self.drives[self._plant.plant.drive(name).name]
+
+    def close(self) -> None:
+        """Stop serving; what was received can still be looked at. The end of the test does it anyway."""
+        if self._thread is not None:
+            self._thread.close()
+
+
+def watched_plant(plant: Plant, *, in_real_time: bool) -> WatchedPlant:
+    """Make a plant, served where its lines say to listen or in virtual time. Raises UsageError, PortError."""
+    protocols = {drive.name: installed[drive.protocol] for drive in plant.drives}
+    records: defaultdict[str, Record] = defaultdict(Record)
+    virtual = VirtualPlant(plant, around=lambda name, drive: RecordingDrive(protocols[name], drive, records[name]))
+    traces = {name: LineTrace(line) for name, line in virtual.lines.items()}
+    server = PlantServer(virtual) if in_real_time else None
+    thread = None if server is None else ServingThread(server)
+    lines = {}
+    for name, line in virtual.lines.items():
+        planted = [virtual.drive(drive.name) for drive in plant.on_line(name)]
+        drives = [WatchedDrive(each.name, each, records[each.name], each.type.new) for each in planted]
+        served = (thread, server.addresses[name]) if server is not None and thread is not None else None
+        lines[name] = WatchedLine(line, drives, traces[name], served)
+    return WatchedPlant(virtual, lines, thread)

@@ -1,0 +1,85 @@
+"""The page about serving a plant: its file is simulated, served, read by commands and by HTTP as the page says."""
+
+import json
+import os
+import shutil
+import socket
+import tempfile
+import urllib.request
+
+import pytest
+from console import Console, in_process
+from pages import ROOT, blocks_of
+
+from drivecomm.server import read_settings
+
+PAGE = ROOT / "docs" / "how-to" / "server.md"
+BY_US = "a test of its own runs it beside the file"
+
+
+@pytest.fixture
+def plant_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    for name in ("DRIVECOMM_PORT", "DRIVECOMM_PLANT", "DRIVECOMM_CONTROL", "RUNTIME_DIRECTORY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    # The path of a socket has room for a hundred characters.
+    runtime = tempfile.mkdtemp(prefix="dc")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
+    (content,) = (block.code for block in blocks_of(PAGE) if block.title == "plant.toml")
+    path = tmp_path / "plant.toml"
+    path.write_text(content)
+    yield path
+    shutil.rmtree(runtime, ignore_errors=True)
+
+
+def test_the_settings_are_those_of_a_server(plant_file):
+    settings = read_settings(plant_file)
+    assert settings.name == "hall 2"
+    assert [kind for kind, _ in settings.doors] == ["http"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="simulators of the page end by SIGTERM")
+def test_the_console(plant_file):
+    places = ["127.0.0.1:4001", "127.0.0.1:4900", "127.0.0.1:8080"]
+    with Elsewhere(places) as console:
+        plant_file.write_text(console.own(plant_file.read_text()))
+        ran = 0
+        for block in blocks_of(PAGE):
+            if block.language == "console" and BY_US in block.remark:
+                console.play(block)
+                ran += 1
+    assert ran == 2
+
+
+class Elsewhere(Console):
+    """Takes free ports in the place of those that the page shows, serves beside simulating, and knows curl."""
+
+    def __init__(self, places):
+        super().__init__(in_process)
+        sockets = [socket.create_server(("127.0.0.1", 0)) for _ in places]
+        free = [f"127.0.0.1:{each.getsockname()[1]}" for each in sockets]
+        self._places = dict(zip(places, free, strict=True))
+        for each in sockets:
+            each.close()
+
+    def own(self, text):
+        for shown, taken in self._places.items():
+            text = text.replace(shown, taken)
+        return text
+
+    def _carry_out(self, command):
+        words = self.own(command).partition("#")[0].split()
+        if words[0] == "curl":
+            with urllib.request.urlopen(words[-1], timeout=10) as answer:
+                code, output = 0, answer.read().decode()
+            assert json.loads(output)
+        elif words[1] in ("simulate", "serve"):
+            # What a server logs would come on the same screen.
+            code, output = self.simulate([*words[1:], *(("--log", "server.log") if words[1] == "serve" else ())])
+        else:
+            code, output = in_process(words[1:])
+        for shown, taken in self._places.items():
+            output = output.replace(taken, shown)
+        return code, output
