@@ -98,7 +98,7 @@ def test_a_plant_in_which_nothing_happens_is_not_taken_for_lost(page_server, sho
 SEEN = "document.dispatchEvent(Object.assign(new Event('visibilitychange'), {{}}, void (window.isHidden = {})))"
 
 
-def test_a_tab_that_nobody_sees_pauses_unless_it_has_control(page_server, shown):
+def test_a_tab_that_nobody_sees_pauses_unless_it_has_control(shown):
     page = shown("#/drive/pump")
     page.clock.install()
     page.evaluate("Object.defineProperty(document, 'hidden', { get: () => window.isHidden })")
