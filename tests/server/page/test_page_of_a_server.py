@@ -14,7 +14,7 @@ from playwright.sync_api import expect
 
 from drivecomm.plant import read_plant
 from drivecomm.server import Role, Serving, User, add_user, password_hash
-from drivecomm.testing.watched_line import ServingThread
+from drivecomm.testing import ServingThread
 from drivecomm.virtual import ControlClient, PlantServer, VirtualPlant
 
 pytestmark = pytest.mark.browser
