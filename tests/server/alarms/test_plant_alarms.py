@@ -88,6 +88,7 @@ def test_from_a_trip_to_its_end(running, hook, eventually):
     server.plant.see(pump())
     eventually(lambda: hook.told == ["raised", "over"])
     assert hook.got[1]["alarms"][0]["id"] == "run-1"
+    assert hook.got[1]["alarms"][0]["text"].startswith("pump: pump fault: over: no fault, it began 20")
     assert hook.got[1]["alarms"][0]["acknowledged_by"] == "ann"
     assert server.events == [
         ("alarm", "pump fault: fault F0400 overload", "pump", ""),
