@@ -13,6 +13,7 @@ from api_pages import api_pages
 from commands_page import commands_page
 from http_api_page import http_api_page
 from mkdocs.structure.files import File
+from page_pictures import page_pictures
 from pictures import pictures
 from protocol_pages import overview, protocol_page
 
@@ -52,6 +53,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     made |= {f"{_API}/{name}.md": page for name, page in api_pages().items()}
     root = Path(config.config_file_path).parent
     made |= {f"pictures/{name}": picture for name, picture in pictures(root / ".cache" / "docs").items()}
+    made |= {f"pictures/{name}": picture for name, picture in page_pictures(root / ".cache" / "docs").items()}
     made["changelog.md"] = (root / "CHANGELOG.md").read_text(encoding="utf-8")
     for place, content in made.items():
         files.append(File.generated(config, place, content=content))

@@ -1,3 +1,4 @@
+from .async_served_bus import AsyncServedBus as AsyncServedBus, AsyncServedDrive as AsyncServedDrive
 from .connection import LocalServer as LocalServer
 from .kept_motor import KeptMotor as KeptMotor
 from .line_streams import examined as examined

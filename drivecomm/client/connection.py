@@ -6,14 +6,12 @@ over a connection of its own: one that was kept open may have been closed meanwh
 
 from __future__ import annotations
 
-import http.client
-import select
-import socket
 import time
 from collections import deque
 from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.client.local_http import BAD_REQUEST, LocalAnswer, LocalConnection
 from drivecomm.client.wire import error_of, json_text, parsed, plain
 from drivecomm.errors import DriveCommError, ServerLostError
 
@@ -29,8 +27,7 @@ LONGEST_S = 60.0
 """No answer takes longer than this, unless it is said."""
 
 _STREAM_TICK_S = 0.1
-_CHUNK = 1 << 16
-_ERRORS = (OSError, ValueError, http.client.HTTPException)
+_ERRORS = (OSError, ValueError)
 
 
 class LocalServer:
@@ -42,7 +39,7 @@ class LocalServer:
     def __init__(self, registration: Registration, *, alive_s: float = ALIVE_S) -> None:
         self.registration = registration
         self._alive_s = alive_s
-        self._idle: deque[_Connection] = deque()
+        self._idle: deque[LocalConnection] = deque()
 
     def ask(self, path: str, *, limit_s: float = LONGEST_S) -> Any:
         """Return what is at a path. Raises the error that the server answers, ServerLostError where it does not."""
@@ -55,7 +52,8 @@ class LocalServer:
     def order(self, path: str, content: Mapping[str, Any], *, method: str = "POST", limit_s: float = LONGEST_S) -> Any:
         """Send what must not be done twice, and return what came of it."""
         with self._errors(), closing(self._connected()) as connection:
-            return self._answer(connection, method, path, content, limit_s)
+            answer = self._answer(connection, method, path, content, limit_s)
+            return _result(answer, b"".join(answer.pieces()))
 
     @contextmanager
     def stream(self, path: str, content: Mapping[str, Any] | None = None) -> Iterator[Iterator[Any]]:
@@ -65,15 +63,12 @@ class LocalServer:
         """
         with self._errors():
             connection = self._connected()
-        # http.client lets go of it where the server says that nothing follows the stream.
-        sock = connection.sock
-        with closing(sock), closing(connection):
+        with closing(connection):
             with self._errors():
-                response = self._response(connection, "GET" if content is None else "POST", path, content, LONGEST_S)
-                if response.status >= http.client.BAD_REQUEST:
-                    raise _refusal(response.read())
-            with closing(response):
-                yield self._lines(sock, response)
+                answer = self._answer(connection, "GET" if content is None else "POST", path, content, LONGEST_S)
+                if answer.status >= BAD_REQUEST:
+                    raise _refusal(b"".join(answer.pieces()))
+            yield self._lines(connection, answer)
 
     def close(self) -> None:
         """End the connections that are kept open."""
@@ -83,9 +78,9 @@ class LocalServer:
     def is_alive(self) -> bool:
         """Whether the server answers at all."""
         try:
-            with closing(_Connection(self.registration, self._alive_s)) as connection:
+            with closing(self._connected()) as connection:
                 connection.request("GET", "/healthz")
-                connection.getresponse().read()
+                connection.answer()
         except _ERRORS:
             return False
         return True
@@ -95,88 +90,69 @@ class LocalServer:
             if (connection := self._from_idle()) is not None:
                 try:
                     return self._kept(connection, method, path, content, limit_s)
-                except (ConnectionError, http.client.HTTPException):
+                except ConnectionError:
                     # It was closed meanwhile, as the server may at any time.
                     pass
             return self._kept(self._connected(), method, path, content, limit_s)
 
-    def _from_idle(self) -> _Connection | None:
+    def _from_idle(self) -> LocalConnection | None:
         try:
             return self._idle.pop()
         except IndexError:
             return None
 
     def _kept(
-        self, connection: _Connection, method: str, path: str, content: Mapping[str, Any] | None, limit_s: float
+        self, connection: LocalConnection, method: str, path: str, content: Mapping[str, Any] | None, limit_s: float
     ) -> Any:
+        """Return what comes of a request, and keep the connection for the next one."""
+        keeps = False
         try:
             answer = self._answer(connection, method, path, content, limit_s)
-        except BaseException as error:
-            # What the server has refused leaves the connection as it was.
-            if isinstance(error, DriveCommError):
+            data = b"".join(answer.pieces())
+            keeps = answer.stays_open
+        finally:
+            if keeps:
                 self._idle.append(connection)
             else:
                 connection.close()
-            raise
-        self._idle.append(connection)
-        return answer
+        return _result(answer, data)
 
     def _answer(
-        self, connection: _Connection, method: str, path: str, content: Mapping[str, Any] | None, limit_s: float
-    ) -> Any:
-        response = self._response(connection, method, path, content, limit_s)
-        data = response.read()
-        if response.status >= http.client.BAD_REQUEST:
-            raise _refusal(data)
-        try:
-            return parsed(data) if data else None
-        except ValueError as error:
-            raise http.client.HTTPException("an answer that is no JSON") from error
-
-    def _response(
-        self, connection: _Connection, method: str, path: str, content: Mapping[str, Any] | None, limit_s: float
-    ) -> http.client.HTTPResponse:
+        self, connection: LocalConnection, method: str, path: str, content: Mapping[str, Any] | None, limit_s: float
+    ) -> LocalAnswer:
         """Send a request, and wait for its answer for as long as the server lives, limit_s at most."""
-        body = None if content is None else json_text(plain(content)).encode()
-        headers = {} if body is None else {"Content-Type": "application/json"}
-        if self.registration.token:
-            headers["Authorization"] = f"Bearer {self.registration.token}"
-        connection.request(method, path, body, headers)
+        connection.request(method, path, None if content is None else json_text(plain(content)).encode())
         until = time.monotonic() + limit_s
-        while not connection.has_answer(min(self._alive_s, max(0.0, until - time.monotonic()))):
+        while not connection.has_more(min(self._alive_s, max(0.0, until - time.monotonic()))):
             if time.monotonic() >= until:
                 raise TimeoutError(f"no answer within {limit_s:g} s")
-            if not self.is_alive():
-                raise TimeoutError(f"no answer within {self._alive_s:g} s")
-        return connection.getresponse()
+            self._check_alive()
+        return connection.answer()
 
-    def _lines(self, sock: socket.socket, response: http.client.HTTPResponse) -> Iterator[Any]:
-        # What http.client makes of chunks waits for the next one before it hands over what has come.
-        chunks = _Chunks(response.chunked)
-        pending = b""
+    def _lines(self, connection: LocalConnection, answer: LocalAnswer) -> Iterator[Any]:
+        pieces, pending = answer.pieces(), b""
         heard_at = time.monotonic()
         with self._errors():
             while True:
-                if not _has_more(sock, response):
+                if not connection.has_more(_STREAM_TICK_S):
                     if time.monotonic() - heard_at > self._alive_s:
-                        if not self.is_alive():
-                            raise TimeoutError(f"no answer within {self._alive_s:g} s")
+                        self._check_alive()
                         heard_at = time.monotonic()
                     yield None
                     continue
                 heard_at = time.monotonic()
-                piece = response.fp.read1(_CHUNK)
-                *lines, pending = (pending + chunks.taken(piece)).split(b"\n")
-                yield from (parsed(line) for line in lines if line.strip())
-                if chunks.ended or (not piece and not response.chunked):
+                piece = next(pieces, None)
+                if piece is None:
                     return
-                if not piece:
-                    raise ConnectionResetError("a stream that breaks off")
+                *lines, pending = (pending + piece).split(b"\n")
+                yield from (parsed(line) for line in lines if line.strip())
 
-    def _connected(self) -> _Connection:
-        connection = _Connection(self.registration, self._alive_s)
-        connection.connect()
-        return connection
+    def _check_alive(self) -> None:
+        if not self.is_alive():
+            raise TimeoutError(f"no answer within {self._alive_s:g} s")
+
+    def _connected(self) -> LocalConnection:
+        return LocalConnection(self.registration, self._alive_s)
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
@@ -201,75 +177,16 @@ class LocalServer:
         )
 
 
-class _Connection(http.client.HTTPConnection):
-    """HTTP over the server's local socket, or over TCP on this machine where it has none."""
-
-    def __init__(self, registration: Registration, limit_s: float) -> None:
-        super().__init__("localhost" if registration.socket else "127.0.0.1", registration.port or None)
-        self._limit_s = limit_s
-        self._file = registration.socket
-
-    def connect(self) -> None:
-        """Connect. Raises OSError."""
-        if self._file:
-            sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-            sock.settimeout(self._limit_s)
-            try:
-                sock.connect(self._file)
-            except OSError:
-                sock.close()
-                raise
-        else:
-            sock = socket.create_connection((self.host, self.port), timeout=self._limit_s)
-        self.sock = sock
-
-    def has_answer(self, seconds: float) -> bool:
-        """Whether something has come within this time, which may be that the server has gone."""
-        ready, _, _ = select.select([self.sock], [], [], seconds)
-        return bool(ready)
+def _result(answer: LocalAnswer, data: bytes) -> Any:
+    """Return what an answer says; raises the error that it says. Raises ValueError for what is none."""
+    if answer.status >= BAD_REQUEST:
+        raise _refusal(data)
+    return parsed(data) if data else None
 
 
-class _Chunks:
-    """The pieces in which a stream comes (RFC 9112, section 7.1). ended: the last one has come."""
-
-    def __init__(self, chunked: bool) -> None:
-        self._chunked = chunked
-        self._pending = b""
-        self.ended = False
-
-    def taken(self, data: bytes) -> bytes:
-        """Return what these bytes complete."""
-        if not self._chunked:
-            return data
-        self._pending += data
-        taken = b""
-        while not self.ended:
-            head, end, rest = self._pending.partition(b"\r\n")
-            size = int(head.partition(b";")[0], 16) if end else 0
-            if not end or len(rest) < size + 2:
-                break
-            taken, self._pending = taken + rest[:size], rest[size + 2 :]
-            self.ended = not size
-        return taken
-
-
-def _has_more(sock: socket.socket, response: http.client.HTTPResponse) -> bool:
-    """Whether there is something to read of a stream, or its end, within a tick."""
-    limit_s = sock.gettimeout()
-    sock.settimeout(0.0)
+def _refusal(data: bytes) -> DriveCommError:
+    """Return the error that the server answers with. Raises ValueError."""
     try:
-        # What has come already may wait in the response's own buffer.
-        if response.fp.peek(1):
-            return True
-    finally:
-        sock.settimeout(limit_s)
-    return bool(select.select([sock], [], [], _STREAM_TICK_S)[0])
-
-
-def _refusal(data: bytes) -> DriveCommError | http.client.HTTPException:
-    """Return the error that the server answers with."""
-    try:
-        content = parsed(data)["error"]
-    except (ValueError, KeyError, TypeError):
-        return http.client.HTTPException("an answer that is no JSON")
-    return error_of(content)
+        return error_of(parsed(data)["error"])
+    except (KeyError, TypeError) as error:
+        raise ValueError("an error that says nothing") from error

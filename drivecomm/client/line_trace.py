@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from drivecomm.capture import Piece, Record
     from drivecomm.client.registration import Registration
-    from drivecomm.client.served_bus import ServedBus
+    from drivecomm.client.served_bus import LineOfServer
     from drivecomm.protocol import LineSettings, Message
 
 Listener: TypeAlias = "Callable[[TraceEvent], None]"
@@ -36,7 +36,7 @@ _HEARD = frozenset({"received", "stray", "damaged", "noise"})
 
 
 @contextmanager
-def traced(bus: ServedBus, trace: Listener | None, record: Record | None) -> Iterator[None]:
+def traced(bus: LineOfServer, trace: Listener | None, record: Record | None) -> Iterator[None]:
     """Tell a trace function and a recording what happens on a line, for the time of the block.
 
     Everything that happens there is told, whoever asked for it.
@@ -117,7 +117,7 @@ def _until_lost(listen: Callable[[], None]) -> None:
 
 
 @contextmanager
-def _recording(bus: ServedBus, record: Record | None) -> Iterator[Listener]:
+def _recording(bus: LineOfServer, record: Record | None) -> Iterator[Listener]:
     if record is None:
         yield lambda _: None
         return

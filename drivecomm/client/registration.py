@@ -154,7 +154,7 @@ def _read(descriptor: int) -> Registration:
     content: dict[str, Any] = json.loads(os.read(descriptor, _LONGEST_RECORD))
     known = {each.name for each in fields(Registration)}
     found = Registration(**{name: value for name, value in content.items() if name in known})
-    if not (isinstance(found.pid, int) and isinstance(found.lines, dict)):
+    if not (isinstance(content.get("pid"), int) and isinstance(found.plant, str) and isinstance(found.lines, dict)):
         raise TypeError("not a record")
     return found
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from drivecomm.bus import Found, Job, LineChoices, Member
     from drivecomm.capture import Record
     from drivecomm.client.registration import Registration
-    from drivecomm.link import CommandCall, Health, Peer, Statistics, TraceEvent
+    from drivecomm.link import CommandCall, Health, Peer, Port, Statistics, TraceEvent
     from drivecomm.polling import PollItem, PollResult
     from drivecomm.protocol import LineSettings, Model
     from drivecomm.transport import Engine
@@ -32,7 +32,7 @@ _WAY_S = 5.0
 _VALID_S = 10
 
 
-class ServedLine:
+class LineOfServer:
     """What buses of a server have in common: which drives there are, and what is sent of them.
 
     line: what the server calls it. drives: those of its plant on this line, with what holds for them on it. trace:
@@ -104,6 +104,10 @@ class ServedLine:
         model = options.pop("model", None)
         return Roster(self._facts).member(config.protocol, config.address, model, None, options, read_only=read_only)
 
+    def carry_out(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Any:
+        """Have the server carry out a verb; each kind of bus says whether that is waited for or awaited."""
+        raise NotImplementedError
+
     def sent(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Any:
         """Have the server carry out a verb, and return its result; raises the error that it ends with."""
         content = {"id": os.urandom(8).hex(), **of.request(arguments)}
@@ -118,8 +122,27 @@ class ServedLine:
             raise of.own_error(error_of(answer["error"]))
         return result_of(answer.get("result"))
 
+    def command(self, peer: Peer) -> CommandCall | None:  # noqa: ARG002 - see `Bus`
+        """Take no note of what is commanded: the server does, for everybody."""
+        return None
 
-class ServedBus(ServedLine):
+    def storing(self, peer: Peer, parameter: str) -> None:
+        """Count no writes to EEPROM: the server does, for everybody."""
+
+    def watched(self, peer: Peer, silence_s: float | None) -> None:
+        """Take no note of a watchdog: the server does, of the motors that it keeps."""
+
+    def wall_time(self) -> float:
+        """Return the time in seconds since 1970."""
+        return time.time()
+
+    @property
+    def real_time(self) -> bool:
+        """Whether time passes by itself, as it does here."""
+        return True
+
+
+class ServedBus(LineOfServer):
     """A line that a server owns; may be used from many threads.
 
     It offers what `Bus` offers, but that a job of one's own cannot be sent.
@@ -180,6 +203,14 @@ class ServedBus(ServedLine):
         }
         return scan(self.server, self.line, asked, progress)
 
+    def listen(self, listener: Callable[[TraceEvent], None]) -> Callable[[], None]:
+        """Tell a function what happens on the line from now on; returns what ends that."""
+        from drivecomm.client.line_trace import traced  # noqa: PLC0415 - for those who look at the line
+
+        listening = self._stack.enter_context(ExitStack())
+        listening.enter_context(traced(self, listener, None))
+        return listening.close
+
     def poll(
         self, items: Iterable[PollItem[ServedDrive]], *, duration_s: float | None = None, cycles: int | None = None
     ) -> Generator[PollResult, None, None]:
@@ -192,44 +223,26 @@ class ServedBus(ServedLine):
                 raise UsageError(f"{item.drive.name} is not on this bus; poll it with drivecomm.poll")
         return poll(plan, duration_s=duration_s, cycles=cycles)
 
-    def run(self, job: Job[Any]) -> NoReturn:
+    def run(self, job: Job[Any]) -> NoReturn:  # noqa: ARG002 - see `Bus`
         """Refuse a job of one's own: only verbs can be sent."""
-        raise UsageError(
-            f"{job.peer.name} is on a line of {self.server.registration}, to which only verbs of a drive can be sent; "
-            "end that server to use the port itself"
-        )
+        raise self._only_verbs()
+
+    def lend(self, work: Callable[[Port, Port], Any]) -> NoReturn:  # noqa: ARG002 - see `Bus`
+        """Refuse to lend the port, which is the server's."""
+        raise self._only_verbs()
 
     def on_engine(self, engine: Engine) -> None:
         """Return that no engine can serve it."""
-
-    def command(self, peer: Peer) -> CommandCall | None:  # noqa: ARG002 - see `Bus`
-        """Take no note of what is commanded: the server does, for everybody."""
-        return None
-
-    def storing(self, peer: Peer, parameter: str) -> None:
-        """Count no writes to EEPROM: the server does, for everybody."""
-
-    def watched(self, peer: Peer, silence_s: float | None) -> None:
-        """Take no note of a watchdog: the server does, of the motors that it keeps."""
 
     def now(self) -> float:
         """Return the time of this machine's clock that nobody sets, in seconds."""
         self._check_open()
         return time.monotonic()
 
-    def wall_time(self) -> float:
-        """Return the time in seconds since 1970."""
-        return time.time()
-
     def sleep_until(self, until: float) -> None:
         """Let time pass."""
         while (left := until - time.monotonic()) > 0:
             time.sleep(left)
-
-    @property
-    def real_time(self) -> bool:
-        """Whether time passes by itself, as it does here."""
-        return True
 
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
@@ -270,6 +283,12 @@ class ServedBus(ServedLine):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _only_verbs(self) -> UsageError:
+        return UsageError(
+            f"{self.port} is the port of {self.server.registration}, to which only verbs of a drive can be sent; end "
+            "that server to use the port itself"
+        )
 
     def _check_open(self) -> None:
         if self._closed:

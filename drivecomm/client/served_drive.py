@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.bus import Goal, Job, Member
-    from drivecomm.client.served_bus import ServedBus
+    from drivecomm.client.served_bus import LineOfServer, ServedBus
     from drivecomm.protocol import DriveConfig, DriveStatus
 
-B = TypeVar("B", bound="ServedBus")
+B = TypeVar("B", bound="LineOfServer")
 
 READING = frozenset({"read", "polled", "status", "identify", "probe"})
 """Verbs that command nothing: they may be sent twice, and need no right to command the drive."""
@@ -94,7 +94,12 @@ class SentDrive(DriveVerbs[B], Sent):
         if not all(map(_can_be_sent, arguments.values())):
             job()
             raise UsageError(f"{verb} of {self.name} has arguments that cannot be sent to a server; use plain values")
-        return self._bus.carry_out(self, verb, arguments)
+        try:
+            return self._bus.carry_out(self, verb, arguments)
+        except UsageError:
+            # In the words that any bus has for it, where it is one of its errors.
+            job()
+            raise
 
     def request(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
         """Return what is sent besides the verb."""
@@ -129,6 +134,8 @@ class ServedDrive(SentDrive["ServedBus"]):
 
     Whatever the server or the drive answers with is raised as `Drive` raises it; ServerLostError where it is gone.
     """
+
+    _bus: ServedBus
 
     def wait_for(self, goal: Goal, timeout_s: float = 10.0) -> DriveStatus:
         """Ask for the status until the drive is in a state, or "at_reference"; as `Drive.wait_for`."""

@@ -37,10 +37,10 @@ def json_text(content: Any) -> str:
     if type(content) is float and isfinite(content):
         return repr(content)
     if isinstance(content, Decimal):
+        text = str(content)
         if not content.is_finite():
             # What is no number has no other form than its name.
-            return f'"{content}"'
-        text = str(content)
+            return f'"{text}"'
         return text if "." in text or "E" in text else f"{text}E0"
     if isinstance(content, dict):
         return "{" + ",".join(f"{_quoted(str(key))}:{json_text(each)}" for key, each in content.items()) + "}"
@@ -103,6 +103,11 @@ def status_of(content: Mapping[str, Any]) -> DriveStatus:
     return DriveStatus(**{**content, **exact, "state": state, "flags": flags})
 
 
+def drive_options(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what is said of a drive, as `Bus.drive` takes it: times are floats there, and exact in JSON."""
+    return {name: float(value) if isinstance(value, Decimal) else value for name, value in content.items()}
+
+
 def result_of(content: Any) -> Any:
     """Return what a verb has resulted in: a reading, a status, or what is plain already."""
     if isinstance(content, dict):
@@ -160,8 +165,3 @@ def _kinds() -> dict[str, type[DriveCommError]]:
 def _by_exit_code() -> dict[int, type[DriveCommError]]:
     branches = (errors.UsageError, errors.LinkError, errors.ReplyError, errors.DriveError)
     return {each.exit_code: each for each in branches}
-
-
-def drive_options(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what is said of a drive, as `Bus.drive` takes it: times are floats there, and exact in JSON."""
-    return {name: float(value) if isinstance(value, Decimal) else value for name, value in content.items()}

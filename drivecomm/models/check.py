@@ -110,6 +110,7 @@ def _mistakes(file: ModelFile, plugin: Protocol | None) -> Iterator[Mistake]:
         parameters=own,
         quantities=content.get("quantities", {}),
         watchdog="watchdog" in content,
+        fault_log=content.get("fault_log", []),
         source=content.get("source", ""),
     )
     yield from broken_rules(given, model, base)

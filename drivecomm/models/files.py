@@ -141,6 +141,7 @@ def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
         options=with_base("options", _frozen(content.get("options", {}))),
         quantities=MappingProxyType({name: address for name, address in quantities.items() if address}),
         watchdog=watchdog or (base.watchdog if base else None),
+        fault_log=tuple(content.get("fault_log", base.fault_log if base else ())),
         link_loss=content.get("link_loss", base.link_loss if base else ""),
         # A rule is about one series, so it is not taken over.
         identified_by=_frozen(content.get("identified_by", {})),

@@ -27,12 +27,13 @@ class Given:
     """What a file says itself, of what its model is in the end.
 
     parameters: with their places among those of the file. quantities: as they stand there. watchdog: whether it has
-    that table. source: of the file as a whole.
+    that table. fault_log: as it stands there. source: of the file as a whole.
     """
 
     parameters: Sequence[tuple[int, ParameterInfo]]
     quantities: Mapping[str, str]
     watchdog: bool
+    fault_log: Sequence[str]
     source: str
 
 
@@ -47,6 +48,12 @@ def broken_rules(given: Given, model: Model, base: Model | None) -> Iterator[Mis
         if not (info.source.strip() or given.source.strip()):
             yield _of(number, "", f"parameter {info.address}: {_NO_SOURCE}")
     yield from _quantities(given, model, base)
+    for address in given.fault_log:
+        logged = parameter_at(address, model)
+        if logged is None:
+            yield Mistake(key="fault_log", text=_unknown(address, model))
+        elif "r" not in logged.access:
+            yield Mistake(key="fault_log", text=f"parameter {address} cannot be read")
     if given.watchdog and model.watchdog is not None:
         yield from _watchdog(model.watchdog, given, model)
 

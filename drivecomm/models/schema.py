@@ -32,7 +32,7 @@ PARAMETER_KEYS = frozenset(ParameterInfo.__dataclass_fields__) - {"extra"}
 EXACT = ("factor", "minimum", "maximum")
 PLAIN = ("title", "type", "unit", "access", "storage", "kind", "source", "sure")
 
-_TOP = frozenset({"format", "protocol", "parameter", *TEXTS, *TABLES})
+_TOP = frozenset({"format", "protocol", "parameter", "fault_log", *TEXTS, *TABLES})
 _WATCHDOG = frozenset(Watchdog.__dataclass_fields__)
 _WORDS: dict[str, tuple[str, ...]] = {
     "access": get_args(Access),
@@ -68,6 +68,10 @@ def mistakes_in(content: Mapping[str, Any], protocol: str) -> Iterator[Mistake]:
     for key in TEXTS:
         if key in content and (not isinstance(content[key], str) or not (content[key] or key == "source")):
             yield Mistake(key=key, text=f"{content[key]!r} is no text")
+    log = content.get("fault_log", [])
+    if not isinstance(log, list) or not all(isinstance(address, str) and address for address in log):
+        text = 'names parameters by their addresses, the newest fault first: fault_log = ["15-30[0]", "15-30[1]"]'
+        yield Mistake(key="fault_log", text=text)
     for name in TABLES:
         if not isinstance(content.get(name, {}), dict):
             yield Mistake(key=name, text=f"is no table; write [{name}] and its keys below")

@@ -34,6 +34,7 @@ def model_text(model: Model) -> str:
     """
     head = {"format": FORMAT, "protocol": model.protocol, "name": model.name, "title": model.title}
     head |= {key: text for key in ("source", "link_loss") if (text := getattr(model, key))}
+    head |= {"fault_log": list(model.fault_log)} if model.fault_log else {}
     parts = [_lines(head.items())]
     tables: dict[str, Mapping[Any, Any]] = {
         "options": model.options,

@@ -10,7 +10,7 @@ from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.plant.files import read_plant
 
 if TYPE_CHECKING:
-    from drivecomm.client import Registration, ServedBus
+    from drivecomm.client import AsyncServedBus, Registration, ServedBus
     from drivecomm.protocol import DriveConfig
 
 
@@ -27,6 +27,17 @@ def bus_of_server(port: str, **opening: Any) -> ServedBus | None:
 
     server, line = found
     return ServedBus(server, line, drives_of(server, line), **opening)
+
+
+def async_bus_of_server(port: str, **opening: Any) -> AsyncServedBus | None:
+    """Return the same for callers that await."""
+    found = server_of_port(port)
+    if found is None:
+        return None
+    from drivecomm.client import AsyncServedBus  # noqa: PLC0415 - as above
+
+    server, line = found
+    return AsyncServedBus(server, line, drives_of(server, line), **opening)
 
 
 def drives_of(server: Registration, line: str) -> tuple[DriveConfig, ...]:

@@ -80,6 +80,7 @@ class Model:
 
     quantities: which parameter each common name is, by its address. watchdog: None where none is known. identified_by:
     a regular expression for what the drive tells of itself, by the names that `Drive.identify` gives; all must match.
+    fault_log: addresses of the parameters in which such a drive remembers its latest faults, the newest first.
     link_loss: what is known, without a watchdog that can be set, of drives whose master falls silent; as a sentence.
     """
 
@@ -93,6 +94,7 @@ class Model:
     warnings: Mapping[int, str] = field(default_factory=dict)
     quantities: Mapping[str, str] = field(default_factory=dict)
     watchdog: Watchdog | None = None
+    fault_log: tuple[str, ...] = ()
     link_loss: str = ""
     identified_by: Mapping[str, str] = field(default_factory=dict)
 

@@ -10,6 +10,7 @@ from .door import (
     Door as Door,
     Examination as Examination,
     History as History,
+    KnownUsers as KnownUsers,
     LoggedIn as LoggedIn,
     MakeDoor as MakeDoor,
     Outcome as Outcome,

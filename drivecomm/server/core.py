@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 
     from drivecomm.plant import Plant, PlantLine
-    from drivecomm.protocol import DriveConfig
+    from drivecomm.protocol import DriveConfig, Reading
     from drivecomm.server.door import Answer, Caller, Command
     from drivecomm.server.kept import KeptMotor
     from drivecomm.server.leases import Lease
@@ -58,6 +59,9 @@ class Recorder(Protocol):
 
     def add_command(self, caller: Caller, command: Command, answer: Answer, *, asked_s: float, done_s: float) -> None:
         """Take a command, and what came of it."""
+
+    def add_fault_log(self, drive: str, entries: Sequence[Reading], *, time_s: float) -> None:
+        """Take what a drive remembers of its faults, the newest first."""
 
 
 LOOK_S = 0.1
@@ -96,7 +100,7 @@ class Core:
         self._port_of = port_of or _said_port
         self.ending = False
         self._kept_by: dict[str, str] = {}
-        self._releasing: set[asyncio.Task[None]] = set()
+        self._under_way: set[asyncio.Task[None]] = set()
         self._stories: dict[str, Story] = {}
         self._looking: asyncio.Task[None] | None = None
 
@@ -166,15 +170,15 @@ class Core:
         self._kept_by.pop(drive, None)
         if kept is not None:
             task = asyncio.create_task(self._released(drive, kept), name=f"releasing {drive}")
-            self._releasing.add(task)
-            task.add_done_callback(self._releasing.discard)
+            self._under_way.add(task)
+            task.add_done_callback(self._under_way.discard)
 
     async def release_all(self) -> None:
         """Treat each motor that is kept by its policy, and let nobody have one started any more."""
         self.ending = True
         for name in list(self.kept):
             self.release(name)
-        await asyncio.gather(*self._releasing, return_exceptions=True)
+        await asyncio.gather(*self._under_way, return_exceptions=True)
 
     async def _released(self, drive: str, kept: KeptMotor) -> None:
         try:
@@ -227,7 +231,7 @@ class Core:
                 self.table.forget({config.name})
                 if config.name in self.kept:
                     self.release(config.name)
-        await asyncio.gather(*self._releasing, return_exceptions=True)
+        await asyncio.gather(*self._under_way, return_exceptions=True)
         for name, known in old.items():
             if known != new.get(name):
                 await self.lines.pop(name).close()
@@ -269,7 +273,22 @@ class Core:
         return [replace(each, read_only_reason=each.why_read_only(file)) for each in self.plant.on_line(line)]
 
     def _tripped(self, drive: str) -> None:
-        """A drive has a fault since now: have its own log read."""
+        """Have the log of a drive that has a fault since now read, where its model says where that is."""
+        reading = asyncio.create_task(self._read_fault_log(drive), name=f"fault log of {drive}")
+        self._under_way.add(reading)
+        reading.add_done_callback(self._under_way.discard)
+
+    async def _read_fault_log(self, name: str) -> None:
+        drive = self.line(self.plant.drive(name).line).drive(name)
+        if self.journal is None or drive.model is None:
+            return
+        entries = []
+        for parameter in drive.model.fault_log:
+            # One that this drive does not have is left out.
+            with suppress(DriveCommError):
+                entries.append(await drive.polled(parameter))
+        if entries:
+            self.journal.add_fault_log(name, entries, time_s=time.time())
 
 
 def _said_port(line: PlantLine) -> str:

@@ -132,7 +132,7 @@ class LoggedIn(Protocol):
         """Until when it counts."""
 
 
-class Users(Protocol):
+class KnownUsers(Protocol):
     """Who may come in by doors other than the local one; called from any thread."""
 
     def caller(self, token: str, door: str) -> Caller:
@@ -214,7 +214,7 @@ class ServedPlant(Protocol):
         """Give it back. A motor that was started under it, and kept, is treated by its link-loss policy."""
 
     @property
-    def users(self) -> Users | None:
+    def users(self) -> KnownUsers | None:
         """Who may come in; None where the plant has no users, and only the local door has callers with a name."""
 
     @property

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from drivecomm.plant import Plant
     from drivecomm.server.alarms import Alarm
     from drivecomm.server.core import Core
-    from drivecomm.server.door import Answer, Caller, Examination, History, Users
+    from drivecomm.server.door import Answer, Caller, Examination, History, KnownUsers
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState
 
@@ -31,7 +31,9 @@ COMMANDING = frozenset(verb for verb, needs in NEEDS.items() if needs.commands)
 class PlantForDoors:
     """A `ServedPlant` of a core that runs in this event loop. name: what the plant is called."""
 
-    def __init__(self, core: Core, name: str, *, users: Users | None = None, history: History | None = None) -> None:
+    def __init__(
+        self, core: Core, name: str, *, users: KnownUsers | None = None, history: History | None = None
+    ) -> None:
         self.name, self.users, self.history = name, users, history
         self._core = core
         self._loop = asyncio.get_running_loop()

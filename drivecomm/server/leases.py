@@ -57,6 +57,12 @@ class Leases:
         del self._held[drive]
         return lease
 
+    def release(self, lease: Lease) -> None:
+        """Give back what was taken for one command alone, unless it is over already."""
+        held = self._held.get(lease.drive)
+        if held is not None and held[0].key == lease.key:
+            del self._held[lease.drive]
+
     def admit(self, caller: Caller, drive: str, key: str, *, now: float) -> Lease | None:
         """Return the lease under which this caller commands the drive; None without a key, where nobody has one.
 

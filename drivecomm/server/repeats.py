@@ -8,7 +8,7 @@ from collections import OrderedDict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import UsageError
+from drivecomm.errors import DriveCommError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Mapping
@@ -41,7 +41,8 @@ class Repeats:
     async def once(self, caller: Caller, command: Command, act: Callable[[], Coroutine[Any, Any, Answer]]) -> Answer:
         """Return what the command has come to; act: carries it out, which goes on although this wait is cancelled.
 
-        Raises UsageError for an id that this caller has used for something else.
+        What it raises of the errors of drivecomm is an answer, too. Raises UsageError for an id that this caller has
+        used for something else.
         """
         if not command.id:
             return await act()
@@ -53,7 +54,7 @@ class Repeats:
         once = of_caller.get(command.id)
         if once is not None and once.asked != asked:
             raise UsageError(f"the id {command.id!r} was used for another command; give each command an id of its own")
-        if once is None or (once.task.done() and (once.task.cancelled() or once.task.exception())):
+        if once is None or _broken(once.task):
             of_caller.pop(command.id, None)
             once = of_caller[command.id] = _Once(asked, asyncio.create_task(act()), self._clock())
             while len(of_caller) > MOST:
@@ -67,3 +68,10 @@ class Repeats:
                 known.popitem(last=False)
             if not known:
                 del self._known[caller]
+
+
+def _broken(task: asyncio.Task[Answer]) -> bool:
+    """Whether a command has come to nothing by a mistake of the server's, which is no answer."""
+    if not task.done():
+        return False
+    return task.cancelled() or not isinstance(task.exception(), DriveCommError | None)

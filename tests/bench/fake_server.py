@@ -26,7 +26,11 @@ from drivecomm.protocol import Stop
 
 
 class FakeServer:
-    """Serves a plant on a unix socket. hang: says nothing any more, as a process that is stopped."""
+    """Serves a plant on a unix socket.
+
+    hang: says nothing any more, as a process that is stopped. takes_s: how long it takes to answer, but that it is
+    there. drops: so many connections are closed instead of an answer.
+    """
 
     def __init__(self, path):
         self.path = path
@@ -37,6 +41,8 @@ class FakeServer:
         self.keeps = {}
         self.hang = threading.Event()
         self.requests = []
+        self.takes_s = 0.0
+        self.drops = 0
         self.leases = {}
 
     def bus(self, line):
@@ -112,7 +118,13 @@ class _Handler(BaseHTTPRequestHandler):
         fake = self.server.fake
         while fake.hang.is_set():
             time.sleep(0.02)
-        fake.requests.append((self.command, self.path, body))
+        if self.path != "/healthz":
+            fake.requests.append((self.command, self.path, body))
+            time.sleep(fake.takes_s)
+            if fake.drops:
+                fake.drops -= 1
+                self.close_connection = True
+                return
         try:
             content = self._content(fake, [unquote(part) for part in self.path.split("/")[1:]], body)
         except DriveCommError as error:

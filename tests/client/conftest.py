@@ -1,6 +1,33 @@
-"""Runtime folders of a test's own."""
+"""Runtime folders and plants of a test's own."""
+
+import threading
 
 import pytest
+
+from drivecomm.plant import read_plant
+from drivecomm.virtual import PlantServer, VirtualPlant
+
+PLANT = """
+format = 1
+
+[[line]]
+name = "hall"
+listen = "pty:{folder}/hall"
+paced = false
+
+[[drive]]
+name = "pump"
+drive = "vabus:1"
+options = {{ model = "agile" }}
+armed = true
+reply_delay_s = 0.0
+
+[[drive]]
+name = "fan"
+drive = "danfoss-fc:3"
+options = {{ model = "fc300" }}
+reply_delay_s = 0.0
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -8,5 +35,20 @@ def runtime_folder(tmp_path, monkeypatch):
     """Let servers and their clients meet in a folder of this test."""
     (tmp_path / "run").mkdir(mode=0o700)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
     return tmp_path / "run" / "drivecomm"
+
+
+@pytest.fixture
+def plant(tmp_path):
+    """The file of a plant whose virtual drives answer."""
+    file = tmp_path / "plant.toml"
+    file.write_text(PLANT.format(folder=tmp_path), encoding="utf-8")
+    stop = threading.Event()
+    with PlantServer(VirtualPlant(read_plant(file))) as server:
+        thread = threading.Thread(target=server.run, args=(stop,), daemon=True)
+        thread.start()
+        yield file
+        stop.set()
+        thread.join()

@@ -70,6 +70,7 @@ def models(draw):
         options=draw(st.dictionaries(WORDS, OWN, max_size=3)),
         quantities=draw(st.dictionaries(WORDS, WORDS, max_size=3)),
         watchdog=draw(st.none() | WATCHDOGS),
+        fault_log=draw(st.lists(WORDS, max_size=3).map(tuple)),
         identified_by=draw(st.dictionaries(TEXTS, WORDS.map(lambda word: word.replace("[", "")), max_size=2)),
     )
 

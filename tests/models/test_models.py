@@ -194,3 +194,12 @@ def test_a_model_knows_itself_by_all_that_it_names():
     assert not model.matches({"type": "ACU", "software": "50"})
     assert not model.matches({"type": "ACU"})
     assert not replace(model, identified_by={}).matches({"type": "ACU", "software": "5"})
+
+
+def test_a_fault_log_is_taken_over_and_replaced_whole(tmp_path):
+    log = 'fault_log = ["481[1]", "481[2]"]\n'
+    (tmp_path / "base.toml").write_text(HEAD.replace("some", "base") + log + PARAMETER)
+    for name, own, expected in (("same", "", ("481[1]", "481[2]")), ("other", 'fault_log = ["481"]\n', ("481",))):
+        path = tmp_path / f"{name}.toml"
+        path.write_text(HEAD.replace("some", name) + 'extends = "base"\n' + own)
+        assert read_model(path, "vabus").fault_log == expected

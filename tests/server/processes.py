@@ -58,6 +58,7 @@ class Served:
         self.log = folder / "server.log"
 
     def start(self, *options):
+        self.end(signal.SIGKILL)
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "drivecomm", "serve", str(self.plant), *options],

@@ -56,9 +56,9 @@ def test_a_commander_that_dies_has_its_motor_treated_by_the_policy(tmp_path):
     program = (
         "import sys, time; from drivecomm.client import LocalServer, server_of_plant;"
         "server = LocalServer(server_of_plant(sys.argv[1]));"
-        "key = server.order('/api/v1/drives/fan/lease', {'seconds': 1})['key'];"
+        "key = server.order('/api/v1/drives/fan/lease', {'seconds': 4})['key'];"
         "print(server.order('/api/v1/drives/fan/keep', {'id': '1', 'lease': key})['outcome'], flush=True);"
-        "[(time.sleep(0.2), server.order('/api/v1/drives/fan/lease', {'key': key, 'seconds': 1}, method='PUT'))"
+        "[(time.sleep(0.2), server.order('/api/v1/drives/fan/lease', {'key': key, 'seconds': 4}, method='PUT'))"
         " for _ in range(1000)]"
     )
     with serving(tmp_path) as served:
@@ -70,7 +70,7 @@ def test_a_commander_that_dies_has_its_motor_treated_by_the_policy(tmp_path):
             time.sleep(2)
             assert served.runs("fan")
             commander.kill()
-        served.until(lambda: not served.runs("fan"), 4)
+        served.until(lambda: not served.runs("fan"), 10)
         served.until(lambda: served.drive("fan")["kept"] == "")
         assert [each["drive"] for each in served.events("link loss")][-1] == "fan"
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, strategies as st
 
-from drivecomm.errors import NotAllowedError, UsageError
+from drivecomm.errors import LeaseError, NotAllowedError, UsageError
 from drivecomm.server.door import Answer, Caller, Command, Role
 from drivecomm.server.freshness import check_fresh
 from drivecomm.server.repeats import MOST, REMEMBERED_S, Repeats
@@ -147,6 +147,20 @@ def test_an_id_for_something_else():
         assert (await repeats.once(ANNA, replace(START, issued_s=3.0, lease="key"), act)).result == 1
         with pytest.raises(UsageError, match="at most 200 characters"):
             await repeats.once(ANNA, replace(START, id="x" * 201), act)
+        assert act.times == 1
+
+    run(test)
+
+
+def test_what_was_refused_is_refused_again():
+    """Otherwise whoever has heard a command that was refused could have it carried out later."""
+
+    async def test():
+        repeats, act = Repeats(), Acting()
+        act.fails = LeaseError("pump is commanded by ben")
+        for _ in range(2):
+            with pytest.raises(LeaseError, match="pump is commanded by ben"):
+                await repeats.once(ANNA, START, act)
         assert act.times == 1
 
     run(test)

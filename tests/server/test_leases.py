@@ -88,6 +88,19 @@ def test_each_that_ends_is_told_once_also_when_it_was_taken_meanwhile():
     assert not leases.expire(20)
 
 
+def test_what_was_taken_for_one_command_may_be_over_when_it_is_released():
+    leases = Leases()
+    alone = take(leases, ANNA)
+    leases.release(alone)
+    assert not leases.expire(100)
+    slow = take(leases, ANNA)
+    assert leases.expire(10) == [slow]
+    leases.release(slow)
+    other = take(leases, BEN, now=10)
+    leases.release(slow)
+    assert leases.holder_of("pump", now=10) == other
+
+
 @pytest.mark.parametrize("seconds", [0, -1, 30.1, math.nan, math.inf, "10", None])
 def test_for_how_long(seconds):
     leases = Leases()

@@ -12,12 +12,13 @@ from collections import Counter, deque
 from dataclasses import replace
 from decimal import Decimal
 from functools import partial
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self, cast
 
 from drivecomm.bus import open_bus_async
 from drivecomm.errors import LinkError, UsageError
 from drivecomm.link import REOPEN_LONGEST_S, Statistics
 from drivecomm.models import quantities
+from drivecomm.plant.served import async_bus_of_server
 from drivecomm.plant.watching.asked import STATUS, OpenLine, SeenDrive, is_silence
 from drivecomm.plant.watching.board import Board, DriveEvent, DriveView, Trend, WatchedValue, changes
 from drivecomm.polling import PollItem, poll_async
@@ -25,7 +26,7 @@ from drivecomm.polling import PollItem, poll_async
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from drivecomm.bus import AsyncDrive
+    from drivecomm.bus import AsyncBus, AsyncDrive
     from drivecomm.link import TraceEvent
     from drivecomm.plant.watching.asked import WatchedLine
     from drivecomm.polling import PollResult
@@ -86,7 +87,10 @@ class Watcher:
         return [name for name in self.names if name not in known]
 
     def _made(self, watched: WatchedLine) -> OpenLine:
-        line = OpenLine(watched, open_bus_async(watched.port, trace=partial(self._traced, watched), **watched.options))
+        opening = {**watched.options, "trace": partial(self._traced, watched)}
+        served = async_bus_of_server(watched.port, **opening) if isinstance(watched.port, str) else None
+        # What is reached through a server offers what a bus offers.
+        line = OpenLine(watched, cast("AsyncBus", served) if served else open_bus_async(watched.port, **opening))
         for one in watched.drives:
             if one.name in self._seen:
                 raise UsageError(f"two drives are named {one.name!r}; give each a name of its own")

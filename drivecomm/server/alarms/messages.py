@@ -31,6 +31,7 @@ def entry_of(transition: Transition) -> dict[str, Any]:
     """Return what is told of a transition, as receivers get it."""
     alarm = transition.alarm
     title = f"{alarm.rule}: {alarm.drive}" + {"reminded": " (reminder)", "over": " (over)"}.get(transition.what, "")
+    began = "it began" if transition.what == "over" else "since"
     return {
         "message": f"{alarm.id}.{alarm.told}",
         "what": transition.what,
@@ -38,7 +39,7 @@ def entry_of(transition: Transition) -> dict[str, Any]:
         "rule": alarm.rule,
         "drive": alarm.drive,
         "title": title,
-        "text": f"{alarm.drive}: {transition.text}, since {_clock(alarm.since_s)}",
+        "text": f"{alarm.drive}: {transition.text}, {began} {_clock(alarm.since_s)}",
         "since": _utc(alarm.since_s),
         "time": _utc(transition.time_s),
         "times": alarm.times,

@@ -9,7 +9,7 @@ from contextlib import suppress
 from threading import Lock
 from typing import TYPE_CHECKING, Protocol
 
-from drivecomm.errors import FileFormatError, NotAllowedError
+from drivecomm.errors import FileFormatError, NotAllowedError, UsageError
 from drivecomm.server import STATUS, Role
 from drivecomm.server.alarms.delivery import Delivery, Waiting
 from drivecomm.server.alarms.kept_state import KeptState, read_state, write_state
@@ -55,9 +55,12 @@ class PlantAlarms:
         self._plant = plant
         self._file = file
         self._write_event = write_event
+        self._pace = pace
+        self._environment = environment
         self._deliver = {rule.name: rule.deliver for rule in rules}
-        entries = list(dict.fromkeys(entry for rule in rules for entry in rule.deliver))
-        state = self._read(entries)
+        self._receivers = receivers_of(_entries(rules), environment)
+        self._others = False
+        state = self._read(self._receivers)
         self._lock = Lock()
         self._alarms = Alarms(
             rules,
@@ -67,9 +70,7 @@ class PlantAlarms:
             now_s=time.monotonic(),
             time_s=time.time(),
         )
-        self._delivery = Delivery(
-            receivers_of(entries, environment), plant=plant.name, say=self._say, changed=self._change, pace=pace
-        )
+        self._delivery = self._new_delivery()
         self._outbox = [*state.waiting]
         self._changed = bool(state.waiting)
         self._kept = True
@@ -93,8 +94,30 @@ class PlantAlarms:
         self._tell([done], who=str(caller))
         return done.alarm
 
+    def change_rules(self, rules: Sequence[AlarmRule]) -> None:
+        """Go on by other rules: alarms that stand by the old ones go on where they can, and are over otherwise.
+
+        Raises UsageError where a receiver cannot be what the plant file says; then nothing changes.
+        """
+        receivers = receivers_of(_entries(rules), self._environment)
+        with self._lock:
+            self._alarms = Alarms(
+                rules,
+                run=self._plant.session,
+                stood=self._alarms.standing(),
+                number=self._alarms.number,
+                now_s=time.monotonic(),
+                time_s=time.time(),
+            )
+            # Who was told of an alarm that is over with its rule hears of that, too, where they are still there.
+            self._deliver |= {rule.name: rule.deliver for rule in rules}
+            self._receivers, self._others = receivers, True
+
     async def run(self) -> None:
-        """Watch the plant until cancelled; then what is waiting is tried for 2 s, and the rest is kept in the file."""
+        """Watch the plant until cancelled; then what is waiting is tried for 2 s, and the rest is kept in the file.
+
+        May be called again afterwards.
+        """
         self._delivery.start()
         changes = self._plant.changes()
         try:
@@ -116,6 +139,10 @@ class PlantAlarms:
 
     async def _look(self) -> None:
         while True:
+            if self._others:
+                await asyncio.to_thread(self._exchange)
+                self._delivery.start()
+                self._see_all()
             with self._lock:
                 found = self._alarms.look(time.monotonic(), time.time())
             self._tell(found)
@@ -141,8 +168,9 @@ class PlantAlarms:
                     drives.add(value.drive)
                 else:
                     found += self._alarms.value_seen(value, now_s, time_s)
-            for drive in drives:
-                if self._alarms.watches(drive):
+            for drive in filter(self._alarms.watches, drives):
+                # One that has just been taken out of the plant file.
+                with suppress(UsageError):
                     found += self._alarms.drive_seen(self._plant.drive(drive), now_s, time_s)
         self._tell(found)
 
@@ -160,6 +188,11 @@ class PlantAlarms:
         with self._lock:
             self._changed = False
             new, self._outbox = self._outbox, []
+        self._write(new)
+        self._delivery.put(new)
+
+    def _write(self, new: Sequence[Waiting]) -> None:
+        with self._lock:
             waiting = (*self._delivery.waiting(), *new)
             state = KeptState(number=self._alarms.number, alarms=tuple(self._alarms.standing()), waiting=waiting)
         try:
@@ -170,9 +203,19 @@ class PlantAlarms:
             self._kept = False
         else:
             self._kept = True
-        self._delivery.put(new)
 
-    def _read(self, entries: Sequence[str]) -> KeptState:
+    def _new_delivery(self) -> Delivery:
+        return Delivery(self._receivers, plant=self._plant.name, say=self._say, changed=self._change, pace=self._pace)
+
+    def _exchange(self) -> None:
+        """Take the receivers as they are now; what was not delivered yet is delivered by them."""
+        self._delivery.close()
+        with self._lock:
+            self._outbox = [*self._delivery.waiting(), *self._outbox]
+            self._delivery, self._others = self._new_delivery(), False
+        self._change()
+
+    def _read(self, entries: Iterable[str]) -> KeptState:
         try:
             return read_state(self._file, entries)
         except FileFormatError as error:
@@ -185,11 +228,15 @@ class PlantAlarms:
 
     def _close(self) -> None:
         self._keep()
-        self._delivery.close()
-        self._keep()
+        self._exchange()
+        self._write(self._outbox)
 
     def _say(self, text: str) -> None:
         self._write_event("alarm", text)
 
     def _change(self) -> None:
         self._changed = True
+
+
+def _entries(rules: Iterable[AlarmRule]) -> list[str]:
+    return list(dict.fromkeys(entry for rule in rules for entry in rule.deliver))

@@ -16,7 +16,7 @@ from drivecomm.server import ANONYMOUS, LOCAL, Caller, Role
 if TYPE_CHECKING:
     from starlette.types import Scope
 
-    from drivecomm.server.door import Users
+    from drivecomm.server import KnownUsers
 
 
 class Callers(Protocol):
@@ -30,7 +30,7 @@ class Callers(Protocol):
 class TokenCallers:
     """Callers known by `Authorization: Bearer TOKEN`. anonymous: what those may who give none."""
 
-    users: Users | None
+    users: KnownUsers | None
     door: str
     anonymous: Role
 

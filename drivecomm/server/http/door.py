@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _DEFAULT = "127.0.0.1:8080"
 _BACKLOG = 1024
+_HAS_UNIX_SOCKETS = hasattr(socket, "AF_UNIX") and os.name == "posix"
 _KEYS = {
     "kind": TEXT,
     "listen": Kind((str,), f'an address and a port, such as "{_DEFAULT}"'),
@@ -123,7 +124,7 @@ class LocalDoor:
         """Serve until cancelled. Raises PortError."""
         from drivecomm.server.http.callers import SecretCallers, SocketCallers  # noqa: PLC0415 - loads starlette
 
-        if not hasattr(socket, "AF_UNIX") or os.name != "posix":
+        if not _HAS_UNIX_SOCKETS:
             listening = _listening(("127.0.0.1", 0))
             self.port, self.token = listening.getsockname()[1], secrets.token_urlsafe(32)
             await _run(plant, opened, listening, SecretCallers(self.token), name=self.name, names=[], local=True)
@@ -165,7 +166,8 @@ async def _run(
     streams = Streams(plant)
     state = DoorState(plant=plant, streams=streams, logins=LoginRate(), metrics=Metrics(plant, name, streams))
     check = check_no_browser if names is None else partial(check_place, names=own_names().union(names))
-    await serve(application(state, callers, check, local=local), listening, opened, streams.close, tls)
+    with listening:
+        await serve(application(state, callers, check, local=local), listening, opened, streams.close, tls)
 
 
 def _listening(address: tuple[str, int]) -> socket.socket:

@@ -6,7 +6,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.server import NEEDS, Role
-from drivecomm.server.http.fields import LONGEST_TEXT, TEXT, TEXTS, Field
+from drivecomm.server.http.fields import LONGEST_TEXT, TEXT, TEXTS, WHOLES, Field
 from drivecomm.server.http.routes import ROUTES
 from drivecomm.server.http.schemas import SCHEMAS
 from drivecomm.version import __version__
@@ -98,8 +98,8 @@ def schema_of(field: Field) -> dict[str, Any]:
     made: dict[str, Any] = {"type": field.kind.schema}
     if field.kind is TEXT:
         made["maxLength"] = LONGEST_TEXT
-    if field.kind is TEXTS:
-        made["items"] = {"type": "string"}
+    if field.kind in (TEXTS, WHOLES):
+        made["items"] = {"type": "string" if field.kind is TEXTS else "integer"}
     limits = {"minimum": field.low, "maximum": field.high}
     made |= {key: limit for key, limit in limits.items() if limit is not None}
     return made | ({"enum": list(field.choices)} if field.choices else {})

@@ -77,4 +77,3 @@ async def serve(
             connection.transport.abort()
         await asyncio.wait({serving}, timeout=_END_S)
         serving.cancel()
-        listening.close()

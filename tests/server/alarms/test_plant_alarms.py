@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from alarm_plant import AlarmPlant
 from alarm_points import current, limit, pump, rule
+from alarm_receivers import Hook
 
 from drivecomm.errors import NotAllowedError, UsageError
 from drivecomm.server import Caller, Role
@@ -87,6 +88,7 @@ def test_from_a_trip_to_its_end(running, hook, eventually):
     server.plant.see(pump())
     eventually(lambda: hook.told == ["raised", "over"])
     assert hook.got[1]["alarms"][0]["id"] == "run-1"
+    assert hook.got[1]["alarms"][0]["text"].startswith("pump: pump fault: over: no fault, it began 20")
     assert hook.got[1]["alarms"][0]["acknowledged_by"] == "ann"
     assert server.events == [
         ("alarm", "pump fault: fault F0400 overload", "pump", ""),
@@ -226,6 +228,54 @@ def test_a_disk_that_is_full_costs_no_alarm(running, hook, eventually, tmp_path)
     eventually(lambda: hook.told == ["raised", "over"])
     assert sum(text.startswith("alarms would not survive a restart now: ") for text in server.texts) == 1
     (tmp_path / "alarms.json").rmdir()
+
+
+def test_other_rules(running, hook, eventually):
+    server = running(rule(deliver=(f"webhook:{hook.url}",)), state=pump("F1", warning=True))
+    eventually(lambda: hook.told == ["raised"])
+    server.alarms.acknowledge(ANN, "run-1")
+    with pytest.raises(UsageError, match="there is no secret"):
+        server.alarms.change_rules([rule("warning", deliver=("@mail",))])
+    with Hook() as other:
+        server.alarms.change_rules([rule(), rule("warning", deliver=(f"webhook:{other.url}",))])
+        eventually(lambda: other.told == ["raised"])
+        server.alarms.change_rules([rule("warning", over_s=1.0, deliver=(f"webhook:{hook.url}",))])
+        eventually(lambda: "pump fault: over: the plant file has no such alarm any more" in server.texts)
+        server.plant.see(pump())
+        eventually(lambda: hook.told == ["raised", "over"])
+        assert other.told == ["raised"]
+
+
+def test_it_may_be_run_again(hook, tmp_path):
+    """As it is by what looks after it, when something has failed."""
+    hook.does = 500
+    plant = AlarmPlant()
+    plant.state = pump("F1")
+    watched = [rule(deliver=(f"webhook:{hook.url}",))]
+    alarms = PlantAlarms(plant, watched, file=tmp_path / "a", write_event=lambda *_, **__: None, pace=QUICK)
+
+    async def some_time():
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(alarms.run(), 1)
+
+    asyncio.run(some_time())
+    assert hook.begun
+    hook.does = 200
+    asyncio.run(some_time())
+    assert hook.told == ["raised"]
+
+
+def test_a_drive_that_was_taken_out_of_the_plant(running, eventually):
+    server = running(rule())
+
+    def gone(name):
+        raise UsageError(f"no drive {name}")
+
+    server.plant.drive = gone
+    server.plant.see(pump("F1"))
+    del server.plant.drive
+    server.plant.see(pump("F2"))
+    eventually(lambda: "pump fault: fault F2" in server.texts)
 
 
 def test_a_secret_that_is_missing_is_told_at_the_start(tmp_path):

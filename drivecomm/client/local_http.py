@@ -1,0 +1,128 @@
+"""As much of HTTP/1.1 (RFC 9112) as goes over a server's local socket.
+
+The standard library's client loads TLS and the formats of e-mail, which takes a command longer than all that it asks.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from drivecomm.client.registration import Registration
+
+BAD_REQUEST = 400
+"""From this status on, the answer is an error."""
+
+_CHUNK = 1 << 16
+_LONGEST_LINE = 1 << 16
+_INFORMATION = range(100, 200)
+
+
+class LocalConnection:
+    """One connection to a server; raises OSError, and ValueError for what is no HTTP. limit_s: for each step."""
+
+    def __init__(self, server: Registration, limit_s: float) -> None:
+        self._host = "localhost" if server.socket else f"127.0.0.1:{server.port}"
+        self._token = server.token
+        self._pending = b""
+        if not server.socket:
+            self._socket = socket.create_connection(("127.0.0.1", server.port), timeout=limit_s)
+            return
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            self._socket.settimeout(limit_s)
+            self._socket.connect(server.socket)
+        except OSError:
+            self._socket.close()
+            raise
+
+    def request(self, method: str, path: str, body: bytes | None = None) -> None:
+        """Send a request, with JSON for a body if there is one."""
+        lines = [f"{method} {path} HTTP/1.1", f"Host: {self._host}", "Accept: application/json"]
+        if self._token:
+            lines.append(f"Authorization: Bearer {self._token}")
+        if body is not None:
+            lines += ["Content-Type: application/json", f"Content-Length: {len(body)}"]
+        self._socket.sendall("\r\n".join([*lines, "", ""]).encode("ascii") + (body or b""))
+
+    def has_more(self, seconds: float) -> bool:
+        """Whether something has come within this time, which may be that the server has gone."""
+        return bool(self._pending) or bool(select.select([self._socket], [], [], seconds)[0])
+
+    def answer(self) -> LocalAnswer:
+        """Return the answer, of which the head has come."""
+        while True:
+            version, _, rest = self.line().partition(" ")
+            if not version.startswith("HTTP/1."):
+                raise ValueError("an answer that is no HTTP")
+            headers = {}
+            while text := self.line():
+                name, _, value = text.partition(":")
+                headers[name.lower()] = value.strip().lower()
+            status = int(rest.partition(" ")[0])
+            if status not in _INFORMATION:
+                return LocalAnswer(self, status, headers)
+
+    def line(self) -> str:
+        """Return the next line."""
+        while b"\r\n" not in self._pending:
+            if len(self._pending) > _LONGEST_LINE:
+                raise ValueError("a line that does not end")
+            self._receive()
+        line, _, self._pending = self._pending.partition(b"\r\n")
+        return line.decode("latin-1")
+
+    def exactly(self, number: int) -> bytes:
+        """Return so many bytes."""
+        while len(self._pending) < number:
+            self._receive()
+        data, self._pending = self._pending[:number], self._pending[number:]
+        return data
+
+    def some(self) -> bytes:
+        """Return what has come, nothing at the end."""
+        if not self._pending:
+            return self._socket.recv(_CHUNK)
+        data, self._pending = self._pending, b""
+        return data
+
+    def close(self) -> None:
+        """End the connection."""
+        self._socket.close()
+
+    def _receive(self) -> None:
+        data = self._socket.recv(_CHUNK)
+        if not data:
+            raise ConnectionResetError("an answer that breaks off")
+        self._pending += data
+
+
+class LocalAnswer:
+    """An answer. status: its number. stays_open: whether the connection may be used again."""
+
+    def __init__(self, connection: LocalConnection, status: int, headers: dict[str, str]) -> None:
+        self._connection = connection
+        self.status = status
+        self._chunked = headers.get("transfer-encoding", "") == "chunked"
+        self._length = int(headers["content-length"]) if "content-length" in headers else None
+        framed = self._chunked or self._length is not None
+        self.stays_open = framed and headers.get("connection") != "close"
+
+    def pieces(self) -> Iterator[bytes]:
+        """Yield the content as it comes; the next one is waited for, so see `LocalConnection.has_more` before."""
+        if self._chunked:
+            while size := int(self._connection.line().partition(";")[0], 16):
+                data = self._connection.exactly(size + 2)
+                yield data[:size]
+            # Fields may follow the last piece.
+            while self._connection.line():
+                pass
+        elif self._length is not None:
+            yield self._connection.exactly(self._length)
+        else:
+            while data := self._connection.some():
+                yield data

@@ -1,0 +1,141 @@
+"""Servers and their records: found by plant and by port, stale ones are ignored, one server a plant."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from drivecomm.client import Registration, identity, local_socket, register, server_of_plant, server_of_port, servers
+from drivecomm.client.registration import written_again
+from drivecomm.errors import UsageError
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="flock is POSIX")
+
+HOLD = """
+import sys, time
+from drivecomm.client import Registration, register
+with register(Registration(plant=sys.argv[1], lines={"hall": "/dev/ttyUSB7"}, started_s=time.time())):
+    print("there", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    """A plant file; nobody reads what is in it."""
+    (tmp_path / "hall.toml").write_text("")
+    return tmp_path / "hall.toml"
+
+
+@pytest.fixture
+def elsewhere(file):
+    """A server of the plant in a process of its own."""
+    with subprocess.Popen([sys.executable, "-c", HOLD, str(file)], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "there\n"
+        yield process
+        process.kill()
+
+
+def record_of(file, folder):
+    return folder / f"{identity(file)}.server.json"
+
+
+def test_a_server_is_found_as_long_as_it_is_registered(file):
+    about = Registration(plant=str(file), name="hall 2", socket="/x.sock", lines={"hall": "/dev/ttyUSB7"}, history="h")
+    assert server_of_plant(file) is None
+    with register(about) as record:
+        assert record.stat().st_mode & 0o777 == 0o600
+        assert server_of_plant(file) == about
+        assert [*servers()] == [about]
+    assert server_of_plant(file) is None
+    assert not record.exists()
+
+
+def test_a_plant_is_known_by_any_name_of_its_file(file, tmp_path, monkeypatch):
+    (tmp_path / "link.toml").symlink_to(file)
+    monkeypatch.chdir(tmp_path)
+    with register(Registration(plant=str(file))):
+        assert server_of_plant(tmp_path / "link.toml")
+        assert server_of_plant("hall.toml")
+        assert server_of_plant("other.toml") is None
+    assert identity(tmp_path / "link.toml") == identity(file)
+    assert local_socket(file).name == f"{identity(file)}.sock"
+
+
+def test_a_line_is_found_by_any_name_of_its_port(file, tmp_path):
+    (tmp_path / "port").symlink_to("/dev/null")
+    lines = {"hall": "/dev/null", "yard": "socket://localhost:4001"}
+    with register(Registration(plant=str(file), lines=lines)):
+        assert server_of_port(str(tmp_path / "port"))[1] == "hall"
+        assert server_of_port("rfc2217://127.0.0.1:4001")[1] == "yard"
+        assert server_of_port("/dev/zero") is None
+
+
+def test_a_second_server_names_the_first(file, elsewhere):
+    already = rf"hall.toml has a server already \(pid {elsewhere.pid}, since 2\d\d\d-"
+    with pytest.raises(UsageError, match=already), register(Registration(plant=str(file))):
+        pass
+    assert server_of_plant(file).pid == elsewhere.pid
+
+
+def test_a_server_that_was_killed_counts_for_nothing(file, elsewhere, runtime_folder):
+    assert server_of_port("/dev/ttyUSB7")[0].pid == elsewhere.pid
+    elsewhere.send_signal(signal.SIGKILL)
+    elsewhere.wait()
+    assert record_of(file, runtime_folder).exists()
+    assert server_of_plant(file) is None
+    assert server_of_port("/dev/ttyUSB7") is None
+    with register(Registration(plant=str(file), name="again")):
+        assert server_of_plant(file).name == "again"
+
+
+def test_a_record_that_nobody_holds_counts_for_nothing(file, runtime_folder):
+    runtime_folder.mkdir(mode=0o700)
+    record_of(file, runtime_folder).write_text(json.dumps({"plant": str(file), "pid": os.getpid(), "lines": {}}))
+    assert server_of_plant(file) is None
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"plant": 1}', '{"pid": "x", "plant": "y"}'])
+def test_a_record_that_makes_no_sense_is_no_server(file, content):
+    with register(Registration(plant=str(file))) as record:
+        record.write_text(content)
+        assert server_of_plant(file) is None
+        assert [*servers()] == []
+
+
+def test_what_a_later_version_writes_besides_does_no_harm(file):
+    with register(Registration(plant=str(file))) as record:
+        record.write_text(json.dumps({**json.loads(record.read_text()), "colour": "blue"}))
+        assert server_of_plant(file).plant == str(file)
+
+
+def test_a_record_is_written_again(file):
+    with register(Registration(plant=str(file), lines={"hall": "/dev/ttyUSB0", "yard": "/dev/ttyUSB1"})) as record:
+        written_again(record, Registration(plant=str(file), lines={"hall": "/dev/ttyUSB7"}))
+        assert server_of_plant(file).lines == {"hall": "/dev/ttyUSB7"}
+
+
+def test_a_folder_to_which_others_can_write_is_not_believed(file, runtime_folder):
+    with register(Registration(plant=str(file))):
+        runtime_folder.chmod(0o777)
+        assert server_of_plant(file) is None
+        with pytest.raises(PermissionError, match="others can write"), register(Registration(plant=str(file))):
+            pass
+        runtime_folder.chmod(0o700)
+
+
+def test_a_service_has_its_own_folder(file, tmp_path, monkeypatch):
+    (tmp_path / "service").mkdir(mode=0o700)
+    monkeypatch.setenv("RUNTIME_DIRECTORY", f"{tmp_path / 'service'}:/else")
+    assert local_socket(file).parent == tmp_path / "service"
+    with register(Registration(plant=str(file))) as record:
+        assert record.parent == tmp_path / "service"
+        assert server_of_plant(file)
+
+
+def test_the_token_is_not_shown(file):
+    assert "secret" not in repr(Registration(plant=str(file), token="secret"))
+    assert str(Registration(plant="hall.toml", pid=7)) == "drivecomm serve hall.toml (pid 7)"

@@ -1,0 +1,203 @@
+"""Drives through a server from Python: the same verbs, results and errors as on a bus of one's own."""
+
+import asyncio
+from decimal import Decimal
+
+import pytest
+from fake_server import serving
+from running_server import running_server
+
+import drivecomm
+from drivecomm.bus import Broadcast, Bus, Drive
+from drivecomm.client import ServedBus, ServedDrive, json_text, parsed
+from drivecomm.client.served_drive import ServedBroadcast
+from drivecomm.errors import (
+    DriveCommError,
+    NotSupported,
+    ParameterAddressError,
+    PortError,
+    ReadOnlyError,
+    ServerLostError,
+    StateError,
+    UsageError,
+    ValueRefusedError,
+)
+from drivecomm.plant.watching import Watcher, lines_of
+from drivecomm.polling import PollItem
+from drivecomm.protocol import DriveState
+
+
+@pytest.mark.parametrize(("ours", "theirs"), [(ServedBus, Bus), (ServedDrive, Drive), (ServedBroadcast, Broadcast)])
+def test_a_served_one_offers_what_one_of_ones_own_offers(ours, theirs):
+    public = {name for name in dir(theirs) if not name.startswith("_")}
+    assert public <= set(dir(ours))
+
+
+def test_the_same_verbs_and_results(plant):
+    def carried_out(own_ports):
+        with drivecomm.open_plant(plant, own_ports=own_ports) as opened:
+            pump, fan = opened.drive("pump"), opened.drive("fan")
+            pump.write("480", Decimal("12.50"))
+            readings = [pump.read("480"), pump.read("output_frequency"), fan.read("3-03"), fan.polled("16-13")]
+            identity = dict(pump.identify())
+            pump.set_reference(percent=50.5)
+            pump.start()
+            running = pump.wait_for(DriveState.RUNNING, 3.0)
+            pump.stop("coast")
+            told = [(each.parameter, repr(each.value), each.raw, each.unit, each.note) for each in readings]
+            return told, identity, running.state, fan.status().word, pump.capabilities, fan.facts, pump.model.name
+
+    bare = carried_out(own_ports=True)
+    with running_server(plant):
+        assert carried_out(own_ports=False) == bare
+        with pytest.raises(PortError, match="in use"):
+            carried_out(own_ports=True)
+
+
+def test_the_same_errors(plant):
+    def refused(call):
+        try:
+            call()
+        except DriveCommError as error:
+            return type(error), str(error)
+        raise AssertionError
+
+    no_number = object()
+
+    def errors(own_ports):
+        with drivecomm.open_plant(plant, own_ports=own_ports, attempts=1, reply_timeout_s=0.05) as opened:
+            pump, fan, bus = opened.drive("pump"), opened.drive("fan"), opened.bus("hall")
+            yield refused(lambda: pump.read("nonsense"))
+            yield refused(lambda: pump.read("480", dataset="x"))
+            yield refused(lambda: pump.read(480))
+            yield refused(lambda: pump.read("99999"))
+            yield refused(lambda: pump.write("480", no_number))
+            yield refused(lambda: pump.write("480", float("nan")))
+            yield refused(lambda: pump.write("480", "ten"))
+            yield refused(lambda: pump.set_reference(percent=1, hz=2))
+            yield refused(pump.jog)
+            yield refused(lambda: pump.call("fly"))
+            yield refused(lambda: pump.stop("gently"))
+            yield refused(lambda: fan.write("3-03", 1))
+            yield refused(fan.start)
+            yield refused(lambda: fan.call("jog", number=1))
+            yield refused(lambda: pump.wait_for("at_reference", 0.1))
+            yield refused(lambda: pump.wait_for("soon"))
+            yield refused(lambda: bus.drive("vabus", 9).read("480"))
+            yield refused(lambda: bus.drive("vabus", 99))
+            yield refused(lambda: bus.drive("vabus", 1, model="none"))
+            yield refused(lambda: bus.drive("vabus", 1, colour="blue"))
+            yield refused(lambda: bus.drive("modbus", 1))
+            yield refused(lambda: opened.drive("pomp"))
+
+    bare = [*errors(own_ports=True)]
+    with running_server(plant):
+        served = [*errors(own_ports=False)]
+    assert served == bare
+    kinds = {kind for kind, _ in bare}
+    assert {ParameterAddressError, ValueRefusedError, NotSupported, ReadOnlyError, StateError} <= kinds
+
+
+def test_a_poll_plan(plant):
+    with running_server(plant), drivecomm.open_plant(plant) as opened:
+        items = [PollItem(drive=opened.drive("pump"), parameter="480", period_s=0.02)]
+        items += [PollItem(drive=opened.drive("fan"), parameter="3-03", period_s=0.02)]
+        results = [*opened.bus("hall").poll(items, cycles=3)]
+        assert [each.quality for each in results if each.drive == "vabus:1"] == ["good"] * 3
+        assert len(results) == 6
+        assert opened.bus("hall").statistics["vabus:1"].counters["replies"] >= 3
+        assert not opened.bus("hall").health["vabus:1"].given_up
+
+
+def test_what_is_read_only_here_stays_so_where_the_server_would_let_it_through(plant):
+    with serving(plant) as server, drivecomm.open_plant(plant) as opened:
+        pump = opened.bus("hall").drive("vabus", 1, model="agile", read_only=True)
+        pump.read_only_reason = "not today"
+        for command in (pump.start, pump.reset, lambda: pump.write("480", 1), lambda: pump.call("jog")):
+            with pytest.raises(DriveCommError):
+                command()
+        with pytest.raises(ReadOnlyError, match="not today"):
+            pump.start()
+        pump.stop()
+        assert [path.rpartition("/")[2] for _, path, _ in server.requests] == ["stop"]
+
+
+def test_what_is_said_of_a_drive_goes_along_and_nothing_else(plant):
+    with serving(plant) as server, drivecomm.open_plant(plant, attempts=2) as opened:
+        opened.drive("pump").read("480")
+        opened.bus("hall").drive("vabus", 1, model="agile").read("480")
+        opened.drive("fan").read("3-03")
+        bodies = [body for _, _, body in server.requests]
+    assert [body.get("options") for body in bodies] == [{"attempts": 2}] * 3
+    assert [body.get("arm") for body in bodies] == [None, None, None]
+
+
+def test_a_command_is_sent_once_and_a_question_again(plant):
+    with serving(plant) as server, drivecomm.open_plant(plant) as opened:
+        pump = opened.drive("pump")
+        pump.read("480")
+        server.drops = 1
+        assert pump.read("480").value == 30
+        server.drops = 1
+        with pytest.raises(ServerLostError, match="has gone"):
+            pump.reset()
+        assert [path.rpartition("/")[2] for _, path, _ in server.requests].count("reset") == 1
+
+
+def test_a_server_that_hangs_is_given_up(plant):
+    with serving(plant) as server, drivecomm.open_plant(plant) as opened:
+        pump = opened.drive("pump")
+        pump.read("480")
+        server.hang.set()
+        with pytest.raises(ServerLostError, match=r"plant.toml \(pid \d+\) does not answer"):
+            pump.read("480")
+        server.hang.clear()
+        assert pump.read("480").value == 30
+
+
+def test_a_server_that_takes_its_time_is_waited_for(plant):
+    with serving(plant) as server, drivecomm.open_plant(plant) as opened:
+        server.takes_s = 3.0
+        assert opened.drive("pump").read("480").value == 30
+
+
+def test_what_no_server_does_is_refused(plant):
+    with serving(plant) as server, drivecomm.open_plant(plant) as opened:
+        bus = opened.bus("hall")
+        pump = bus.drive("vabus", 1)
+        for refused in (
+            lambda: bus.run(None),
+            lambda: bus.lend(print),
+            lambda: bus.drive("vabus", 1, set_up={"413": 1}),
+            lambda: pump.write("480", "1", store={}),
+        ):
+            with pytest.raises(UsageError):
+                refused()
+        assert server.requests == []
+    with pytest.raises(UsageError, match="closed"):
+        bus.now()
+
+
+def test_decimals_keep_their_digits_on_the_way():
+    for text in ("10.00", "50", "1E+3", "-0.1", "0"):
+        assert str(parsed(json_text(Decimal(text)))) == text
+        assert isinstance(parsed(json_text(Decimal(text))), Decimal)
+    assert parsed(json_text([1, 0.5, "x"])) == [1, Decimal("0.5"), "x"]
+
+
+def test_watching_through_a_server(plant):
+    async def watched():
+        async with Watcher(
+            lines_of(drivecomm.plant.read_plant(plant)), names=["output_frequency"], period_s=0.05
+        ) as one:
+            await one.run(duration_s=0.5)
+            await one.drive("pump").stop()
+            await asyncio.sleep(1.2)
+            return one.board(), one.telegrams("pump")
+
+    with running_server(plant):
+        board, telegrams = asyncio.run(watched())
+    pump, fan = board.drives
+    assert (pump.reachability, fan.reachability) == ("answers", "answers")
+    assert pump.values["output_frequency"].reading
+    assert telegrams

@@ -1,0 +1,312 @@
+"""How a door is made from its table, what it refuses to be, and how it comes and goes."""
+
+import http.client
+import os
+import pkgutil
+import shutil
+import signal
+import socket
+import ssl
+import subprocess
+import threading
+import time
+import tomllib
+from decimal import Decimal
+from pathlib import Path
+
+import pytest
+from fake_plant import Client, FakeHistory, FakePlant, FakeUsers, served, value
+
+from drivecomm.client import json_text, parsed
+from drivecomm.errors import DriveCommError, FileFormatError, PortError, UsageError
+from drivecomm.server.http import HttpDoor, LocalDoor, description, http_door
+from drivecomm.server.http.routes import ROUTES
+from drivecomm.tomlfile import Table
+
+
+def table(**content):
+    return Table({"kind": "http", **content}, "hall.toml", name="door 1")
+
+
+@pytest.fixture
+def certificate(tmp_path):
+    if not shutil.which("openssl"):
+        pytest.skip("openssl is not installed")
+    files = tmp_path / "certificate.pem", tmp_path / "key.pem"
+    command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=localhost"]
+    subprocess.run([*command, "-out", files[0], "-keyout", files[1]], check=True, capture_output=True)
+    return files
+
+
+def test_loopback_is_the_default():
+    assert http_door(table()).name == "http 127.0.0.1:8080"
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ({"listen": "8080"}, 'write an address and a port, such as "127.0.0.1:8080"'),
+        ({"listen": "127.0.0.1:http"}, "write an address and a port"),
+        ({"listen": "127.0.0.1:99999"}, "write an address and a port"),
+        ({"lisen": "127.0.0.1:80"}, "did you mean 'listen'?"),
+        ({"certificate": "c.pem"}, "write both certificate = and key ="),
+        ({"anonymous": "operate"}, 'write "view" or "nobody"'),
+        ({"names": [1]}, 'write names = ["drives.example.com"]'),
+    ],
+)
+def test_tables_that_cannot_be(content, text):
+    with pytest.raises(FileFormatError) as caught:
+        http_door(table(**content))
+    assert text in str(caught.value)
+    assert str(caught.value).startswith("hall.toml: door 1: ")
+
+
+@pytest.mark.parametrize(
+    "listen",
+    ["0.0.0.0:0", "[::]:0", "192.168.1.2:0", "plant.example:0"],
+    ids=["every-address", "every-address-of-6", "one", "a-name"],
+)
+def test_the_network_needs_tls_and_users(listen, certificate):
+    with pytest.raises(FileFormatError, match=r"certificate = and key =, .*, or spell out insecure = true"):
+        http_door(table(listen=listen))
+    door = http_door(table(listen=listen, certificate=str(certificate[0]), key=str(certificate[1])))
+    with pytest.raises(UsageError, match=r'write users = "users\.toml" in \[server\]'), served(door, FakePlant()):
+        pass
+
+
+def test_insecure_is_spelt_out():
+    door = http_door(table(listen="0.0.0.0:0", insecure=True))
+    with served(door, FakePlant()):
+        # Even then, nobody is let in who does not say who they are, unless that is written, too.
+        assert Client(door).get("/api/v1/plant").status == 401
+
+
+def test_whom_a_door_lets_look(plant):
+    with served(door := http_door(table(listen="127.0.0.1:0", anonymous="nobody")), FakePlant()):
+        assert Client(door).get("/api/v1/plant").status == 401
+    with served(door := http_door(table(listen="127.0.0.1:0", anonymous="view")), plant):
+        assert Client(door).get("/api/v1/plant").content["you"] == {
+            "name": "anonymous", "role": "view", "door": "http 127.0.0.1:0",
+        }  # fmt: skip
+
+
+def test_tls(plant, certificate):
+    door = http_door(table(listen="127.0.0.1:0", certificate=str(certificate[0]), key=str(certificate[1])))
+    context = ssl.create_default_context(cafile=str(certificate[0]))
+    with served(door, plant):
+        client = Client(door, "annaanna")
+        plain = client.connect
+        client.connect = lambda: context.wrap_socket(plain(), server_hostname="localhost")
+        assert client.get("/api/v1/plant").content["you"]["name"] == "anna"
+        with client.stream() as stream:
+            stream.next("values")
+            plant.change(value("pump", amount="12.5"))
+            assert str(stream.next("values").data[0]["reading"]["value"]) == "12.5"
+
+
+def test_a_certificate_that_is_none(plant, tmp_path):
+    (tmp_path / "c.pem").write_text("x")
+    door = http_door(table(certificate=str(tmp_path / "c.pem"), key=str(tmp_path / "c.pem"), listen="127.0.0.1:0"))
+    with pytest.raises(UsageError, match="cannot be used"), served(door, plant):
+        pass
+
+
+def test_a_port_that_is_taken(plant):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        listen = f"127.0.0.1:{taken.getsockname()[1]}"
+        refusal = pytest.raises(PortError, match=f"cannot listen on {listen}: .*; write another listen =")
+        with refusal, served(http_door(table(listen=listen)), plant):
+            pass
+
+
+def test_it_is_found_by_its_kind():
+    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert pkgutil.resolve_name(project["entry-points"]["drivecomm.doors"]["http"]) is http_door
+
+
+def test_the_local_door_knows_its_callers(local, plant):
+    import pwd  # noqa: PLC0415 - not on Windows
+
+    name = pwd.getpwuid(os.getuid()).pw_name
+    assert local.get("/api/v1/plant").content["you"] == {"name": name, "role": "commission", "door": "local"}
+    assert local.post("/api/v1/drives/pump/read").content["outcome"] == "done"
+    assert plant.commands[0][0].name == name
+
+
+def test_only_its_owner_can_reach_the_local_door(plant, tmp_path):
+    path = tmp_path / "hall.sock"
+    with served(LocalDoor(path), plant):
+        assert path.stat().st_mode & 0o777 == 0o600
+    assert not path.exists()
+
+
+def test_a_socket_that_a_killed_server_left(plant, tmp_path):
+    path = tmp_path / "hall.sock"
+    with socket.socket(socket.AF_UNIX) as left:
+        left.bind(str(path))
+    with served(LocalDoor(path), plant):
+        assert Client(path).get("/healthz").status == 200
+
+
+def test_the_local_door_without_unix_sockets(plant, tmp_path, monkeypatch):
+    monkeypatch.setattr("drivecomm.server.http.door._HAS_UNIX_SOCKETS", False)
+    door = LocalDoor(tmp_path / "hall.sock")
+    with served(door, plant):
+        assert Client(door, door.token).get("/api/v1/plant").content["you"]["role"] == "commission"
+        assert Client(door, "guessed").get("/api/v1/plant").status == 401
+        assert Client(door).get("/api/v1/plant").status == 401
+
+
+def test_signals_stay_with_the_process(plant):
+    before = [signal.getsignal(each) for each in (signal.SIGTERM, signal.SIGINT)]
+    with served(http_door(table(listen="127.0.0.1:0")), plant):
+        assert [signal.getsignal(each) for each in (signal.SIGTERM, signal.SIGINT)] == before
+
+
+def test_a_request_under_way_is_answered_while_the_door_ends(plant, tmp_path):
+    path = tmp_path / "hall.sock"
+    found = []
+    with served(LocalDoor(path), plant) as running:
+        asking = threading.Thread(target=lambda: found.append(_wait_ended(Client(path))))
+        asking.start()
+        assert plant.waiting.wait(5)
+        running.end()
+        asking.join(5)
+        assert running.ended_s < 2
+    assert found == ["ended"]
+
+
+def _wait_ended(client):
+    try:
+        client.post("/api/v1/drives/pump/wait", arguments={"goal": "stopped"})
+    except (OSError, DriveCommError, Exception):  # noqa: BLE001 - whatever a client makes of it
+        return "ended"
+    return "answered"
+
+
+def test_nobody_waits_for_a_client_that_has_gone(local, plant):
+    with local.connect() as connected:
+        connected.sendall(b"POST /api/v1/drives/pump/wait HTTP/1.1\r\nHost: x\r\nContent-Length: 2\r\n\r\n{}")
+        assert plant.waiting.wait(5)
+        assert not plant.cancelled.is_set()
+    assert plant.cancelled.wait(5)
+
+
+def test_connections_are_kept(local):
+    connection = http.client.HTTPConnection("localhost")
+    connection.sock = connected = local.connect()
+    for _ in range(3):
+        connection.request("GET", "/healthz")
+        assert connection.getresponse().read() == b"ok\n"
+        assert connection.sock is connected
+    connection.close()
+
+
+def test_who_says_nothing_is_not_waited_for(plant, tmp_path, monkeypatch):
+    monkeypatch.setattr("drivecomm.server.http.serving._FIRST_REQUEST_S", 0.1)
+    with served(LocalDoor(tmp_path / "hall.sock"), plant), Client(tmp_path / "hall.sock").connect() as connected:
+        assert connected.recv(1) == b""
+
+
+def test_readiness(local, plant):
+    assert local.get("/readyz").content == b"ready\n"
+    plant.line_states = [plant.line_states[0].__class__(name="main", port="/dev/ttyUSB0", up=False)]
+    found = local.get("/readyz")
+    assert (found.status, found.content) == (503, b"1 of 1 lines are not open\n")
+    assert local.get("/healthz").status == 200
+
+
+def test_the_page_is_asked_for_anew_and_sent_once(local):
+    found = local.get("/")
+    assert found.headers["Content-Type"].startswith("text/html")
+    assert found.headers["Cache-Control"] == "no-cache"
+    again = local.get("/", **{"If-None-Match": found.headers["ETag"]})
+    assert (again.status, again.content) == (304, b"")
+    assert local.get("/page/index.html").content == found.content
+
+
+def test_the_description_is_the_table(local):
+    described = local.get("/openapi.json").content
+    assert described == parsed(json_text(description()))
+    assert described["openapi"] == "3.1.0"
+    assert {(method.upper(), path) for path, each in described["paths"].items() for method in each} == {
+        (route.method, route.path) for route in ROUTES
+    }
+    lease = described["paths"]["/api/v1/drives/{name}/lease"]["post"]
+    schema = lease["requestBody"]["content"]["application/json"]["schema"]
+    assert schema["required"] == ["seconds"]
+    assert schema["properties"]["seconds"]["maximum"] == 30
+    names = [each["operationId"] for path in described["paths"].values() for each in path.values()]
+    assert len(set(names)) == len(names)
+
+
+ANSWERS = {
+    "Plant": ("GET", "plant"),
+    "Drives": ("GET", "drives"), "Drive": ("GET", "drives/pump"), "Values": ("GET", "values"),
+    "Events": ("GET", "events"), "Leases": ("GET", "leases"), "OwnLease": ("POST", "drives/pump/lease"),
+    "Answer": ("POST", "drives/pump/read"), "Stops": ("POST", "stop"),
+    "Points": ("GET", "history?drive=pump&name=output_frequency"), "Alarms": ("GET", "alarms"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ANSWERS)
+def test_answers_are_as_described(local, plant, name):
+    plant.history = FakeHistory()
+    local.post("/api/v1/drives/fan/lease", seconds=5)
+    plant.change(value("fan", quality="bad"), events=[plant.event(1)])
+    method, path = ANSWERS[name]
+    body = {"seconds": 5} if name == "OwnLease" else None
+    schemas = description()["components"]["schemas"]
+    found = local.ask(method, f"/api/v1/{path}", body)
+    assert found.status == 200
+    assert found.content
+    fits(found.content, schemas[name], schemas)
+
+
+def fits(content, schema, schemas):
+    """Check what is described; and that nothing else is there."""
+    if "$ref" in schema:
+        return fits(content, schemas[schema["$ref"].rpartition("/")[2]], schemas)
+    if "anyOf" in schema:
+        errors = []
+        for each in schema["anyOf"]:
+            try:
+                return fits(content, each, schemas)
+            except AssertionError as error:
+                errors.append(error)
+        raise errors[0]
+    if "enum" in schema:
+        assert content in schema["enum"]
+    kinds = {
+        "string": str, "integer": int, "boolean": bool, "null": type(None), "array": list, "object": dict,
+        "number": (int, float, Decimal),
+    }  # fmt: skip
+    if "type" in schema:
+        assert isinstance(content, kinds[schema["type"]])
+    for each in content if "items" in schema and "prefixItems" not in schema["items"] else ():
+        fits(each, schema["items"], schemas)
+    if "properties" in schema:
+        assert set(schema["required"]) <= set(content) <= set(schema["properties"])
+        for key, each in content.items():
+            fits(each, schema["properties"][key], schemas)
+    return None
+
+
+def test_slashes_and_spaces_in_names():
+    plant = FakePlant(["hall 2/pump", "fan"])
+    with served(door := http_door(table(listen="127.0.0.1:0")), plant):
+        assert Client(door).get("/api/v1/drives/hall%202%2Fpump").content["name"] == "hall 2/pump"
+
+
+def test_a_door_that_is_ended_while_it_opens(plant):
+    door = HttpDoor(table(listen="127.0.0.1:0"))
+    began = time.monotonic()
+    with served(door, plant) as running:
+        running.end()
+    assert time.monotonic() - began < 5
+
+
+def test_users_come_in_by_their_tokens():
+    with served(door := http_door(table(listen="127.0.0.1:0")), FakePlant(users=FakeUsers())):
+        assert Client(door).get("/api/v1/plant").status == 401
+        assert Client(door, "annaanna").get("/api/v1/plant").content["you"]["role"] == "view"

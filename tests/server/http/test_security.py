@@ -1,0 +1,330 @@
+"""What keeps strangers out; docs/reference/security-checklist.md lists these tests point by point."""
+
+import logging
+import re
+import socket
+import time
+from pathlib import Path
+
+import pytest
+from fake_plant import Client, FakePlant, served
+
+from drivecomm.server.http import HttpDoor, guard
+from drivecomm.server.http.routes import ROUTES
+from drivecomm.tomlfile import Table
+
+ROOT = Path(__file__).resolve().parents[3]
+START = "/api/v1/drives/pump/start"
+HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'self'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "X-Frame-Options": "DENY",
+}
+
+
+def in_words(text):
+    """An id that any shell and any test runner can take."""
+    return "-".join(re.findall(r"[A-Za-z0-9]+", str(text)))[:40] or "empty"
+
+
+def routed(route):
+    path = route.path.format(name="pump", verb="read", line="main", drive="vabus:9", id="pump-fault") if "{" in (
+        route.path
+    ) else route.path  # fmt: skip
+    needed = {name: "1" for name, field in {**route.query, **route.body}.items() if field.needed}
+    query = "&".join(f"{name}={each}" for name, each in needed.items()) if route.query else ""
+    return f"{path}?{query}"
+
+
+def asked(client, method, path):
+    return client.ask(method, path, None if method == "GET" else {"id": "1"})
+
+
+@pytest.mark.parametrize(
+    "route", [each for each in ROUTES if each.role], ids=lambda each: in_words(f"{each.method} {each.path}")
+)
+@pytest.mark.parametrize("token", ["", "wrong", "annaotto"])
+def test_without_a_token_or_with_a_wrong_one_nothing_is_told_or_moved(door, plant, route, token):
+    found = asked(Client(door, token), route.method, routed(route))
+    assert found.status == 401
+    assert found.content["error"]["kind"] == "NotAllowedError"
+    assert found.headers["WWW-Authenticate"] == "Bearer"
+    assert [plant.commands, plant.stops, plant.held] == [[], [], {}]
+
+
+def test_another_scheme_than_a_token_is_nobody(door):
+    assert Client(door, Authorization="Basic YW5uYTphbm5h").get("/api/v1/plant").status == 401
+
+
+def test_only_who_has_the_role_moves_a_motor(door, plant):
+    refused = Client(door, "annaanna").post(START, id="1").content
+    assert (refused["outcome"], refused["error"]["kind"]) == ("refused", "NotAllowedError")
+    assert not plant.acted
+    assert Client(door, "ottootto").post(START, id="1").content["outcome"] == "done"
+
+
+def test_anonymous_callers_only_look():
+    plant = FakePlant()
+    door = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
+    with served(door, plant):
+        assert Client(door).get("/api/v1/plant").content["you"]["role"] == "view"
+        assert Client(door, "guessed").get("/api/v1/plant").status == 401
+        for path in (
+            "drives/pump/stop",
+            "drives/pump/read",
+            "stop",
+            "drives/pump/lease",
+            "alarms/pump-fault/acknowledge",
+        ):
+            assert Client(door).post(f"/api/v1/{path}", id="1").status == 401
+    assert [plant.commands, plant.stops] == [[], []]
+
+
+@pytest.mark.parametrize("field", ["arm", "options"])
+def test_what_only_the_local_door_may(door, local, plant, field):
+    given = {"arm": True, "options": {"model": "agile"}}[field]
+    assert Client(door, "carlcarl").post(START, id="1", **{field: given}).status == 403
+    assert Client(door, "carlcarl").post("/api/v1/lines/main/drives/vabus:9/stop", id="1").status == 403
+    assert Client(door, "carlcarl").post("/api/v1/lines/main/scan").status == 403
+    assert not plant.commands
+    assert local.post(START, **{field: given}).content["outcome"] == "done"
+    assert getattr(plant.commands[0][1], field) == given
+
+
+@pytest.mark.parametrize("method", ["GET", "POST"])
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "null", "http://localhost:1", "https://localhost.evil.example"], ids=in_words
+)
+def test_a_page_of_another_server_gets_nothing(door, local, plant, method, origin):
+    for client in (Client(door, "ottootto"), local):
+        path = START if method == "POST" else "/api/v1/plant"
+        found = client.ask(method, path, {"id": "1"} if method == "POST" else None, Origin=origin)
+        assert found.status == 403
+        assert "Access-Control-Allow-Origin" not in found.headers
+    assert not plant.commands
+
+
+def test_our_own_page_may_ask(door):
+    host = f"127.0.0.1:{door.port}"
+    client = Client(door, "ottootto")
+    assert client.ask("POST", START, {"id": "1"}, Host=host, Origin=f"http://{host}").status == 200
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:8080", "127.0.0.1.evil.example", "", "a b", "[::1"], ids=in_words
+)
+def test_a_name_that_somebody_made_lead_here_is_not_served(door, plant, host):
+    found = Client(door, "ottootto").ask("POST", START, {"id": "1"}, Host=host)
+    assert found.status in (400, 403)
+    assert not plant.commands
+
+
+@pytest.mark.parametrize(
+    "host", ["127.0.0.1", "localhost:8080", "[::1]:80", "192.168.3.4", socket.gethostname()], ids=in_words
+)
+def test_addresses_and_the_machines_own_names_are_served(door, host):
+    assert Client(door, "annaanna").get("/api/v1/plant", Host=host).status == 200
+
+
+def test_names_of_the_plant_file_are_served(plant):
+    door = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0", "names": ["Drives.example"]}, "hall.toml"))
+    with served(door, plant):
+        assert Client(door, "annaanna").get("/api/v1/plant", Host="drives.example").status == 200
+
+
+def test_no_cors(door):
+    found = Client(door, "annaanna").ask("OPTIONS", "/api/v1/plant", **{"Access-Control-Request-Method": "POST"})
+    assert found.status == 405
+    assert not [name for name in found.headers if name.lower().startswith("access-control")]
+
+
+@pytest.mark.parametrize("method", ["PUT", "DELETE", "PATCH", "TRACE", "OPTIONS", "POST"])
+def test_methods_that_are_not_meant(door, method):
+    found = Client(door, "carlcarl").ask(method, "/api/v1/plant")
+    assert found.status == 405
+    assert found.content["error"]["text"] == f"{method} is not for /api/v1/plant"
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/api/v1/plant", "/nothing", "/healthz", "/metrics", "/openapi.json"], ids=in_words
+)
+def test_headers_of_every_answer(door, path):
+    found = Client(door, "annaanna").get(path).headers
+    assert {name: found[name] for name in HEADERS} == HEADERS
+    assert found["Cache-Control"] in ("no-store", "no-cache")
+    assert "Server" not in found
+
+
+def test_a_stale_lease_moves_nothing(door, plant):
+    otto = Client(door, "ottootto")
+    lease = otto.post("/api/v1/drives/pump/lease", seconds=5).content
+    assert otto.ask("DELETE", "/api/v1/drives/pump/lease", {"key": lease["key"]}).status == 200
+    found = otto.post(START, id="1", lease=lease["key"]).content
+    assert (found["outcome"], found["error"]["kind"]) == ("refused", "LeaseError")
+    assert not plant.acted
+
+
+def test_a_lease_of_somebody_else(door, local):
+    first = local.post("/api/v1/drives/pump/lease", seconds=5).content
+    otto = Client(door, "ottootto")
+    found = otto.post("/api/v1/drives/pump/lease", seconds=5)
+    assert (found.status, found.content["error"]["kind"]) == (409, "LeaseError")
+    assert otto.ask("PUT", "/api/v1/drives/pump/lease", {"key": "guessed", "seconds": 5}).status == 409
+    for path in ("/api/v1/leases", "/api/v1/drives/pump", "/api/v1/drives"):
+        assert first["key"] not in str(otto.get(path).content)
+    assert otto.get("/api/v1/leases").content[0]["yours"] is False
+
+
+def test_a_replayed_command_is_answered_and_moves_nothing_again(door, plant):
+    otto = Client(door, "ottootto")
+    first = otto.post(START, id="same").content
+    assert otto.post(START, id="same").content == first
+    assert plant.acted == ["start"]
+
+
+def test_a_command_over_the_network_needs_an_id(door, plant):
+    found = Client(door, "ottootto").post(START)
+    assert found.status == 422
+    assert "'id' is missing" in found.content["error"]["text"]
+    assert not plant.commands
+
+
+def test_a_command_of_an_earlier_run_moves_nothing(door, plant):
+    found = Client(door, "ottootto").post(START, id="1", session="red-fox-3", issued_s=time.time(), valid_s=2)
+    assert found.content["outcome"] == "refused"
+    assert not plant.acted
+
+
+@pytest.mark.parametrize(
+    ("body", "text"),
+    [
+        (b'{"id": "1", "leese": "x"}', "unknown key 'leese'; did you mean 'lease'?"),
+        (b'{"id": 1}', "id cannot be 1; give a text"),
+        (b'{"id": "1", "valid_s": 11}', "valid_s cannot be 11; give a number from 0.001 to 10"),
+        (b'{"id": "1", "valid_s": NaN}', "not JSON"),
+        (b'{"id": "1", "valid_s": 1e999999}', "valid_s cannot be"),
+        (b'{"id": "1", "issued_s": true}', "issued_s cannot be True"),
+        (b'{"id": "1", "arguments": []}', "arguments cannot be [] ; give an object".replace(" ;", ";")),
+        (b'["id"]', "not a JSON object"),
+        (b"id=1", "not JSON"),
+        (b"\xff\xfe", "not JSON"),
+        (b"[" * 60_000, "not JSON"),
+        (b'{"id": "%s"}' % (b"x" * 5000), "longer than 4096"),
+        (b'{"id": "1", "a%s": 1}' % (b"x" * 60_000), "unknown key"),
+    ],
+    ids=in_words,
+)
+def test_what_is_not_understood_moves_nothing(door, plant, body, text):
+    found = Client(door, "ottootto").ask("POST", START, raw=body)
+    assert found.status == 422
+    assert text in found.content["error"]["text"]
+    assert not plant.commands
+
+
+@pytest.mark.parametrize(
+    ("query", "text"),
+    [
+        ("?evry=1", "did you mean 'every'?"),
+        ("?every=0", "give a number from 0.05"),
+        ("?every=soon", "give a number from 0.05"),
+        ("?every=1&every=2", "twice"),
+    ],
+    ids=in_words,
+)
+def test_queries_that_are_not_understood(door, query, text):
+    found = Client(door, "annaanna").get(f"/api/v1/stream{query}")
+    assert found.status == 422
+    assert text in found.content["error"]["text"]
+
+
+def test_a_body_that_is_too_large(door, plant):
+    client = Client(door, "ottootto")
+    found = client.ask("POST", START, raw=b'{"id": "1"}'.ljust(guard.LARGEST_BODY + 1))
+    assert found.status == 413
+    with client.connect() as connected:
+        connected.sendall(
+            b"POST /api/v1/drives/pump/start HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer ottootto\r\n"
+            b"Transfer-Encoding: chunked\r\n\r\n" + (b"1000\r\n" + b" " * 0x1000 + b"\r\n") * 17
+        )
+        assert b" 413 " in connected.recv(4096).splitlines()[0]
+    assert not plant.commands
+
+
+def test_a_body_that_never_comes(door, plant, monkeypatch):
+    monkeypatch.setattr(guard, "BODY_TIMEOUT_S", 0.2)
+    with Client(door).connect() as connected:
+        connected.sendall(
+            b"POST /api/v1/drives/pump/start HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer ottootto\r\n"
+            b"Content-Length: 100\r\n\r\n{"
+        )
+        assert b" 408 " in connected.recv(4096).splitlines()[0]
+    assert not plant.commands
+
+
+def test_headers_without_an_end(door):
+    with Client(door).connect() as connected:
+        connected.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\nX-Long: " + b"x" * 100_000)
+        assert b" 400 " in connected.recv(4096).splitlines()[0]
+
+
+def test_a_password_cannot_be_guessed_quickly(plant, door):
+    client = Client(door)
+    good = client.post("/api/v1/login", name="anna", password="anna's password")
+    assert good.content["token"] == "annaanna"
+    guesses = [client.post("/api/v1/login", name=f"user{number}", password="x") for number in range(8)]
+    assert [each.status for each in guesses] == [401] * 5 + [429] * 3
+    assert 0 < int(guesses[-1].headers["Retry-After"]) <= 61
+    assert plant.users.asked == 6
+    # A token goes on, so that nobody can be kept from a stop.
+    assert Client(door, "annaanna").post("/api/v1/stop").status == 200
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/page/../door.py", "/page/%2e%2e/door.py", "/page/..%2fdoor.py", "/page//etc/passwd", "/page/%2fetc%2fpasswd",
+        "/page/..%5cdoor.py", "/page/%00", "/page/index.html%00.js", "/page/" + "x" * 5000, "/page", "/page/",
+        "/../../etc/passwd",
+    ], ids=in_words)  # fmt: skip
+def test_only_files_of_the_page_are_served(door, path):
+    found = Client(door).get(path)
+    assert found.status == 404
+    assert found.content["error"]["kind"] == "UsageError"
+
+
+def test_a_mistake_of_ours_tells_nothing_of_the_inside(door, caplog):
+    with caplog.at_level(logging.ERROR):
+        found = Client(door, "ottootto").post("/api/v1/drives/pump/break", id="1")
+    assert found.status == 500
+    assert found.content["error"]["text"] == "the server has made a mistake; its log says which"
+    until = time.monotonic() + 5
+    while "secret inside" not in caplog.text and time.monotonic() < until:
+        time.sleep(0.01)
+    assert "secret inside" in caplog.text
+
+
+def test_paths_and_names_are_told_back_as_json(door):
+    found = Client(door, "annaanna").get("/api/v1/drives/%3Cscript%3E")
+    assert found.status == 404
+    assert found.headers["Content-Type"] == "application/json"
+
+
+def test_history_cannot_be_asked_without_limits(door, plant):
+    anna = Client(door, "annaanna")
+    assert anna.get("/api/v1/history?drive=pump&name=output_frequency&points=1000000").status == 422
+    assert anna.get("/api/v1/history/events?limit=1000000").status == 422
+    assert anna.get("/api/v1/events?limit=0").status == 422
+    assert not plant.history.asked
+
+
+def test_each_point_of_the_checklist_has_its_test():
+    page = (ROOT / "docs" / "reference" / "security-checklist.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`(test_\w+)`", page))
+    here = {name for name in globals() if name.startswith("test_")}
+    elsewhere = set(re.findall(r"^(?:async )?def (test_\w+)", "".join(
+        each.read_text(encoding="utf-8") for each in (ROOT / "tests" / "server").rglob("test_*.py")
+    ), re.MULTILINE))  # fmt: skip
+    assert named <= elsewhere
+    assert here - named <= {"test_each_point_of_the_checklist_has_its_test"}
+    assert all(f"API{number}:2023" in page for number in range(1, 11))

@@ -1,0 +1,60 @@
+"""A Chromium for the tests of the page, and a plant for it to show."""
+
+import pytest
+from page_standin import StandIn
+
+CHROMIUM = "/usr/bin/chromium"
+ARGUMENTS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+TIMEOUT_MS = 8000
+
+
+@pytest.fixture(scope="session")
+def browser():
+    playwright = pytest.importorskip("playwright.sync_api", reason="the page is tested with playwright")
+    with playwright.sync_playwright() as started:
+        try:
+            chromium = started.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS, timeout=30000)
+        except playwright.Error as error:
+            pytest.skip(f"Chromium does not start: {str(error).splitlines()[0]}")
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def page_server():
+    """A server with a plant of three drives, which does what a test tells it."""
+    plant = StandIn()
+    plant.start()
+    yield plant
+    plant.stop()
+
+
+@pytest.fixture
+def shown(browser, page_server):
+    """Return what opens the page of the server; fails for what the page does wrong meanwhile."""
+    contexts, wrong = [], []
+
+    def opened(place="", *, live=True, **context):
+        contexts.append(browser.new_context(**context))
+        page = contexts[-1].new_page()
+        page.set_default_timeout(TIMEOUT_MS)
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda message: "Content Security" in message.text and wrong.append(message.text))
+        page.on("request", lambda request: request.url.startswith(page_server.url) or wrong.append(request.url))
+        page.goto(page_server.url + place, wait_until="domcontentloaded", timeout=TIMEOUT_MS)
+        if live:
+            page.wait_for_selector("html[data-link=live]")
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert wrong == []

@@ -1,0 +1,146 @@
+"""The page on a real server over a virtual plant, from signing in to the server's end."""
+
+import asyncio
+import re
+import socket
+import threading
+from contextlib import contextmanager
+
+import pytest
+
+pytest.importorskip("playwright.sync_api", reason="the page is tested with playwright")
+
+from playwright.sync_api import expect
+
+from drivecomm.plant import read_plant
+from drivecomm.server import Role, Serving, User, add_user, password_hash
+from drivecomm.testing.watched_line import ServingThread
+from drivecomm.virtual import ControlClient, PlantServer, VirtualPlant
+
+pytestmark = pytest.mark.browser
+
+SLOW_MS = 15000
+PLANT = """\
+format = 1
+[server]
+name = "hall 2"
+status_period_s = 0.2
+users = "users.toml"
+audit = "audit.jsonl"
+history = {{ file = "history.sqlite" }}
+[[door]]
+kind = "http"
+listen = "127.0.0.1:{port}"
+[[line]]
+name = "hall"
+listen = "tcp:127.0.0.1:0"
+[[drive]]
+name = "pump"
+title = "feed pump"
+drive = "danfoss-fc:3"
+options = {{ model = "fc302" }}
+armed = true
+link_loss = {{ policy = "ramp", watchdog_s = 5 }}
+poll = [{{ parameters = ["output_frequency"], period_s = 0.2 }}]
+network = {{ http = ["start", "reset", "reference"] }}
+motor = {{ ramp_up_s = 1, ramp_down_s = 1 }}
+"""
+
+
+class RealServer:
+    """A server in a thread of its own, over virtual drives in another."""
+
+    def __init__(self, folder, port):
+        self.url = f"http://127.0.0.1:{port}/"
+        self.file = folder / "plant.toml"
+        self.file.write_text(PLANT.format(port=port))
+        user = User(name="asha", role=Role.OPERATE, password=password_hash("a long password"))
+        add_user(folder / "users.toml", user)
+        self.serving = None
+
+    def start(self, addresses):
+        self.serving = Serving(self.file, port_of=lambda line: addresses[line.name])
+        ready = threading.Event()
+        self._thread = threading.Thread(
+            target=lambda: asyncio.run(self.serving.run(lambda _: ready.set())), daemon=True
+        )
+        self._thread.start()
+        assert ready.wait(15)
+
+    def stop(self):
+        self.serving.end()
+        self._thread.join(15)
+
+
+@contextmanager
+def simulated(plant):
+    server = PlantServer(VirtualPlant(plant), control="127.0.0.1:0")
+    thread = ServingThread(server)
+    try:
+        with ControlClient(server.control) as control:
+            yield server.addresses, control
+    finally:
+        thread.close()
+
+
+@pytest.fixture
+def page_server(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    return RealServer(tmp_path, port)
+
+
+def test_from_signing_in_to_the_end_of_the_server(page_server, shown):
+    with simulated(read_plant(page_server.file)) as (addresses, control):
+        page_server.start(addresses)
+        try:
+            story(page_server, shown, control)
+        finally:
+            page_server.stop()
+
+
+def story(page_server, shown, control):
+    page = shown("#/account", live=False)
+    expect(page.get_by_text("This plant is shown to its users only.")).to_be_visible(timeout=SLOW_MS)
+    page.get_by_label("Name").fill("asha")
+    page.get_by_role("textbox", name="Password").fill("a long password")
+    page.get_by_role("button", name="Sign in", exact=True).click()
+    page.wait_for_selector("html[data-link=live]", timeout=SLOW_MS)
+    page.get_by_role("link", name="Plant", exact=True).click()
+    pump = page.get_by_role("listitem", name="pump", exact=True)
+    expect(pump).to_contain_text("ready")
+    expect(pump).to_contain_text("0.0Hz")
+    pump.get_by_role("link", name="pump").click()
+
+    page.get_by_role("button", name="Take control").click()
+    expect(page.get_by_text("You have control of this drive")).to_be_visible()
+    page.get_by_label("Reference", exact=True).fill("50")
+    page.get_by_role("button", name="Set", exact=True).click()
+    expect(page.get_by_role("log")).to_contain_text("Donepump: reference 50 %")
+    page.get_by_role("button", name="Start…").click()
+    page.get_by_role("radio", name=re.compile("^ramp")).check()
+    page.get_by_role("button", name="Start pump now").click()
+    bar = page.locator(".drive-bar")
+    expect(bar).to_contain_text("running", timeout=SLOW_MS)
+    expect(page.get_by_role("row", name="Output frequency")).to_contain_text("25.0", timeout=SLOW_MS)
+    expect(bar).to_contain_text("you command it")
+
+    control.order("trip", drive="pump", code=14)
+    expect(bar).to_contain_text("fault", timeout=SLOW_MS)
+    expect(page.locator(".fault-box")).to_contain_text("earth fault")
+    expect(page.locator(".event-list")).to_contain_text("earth fault")
+    page.get_by_role("button", name="Reset the fault").click()
+    expect(bar).to_contain_text("ready", timeout=SLOW_MS)
+
+    control.order("power", drive="pump", state="off")
+    expect(bar).to_contain_text("no answer", timeout=SLOW_MS)
+    control.order("power", drive="pump", state="on")
+    expect(bar).to_contain_text("ready", timeout=SLOW_MS)
+    page.get_by_role("button", name="Stop pump").click()
+    expect(page.get_by_role("log")).to_contain_text("Donepump: stop")
+
+    page_server.serving.end()
+    expect(page.locator("#banner")).to_contain_text("No connection since", timeout=SLOW_MS)
+    expect(bar).to_contain_text("was ready")
