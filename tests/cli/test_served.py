@@ -113,6 +113,7 @@ TIMES = (
     (re.compile(r'"(time_s|age_s|late_s|took_s|due_s|seconds)": [-\d.e]+'), r'"\1": T'),
     (re.compile(r"\d\d\d\d-\d\d-\d\d[T ]CLOCK(\+\d\d:\d\d|Z)?"), "DATE"),
     (re.compile(r"^ +\d+\.\d+  (?=->|<-|  )", re.MULTILINE), " T  "),
+    (re.compile(r'"missed": \d+'), '"missed": N'),
     (re.compile(r'"counters": .*'), "COUNTS"),
     (re.compile(r"\d+\.\d s\b"), "T s"),
     (re.compile(r"pid \d+"), "PID"),
