@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from drivecomm.cli.app import COMMANDS
+
 FOLDER = Path(__file__).resolve().parents[2] / "packaging" / "systemd"
 UNIT = FOLDER / "drivecomm@.service"
 HIGHEST_EXPOSURE = 20
@@ -62,6 +64,7 @@ def settings():
 def test_it_runs_a_command_that_there_is():
     command = dict(settings())["ExecStart"].split()
     assert command[:2] == ["/opt/drivecomm/bin/drivecomm", "serve"]
+    assert "serve" in COMMANDS
 
 
 def test_only_serial_devices_are_allowed():

@@ -89,6 +89,13 @@ def test_the_command_is_there(installed):
     assert {"danfoss-fc", "fuji", "vabus", "vlt3500"} <= set(installed.drivecomm("protocols").split())
 
 
+def test_a_plant_is_served_with_nothing_else_installed(installed):
+    assert "SIGHUP" in installed.drivecomm("serve", "--help")
+    printed = installed.drivecomm("demo")
+    assert "left out" not in printed
+    assert "GET /api/v1/events" in printed
+
+
 def test_the_files_for_systemd_are_there(installed):
     folder = installed.folder / "share" / "drivecomm" / "systemd"
     assert {path.name for path in folder.iterdir()} == {path.name for path in SYSTEMD.iterdir()}
