@@ -198,14 +198,15 @@ def _asked(path: Path, spoken: list[_Spoken], seconds: float) -> tuple[dict[str,
         master.stdin.flush()
         if not master.stdout.readline():
             raise MeasurementError("the master of 50 lines ended; its reason is on standard error")
-        before = _usage(plant.pid)
+        before = usage(plant.pid)
         told = master.stdout.readline()
         if not told:
             raise MeasurementError("the master of 50 lines ended; its reason is on standard error")
-        return json.loads(told), before, _usage(plant.pid)
+        return json.loads(told), before, usage(plant.pid)
 
 
-def _usage(process: int) -> _Usage:
+def usage(process: int) -> _Usage:
+    """Return what a process has used so far."""
     computed_ns, waited_ns, _ = (_PROCESSES / str(process) / "schedstat").read_text(encoding="utf-8").split()
     pages = int((_PROCESSES / str(process) / "statm").read_text(encoding="utf-8").split()[1])
     return _Usage(int(computed_ns) / 1e9, int(waited_ns) / 1e9, pages * os.sysconf("SC_PAGE_SIZE") / 2**20)

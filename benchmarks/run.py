@@ -52,6 +52,7 @@ MEASUREMENTS = (
     "forecast_accuracy",
     "served",
     "plant_of_50_lines",
+    "served_plant",
     "model_load",
     "start_up",
 )

@@ -34,7 +34,7 @@ from drivecomm.server import (
     token_hash,
 )
 from drivecomm.server.history import Journal
-from drivecomm.testing.watched_line import ServingThread
+from drivecomm.testing import ServingThread
 from drivecomm.virtual import ControlClient, PlantServer, VirtualPlant
 
 if TYPE_CHECKING:

@@ -172,7 +172,7 @@ class Commands:
             answer = Answer(id=command.id, outcome="done", result=result)
         except DriveCommError as error:
             answer = Answer(id=command.id, outcome=_outcome(error), error=error)
-        text = command.verb if answer.error is None else f"{command.verb}: {answer.outcome}, {_flat(answer.error)}"
+        text = _said(command) if answer.error is None else f"{_said(command)}: {answer.outcome}, {_flat(answer.error)}"
         core.table.happened("command", text, drive=config.name, line=line.line.name, who=str(caller))
         core.audit.outcome(caller, command, number, answer)
         core.remember(caller, command, answer, asked_s)
@@ -277,6 +277,12 @@ async def _asked(whom: Any, command: Command) -> Any:
     except TypeError as error:
         raise UsageError(f"{command.verb} cannot be asked so: {error}") from None
     return await verb(**given)
+
+
+def _said(command: Command) -> str:
+    """Return a command as people read it: write(parameter=3-03, value=40)."""
+    given = ", ".join(f"{name}={value}" for name, value in command.arguments.items() if value not in (None, False))
+    return f"{command.verb}({given})" if given else command.verb
 
 
 def _outcome(error: DriveCommError) -> Outcome:

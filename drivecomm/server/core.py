@@ -147,7 +147,7 @@ class Core:
         story = self._stories[config.name] = Story()
 
         def tell(done: str, text: str, further: Mapping[str, Any]) -> None:
-            if done not in ("watchdog set", "started", "fault"):
+            if done in ("not answering", "answers again", "failed"):
                 self.table.happened("link loss", text, drive=config.name, line=config.line)
             story.tell({"done": done, "text": text, **further})
 
@@ -193,18 +193,23 @@ class Core:
         while True:
             await asyncio.sleep(LOOK_S)
             for lease in self.leases.expire(time.monotonic()):
-                self.ended(lease, "is over, because it was not renewed")
+                self.lapsed(lease)
             for name in [name for name, kept in self.kept.items() if kept.over]:
                 self.release(name)
 
-    def ended(self, lease: Lease, how: str) -> None:
-        """Take note that a lease has ended, and treat the motor that was kept under it by its policy."""
-        if self._kept_by.get(lease.drive) != lease.key:
-            return
-        policy = self.kept[lease.drive].order.policy if lease.drive in self.kept else ""
-        text = f"the lease of {lease.holder} {how}; its motor is treated by its policy, {policy}"
-        self.table.happened("link loss", text, drive=lease.drive, who=str(lease.holder))
-        self.release(lease.drive)
+    def lapsed(self, lease: Lease) -> None:
+        """Take note that a lease was not renewed, and treat the motor that was kept under it by its policy."""
+        if self._kept_by.get(lease.drive) == lease.key:
+            policy = self.kept[lease.drive].order.policy if lease.drive in self.kept else ""
+            text = f"{lease.holder} does not renew their lease; the motor is treated by its policy, {policy}"
+            self.table.happened("link loss", text, drive=lease.drive, who=str(lease.holder))
+            self.release(lease.drive)
+
+    def given_back(self, lease: Lease) -> None:
+        """Treat the motor that was kept under a lease by its policy, because its commander wants no more of it."""
+        if self._kept_by.get(lease.drive) == lease.key:
+            self.table.happened("command", "kept no more", drive=lease.drive, who=str(lease.holder))
+            self.release(lease.drive)
 
     def remember(self, caller: Caller, command: Command, answer: Answer, asked_s: float) -> None:
         """Write a command into the history."""

@@ -146,7 +146,7 @@ class PlantForDoors:
 
     async def _end(self, caller: Caller, drive: str, key: str) -> None:
         lease = self._core.leases.end(caller, drive, key, now=time.monotonic())
-        self._core.ended(lease, "was given back")
+        self._core.given_back(lease)
 
     async def _handed(self, work: Coroutine[Any, Any, T]) -> T:
         """Have the core do something, and wait for it. What was begun is done, even if nobody waits any more."""

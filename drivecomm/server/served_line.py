@@ -257,7 +257,8 @@ class ServedLine:
                 kind = "answers"
             elif change.text == "the fault is gone":
                 kind = "fault over"
-            self._table.happened(kind, change.text, drive=view.name, line=self.line.name)
+            text = change.text.removeprefix("fault: ")
+            self._table.happened(kind, text, drive=view.name, line=self.line.name)
         if view.fault and not before.fault:
             self._tripped(view.name)
 

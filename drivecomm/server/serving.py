@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from drivecomm.plant import PlantLine
     from drivecomm.server.door import Door
     from drivecomm.server.observations import Event, EventKind
+    from drivecomm.server.settings import ServerSettings
 
 _log = logging.getLogger("drivecomm.server")
 
@@ -67,6 +68,7 @@ class Serving:
         self._reading: asyncio.Task[None] | None = None
         self._end: asyncio.Event | None = None
         self._core: Core | None = None
+        self._alarms: PlantAlarms | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
 
     @property
@@ -197,6 +199,16 @@ class Serving:
             for number in taken:
                 loop.remove_signal_handler(number)
 
+    def _take_alarms(self, core: Core, settings: ServerSettings) -> None:
+        try:
+            rules = read_alarms(settings.alarms, core.plant.drives)
+            if self._alarms is not None:
+                self._alarms.change_rules(rules)
+            elif rules:
+                core.table.happened("server", "alarms are watched when the server is started again")
+        except DriveCommError as error:
+            core.table.happened("server", f"the alarms stay as they are: {error}")
+
     def _read_again(self, core: Core, record: Path) -> None:
         if self._reading is None or self._reading.done():
             self._reading = asyncio.create_task(self._reload(core, record), name="reading the plant file again")
@@ -216,6 +228,7 @@ class Serving:
                 core.table.happened("server", "doors and files of the server change when it is started again")
             with suppress(OSError):
                 written_again(record, self._registration())
+            self._take_alarms(core, settings)
             core.table.happened("server", f"plant file read again: {'; '.join(said) or 'nothing has changed'}")
         self._manager.ready(self._size(core))
 

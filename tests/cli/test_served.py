@@ -9,7 +9,7 @@ import threading
 import time
 
 import pytest
-from fake_server import serving
+from fake_server import FakeServer, serving
 from running_server import running_server
 
 from drivecomm.capture import read_capture
@@ -294,3 +294,49 @@ def test_sniff_listens_to_the_servers_own_traffic(place):
     assert "parameter=210" in said
     assert "listening at" in complaint
     assert "through its server" in complaint
+
+
+def test_a_drive_that_has_not_confirmed_its_stop_to_the_server_is_told(place, monkeypatch):
+    silent = {"kind": "NoReplyError", "text": "vabus:1 did not answer", "exit_code": 4}
+    answers = [
+        {"drive": "pump", "outcome": "open", "error": silent, "how": "ramp"},
+        {"drive": "fan", "outcome": "done", "error": None, "how": "ramp"},
+    ]
+    monkeypatch.setattr(FakeServer, "stop_all", lambda *_: answers)
+    with serving(place.file):
+        code, said, complaint = place("stop", "--all")
+    assert code == 5
+    assert said == "hall: fan  stop (ramp) confirmed\n"
+    assert complaint.startswith("drivecomm: hall: pump has not confirmed its stop: vabus:1 did not answer")
+
+
+LOADING = """
+import sys
+from drivecomm_command import main
+sys.argv[0] = "drivecomm"
+code = main()
+print("loaded", *sorted(sys.modules))
+sys.exit(code)
+"""
+NOBODYS = {
+    *("construct", "serial", "ssl", "email", "http.client", "asyncio", "hashlib", "platformdirs", "logging", "rich"),
+    *("drivecomm_vabus", "drivecomm_danfoss_fc", "drivecomm.bus.bus", "drivecomm.bus.roster", "drivecomm.server"),
+    *(
+        "drivecomm.models.files",
+        "drivecomm.link.link",
+        "drivecomm.transport.serial_port",
+        "drivecomm.client.line_trace",
+    ),
+}
+"""What goes through a server needs none of these."""
+
+
+@pytest.mark.parametrize(
+    "command", [["read", "pump", "output_frequency"], ["status", "pump"], ["write", "pump", "480", "1"]]
+)
+def test_what_goes_through_a_server_loads_little(place, command):
+    with running_server(place.file):
+        done = subprocess.run(
+            [sys.executable, "-c", LOADING, *command], capture_output=True, text=True, check=True, timeout=60
+        )
+    assert not NOBODYS & set(done.stdout.split())

@@ -19,7 +19,8 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from drivecomm.errors import NotAllowedError, StateError
 from drivecomm.protocol import Stop
 from drivecomm.server import audit as audit_module
-from drivecomm.server.audit import Audit, AuditFile
+from drivecomm.server.audit import Audit
+from drivecomm.server.audit_lines import AuditFile
 from drivecomm.server.door import Answer, Caller, Command, Role
 from drivecomm.server.leases import Lease
 

@@ -250,6 +250,8 @@ def _locked(file: Path) -> sqlite3.Connection:
         reason = error.strerror if isinstance(error, OSError) else error
         raise FileFormatError(f"{file}: cannot be written as a history: {reason}") from error
     try:
+        # Nothing is written, so that a full disk does not matter.
+        lock.execute("PRAGMA journal_mode = MEMORY")
         lock.execute("BEGIN EXCLUSIVE")
     except sqlite3.Error as error:
         lock.close()

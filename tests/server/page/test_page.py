@@ -95,6 +95,28 @@ def test_a_plant_in_which_nothing_happens_is_not_taken_for_lost(page_server, sho
     assert page_server.streams == 1
 
 
+SEEN = "document.dispatchEvent(Object.assign(new Event('visibilitychange'), {{}}, void (window.isHidden = {})))"
+
+
+def test_a_tab_that_nobody_sees_pauses_unless_it_has_control(shown):
+    page = shown("#/drive/pump")
+    page.clock.install()
+    page.evaluate("Object.defineProperty(document, 'hidden', { get: () => window.isHidden })")
+    page.reload()
+    page.evaluate("Object.defineProperty(document, 'hidden', { get: () => window.isHidden })")
+    page.wait_for_selector("html[data-link=live]")
+    page.evaluate(SEEN.format("true"))
+    page.clock.fast_forward(31000)
+    page.wait_for_selector("html[data-link=paused]")
+    expect(page.locator("#banner")).to_contain_text("Nothing shown here is current")
+    page.evaluate(SEEN.format("false"))
+    page.wait_for_selector("html[data-link=live]")
+    take_control(page)
+    page.evaluate(SEEN.format("true"))
+    page.wait_for_timeout(1500)
+    assert page.locator("html").get_attribute("data-link") == "live"
+
+
 def test_another_run_of_the_server_is_loaded_anew(page_server, shown):
     page = shown("#/drive/pump")
     take_control(page)
@@ -360,3 +382,23 @@ class TestFiveHundredDrives:
 def busy_s(session):
     metrics = {each["name"]: each["value"] for each in session.send("Performance.getMetrics")["metrics"]}
     return metrics["TaskDuration"]
+
+
+def test_numbers_keep_the_digits_of_their_drives_and_no_others(shown):
+    told = {
+        "10.00": "10.00",
+        "0.0": "0.0",
+        "-3.20": "\N{MINUS SIGN}3.20",
+        "24.800000000000001": "24.8",
+        "0.30000000000000004": "0.3",
+        "1E+3": "1000",
+        "123456789": "123456789",
+        "1.23456789E-7": "0.000000123457",
+        "not_ready": "not ready",
+    }
+    page = shown()
+    given = "(texts) => import('./page/format.js').then(({ number }) => texts.map(number))"
+    assert page.evaluate(given, list(told)) == list(told.values())
+    text = r'{"value":10.00,"raw":10,"text":"\"value\":1.50","reading":{"value":-0.5}}'
+    parsed = page.evaluate("(text) => import('./page/format.js').then(({ parsed }) => parsed(text))", text)
+    assert parsed == {"value": "10.00", "raw": 10, "text": '"value":1.50', "reading": {"value": "-0.5"}}

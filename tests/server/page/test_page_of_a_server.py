@@ -14,7 +14,7 @@ from playwright.sync_api import expect
 
 from drivecomm.plant import read_plant
 from drivecomm.server import Role, Serving, User, add_user, password_hash
-from drivecomm.testing.watched_line import ServingThread
+from drivecomm.testing import ServingThread
 from drivecomm.virtual import ControlClient, PlantServer, VirtualPlant
 
 pytestmark = pytest.mark.browser
@@ -44,6 +44,9 @@ link_loss = {{ policy = "ramp", watchdog_s = 5 }}
 poll = [{{ parameters = ["output_frequency"], period_s = 0.2 }}]
 network = {{ http = ["start", "reset", "reference"] }}
 motor = {{ ramp_up_s = 1, ramp_down_s = 1 }}
+[[alarm]]
+name = "tripped"
+on = "fault"
 """
 
 
@@ -86,6 +89,7 @@ def simulated(plant):
 @pytest.fixture
 def page_server(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -131,6 +135,7 @@ def story(page_server, shown, control):
     expect(bar).to_contain_text("fault", timeout=SLOW_MS)
     expect(page.locator(".fault-box")).to_contain_text("earth fault")
     expect(page.locator(".event-list")).to_contain_text("earth fault")
+    expect(page.locator("#alarm-count")).to_have_text("1", timeout=SLOW_MS)
     page.get_by_role("button", name="Reset the fault").click()
     expect(bar).to_contain_text("ready", timeout=SLOW_MS)
 
@@ -140,6 +145,11 @@ def story(page_server, shown, control):
     expect(bar).to_contain_text("ready", timeout=SLOW_MS)
     page.get_by_role("button", name="Stop pump").click()
     expect(page.get_by_role("log")).to_contain_text("Donepump: stop")
+
+    page.get_by_role("link", name="Alarms").click()
+    page.get_by_role("button", name="Acknowledge").click()
+    expect(page.get_by_text("acknowledged by asha")).to_be_visible()
+    page.go_back()
 
     page_server.serving.end()
     expect(page.locator("#banner")).to_contain_text("No connection since", timeout=SLOW_MS)

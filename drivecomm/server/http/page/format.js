@@ -22,8 +22,7 @@ export function number(value) {
   if (!exponent && places <= EXACT_PLACES && text.replace(/\D/g, "").length <= EXACT_DIGITS + EXACT_PLACES) {
     return sign(text);
   }
-  const rounded = Number(Number(text).toPrecision(6));
-  return sign(rounded.toLocaleString("en", { useGrouping: false, maximumFractionDigits: 6 }));
+  return sign(Number(text).toLocaleString("en", { useGrouping: false, maximumSignificantDigits: 6 }));
 }
 
 function sign(text) {

@@ -1,0 +1,197 @@
+"""`drivecomm serve` for 500 virtual drives on 50 lines, four values of each a second, with clients that watch it."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from cores import on_client_core, on_emulator_core
+from lines import MeasurementError
+from plant_of_50_lines import usage
+from report import Figure, Section
+from yardstick import slowness
+
+if TYPE_CHECKING:
+    from equipment import Equipment
+
+LINES, DRIVES, BAUDRATE = 50, 10, 57600
+VALUES = ("16-13", "16-14", "16-12")
+"""And the status, which a server asks by itself."""
+
+_HERE = Path(__file__).parent
+_LOST_ON_THE_WAY = 0.2
+_OWN_SHARE, _MEMORY_MIB = 0.2, 200.0
+_CROWD, _IDLE = 900, 100
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Served:
+    seen: dict[str, Any]
+    polls: int
+    missed: int
+    processor_s: float
+    memory_mib: float
+
+
+def measure(equipment: Equipment) -> list[Section]:
+    """Poll the plant without a server, with one, and with one that a crowd of clients watches."""
+    seconds = equipment.extent.plant_seconds
+    with TemporaryDirectory(prefix="dc") as folder, ExitStack() as stack:
+        path = Path(folder) / "plant.toml"
+        path.write_text(_plant(None), encoding="utf-8")
+        command = [*on_emulator_core(), sys.executable, "-m", "drivecomm", "simulate", str(path), "--json"]
+        simulated = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        stack.callback(simulated.terminate)
+        told = json.loads((simulated.stdout.readline() if simulated.stdout else "") or "null")
+        if told is None:
+            raise MeasurementError("the plant did not start; its reason is on standard error")
+        path.write_text(_plant([line["listening"] for line in told["lines"]]), encoding="utf-8")
+        alone = _polled(path, seconds)
+        calm = _served(path, Path(folder), seconds, readers=1, idle=0)
+        crowd = _served(path, Path(folder), seconds, readers=_CROWD, idle=_IDLE)
+    wanted = LINES * DRIVES * (len(VALUES) + 1)
+    per_read = alone["processor_s"] / max(1, alone["reads"])
+    own = (calm.processor_s - per_read * calm.polls) / seconds
+    share = calm.polls / seconds / wanted
+    section = Section(
+        title="A served plant",
+        about=(
+            f"`drivecomm serve` with {LINES * DRIVES} virtual drives on {LINES} lines of {BAUDRATE} baud, which "
+            f"`drivecomm simulate` serves on the other core: {len(VALUES)} values and the status of each a second. "
+            "Alone: the values by `poll_async` in a process without a server. Calm: one stream with all values, one "
+            f"page, and metrics scraped each five seconds. Crowd: {_CROWD} streams more, of which each wants each "
+            f"value once a second, and {_IDLE} that never read. Age: from the last byte of a reply to whoever reads "
+            "the stream."
+        ),
+        head=("", "reads/s", "of those wanted", "missed", "of a core", "memory, MiB", "age p50, ms", "age p99, ms",
+              "stop p50, ms", "stop longest, ms"),
+        rows=[
+            ("alone", f"{alone['reads'] / alone['seconds']:.0f}", "", "",
+             f"{alone['processor_s'] / alone['seconds']:.2f}", "", f"{1000 * alone['p50_s']:.1f}",
+             f"{1000 * alone['p99_s']:.1f}", "", ""),
+            _row("calm", calm, seconds, wanted),
+            _row("crowd", crowd, seconds, wanted),
+        ],
+    )  # fmt: skip
+    slow = slowness()
+    section.figures = [
+        Figure(name="served: share of the values wanted", value=share, promise=0.97, floor=0.95 / slow),
+        Figure(name="served: of a core beyond polling", value=own, promise=_OWN_SHARE / 2, floor=_OWN_SHARE * slow,
+               better="less"),
+        Figure(name="served: memory in MiB", value=calm.memory_mib, promise=150, floor=_MEMORY_MIB, better="less"),
+        Figure(name="served: age of a value p50 in ms", value=1000 * calm.seen["p50_s"], promise=3, floor=3 * slow,
+               better="less"),
+        Figure(name="served: age of a value p99 in ms", value=1000 * calm.seen["p99_s"], promise=25, floor=25 * slow,
+               better="less"),
+        Figure(name="served to a crowd: share of the values wanted", value=crowd.polls / seconds / wanted, promise=0.95,
+               floor=0.95 * share / slow),
+    ]  # fmt: skip
+    return [section]
+
+
+def _row(name: str, one: _Served, seconds: float, wanted: int) -> tuple[str, ...]:
+    stops = one.seen["stops_s"] or [0.0]
+    return (
+        name,
+        f"{one.polls / seconds:.0f}",
+        f"{one.polls / seconds / wanted:.3f}",
+        str(one.missed),
+        f"{one.processor_s / seconds:.2f}",
+        f"{one.memory_mib:.0f}",
+        f"{1000 * one.seen['p50_s']:.1f}",
+        f"{1000 * one.seen['p99_s']:.1f}",
+        f"{1000 * stops[len(stops) // 2]:.0f}",
+        f"{1000 * stops[-1]:.0f}",
+    )
+
+
+def _plant(ports: list[str] | None) -> str:
+    parts = [
+        'format = 1\n[server]\nhistory = { file = "history.sqlite" }\n[[door]]\nkind = "http"\nlisten = "127.0.0.1:0"'
+    ]
+    parameters = ", ".join(f'"{each}"' for each in VALUES)
+    for number in range(LINES):
+        place = 'listen = "tcp:127.0.0.1:0"' if ports is None else f'port = "{ports[number]}"'
+        parts.append(f'[[line]]\nname = "{number}"\n{place}\nbaudrate = {BAUDRATE}')
+        parts += [
+            f'[[drive]]\nname = "d{number}-{address}"\ndrive = "danfoss-fc:{address}"\nline = "{number}"\n'
+            f'options = {{ model = "fc302" }}\npoll = [{{ parameters = [{parameters}] }}]'
+            for address in range(1, DRIVES + 1)
+        ]
+    return "\n".join(parts) + "\n"
+
+
+def _polled(path: Path, seconds: float) -> dict[str, Any]:
+    script = _HERE / "polling_process.py"
+    done = subprocess.run(
+        [*on_client_core(), sys.executable, str(script), str(path), str(seconds)],
+        stdout=subprocess.PIPE, text=True, check=True,
+    )  # fmt: skip
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def _served(path: Path, folder: Path, seconds: float, *, readers: int, idle: int) -> _Served:
+    """Serve the plant for clients; return what they saw, and what the server used."""
+    state, runtime = folder / "state", folder / "run"
+    for each in (state, runtime):
+        each.mkdir(mode=0o700, exist_ok=True)
+    environment = {**os.environ, "STATE_DIRECTORY": str(state), "XDG_RUNTIME_DIR": str(runtime)}
+    with ExitStack() as stack:
+        command = [
+            *on_client_core(),
+            sys.executable,
+            "-m",
+            "drivecomm",
+            "serve",
+            str(path),
+            "--json",
+            "--level",
+            "error",
+        ]
+        server = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment))
+        stack.callback(server.terminate)
+        told = json.loads((server.stdout.readline() if server.stdout else "") or "null")
+        if told is None:
+            raise MeasurementError("the server did not start; its reason is on standard error")
+        place = told["doors"][0].partition(" ")[2]
+        script = [*on_emulator_core(), sys.executable, str(_HERE / "server_clients.py"), place, told["socket"]]
+        clients = stack.enter_context(
+            subprocess.Popen(script, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        )
+        stack.callback(clients.terminate)
+        if clients.stdin is None or clients.stdout is None:
+            raise MeasurementError("a process has no pipes")
+        asked = {"seconds": seconds, "readers": readers, "idle": idle, "drive": "d0-1"}
+        clients.stdin.write(json.dumps(asked) + "\n")
+        clients.stdin.flush()
+        clients.stdout.readline()
+        before, first = usage(server.pid), _lines(told["socket"])
+        seen = json.loads(clients.stdout.readline() or "null")
+        if seen is None:
+            raise MeasurementError("the clients of the server ended; their reason is on standard error")
+        after, last = usage(server.pid), _lines(told["socket"])
+    return _Served(
+        seen=seen,
+        polls=last[0] - first[0],
+        missed=last[1] - first[1],
+        processor_s=after.processor_s - before.processor_s,
+        memory_mib=after.memory_mib,
+    )
+
+
+def _lines(socket: str) -> tuple[int, int]:
+    """Return how many reads the server has made, and how many it had no time for."""
+    from drivecomm.client import LocalServer, Registration  # noqa: PLC0415 - for this alone
+
+    server = LocalServer(Registration(plant="", socket=socket))
+    lines = server.ask("/api/v1/plant")["lines"]
+    server.close()
+    return sum(line["polls"] for line in lines), sum(line["missed"] for line in lines)

@@ -1,0 +1,67 @@
+"""A motor that the server keeps: for as long as the lease is renewed, and stopped when it is given back or runs out."""
+
+import threading
+import time
+
+import pytest
+from running_server import running_server
+
+import drivecomm
+from drivecomm.client import KeptMotor
+from drivecomm.errors import LeaseError, NotSupported
+from drivecomm.protocol import DriveState
+
+
+@pytest.fixture
+def pump(plant):
+    """The pump, through a server."""
+    with running_server(plant), drivecomm.open_plant(plant) as opened:
+        yield opened.drive("pump")
+
+
+def test_it_turns_for_longer_than_one_lease(pump):
+    with KeptMotor(pump, 2.0) as kept:
+        kept.start("trip", watchdog_s=3, percent=40)
+        until = time.monotonic() + 3.0
+        while time.monotonic() < until:
+            assert pump.status().running
+            time.sleep(0.2)
+
+
+def test_leaving_gives_the_lease_back_and_stops_the_motor(pump):
+    stop = threading.Event()
+    with KeptMotor(pump, 20.0) as kept:
+        kept.start("trip", watchdog_s=3, percent=5)
+        told = []
+        for event in kept.events(stop):
+            told.append(event["done"])
+            if told[-1] == "started":
+                stop.set()
+    assert told == ["watchdog set", "started", "stop commanded"]
+    assert pump.wait_for(DriveState.READY, 5.0).state is DriveState.READY
+
+
+def test_an_error_inside_stops_the_motor_and_is_told(pump):
+    def fail():
+        with KeptMotor(pump, 20.0) as kept:
+            kept.start("trip", watchdog_s=3, percent=5)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert pump.wait_for(DriveState.READY, 5.0).state is DriveState.READY
+
+
+def test_what_the_drive_cannot_is_said_and_nothing_turns(pump):
+    with pytest.raises(NotSupported, match="it can hold or trip"), KeptMotor(pump, 5.0) as kept:
+        kept.start("ramp", watchdog_s=3)
+    assert not pump.status().running
+
+
+def test_nobody_else_starts_or_takes_it_meanwhile(pump, plant):
+    with KeptMotor(pump, 20.0) as kept, drivecomm.open_plant(plant) as others:
+        kept.start("trip", watchdog_s=3)
+        with pytest.raises(LeaseError):
+            KeptMotor(others.drive("pump"), 5.0).__enter__()
+        others.drive("pump").stop()
+        assert [event["done"] for event in kept.events(threading.Event())][-1] == "stop commanded"
