@@ -133,7 +133,7 @@ class Commands:
             return await self._command(caller, command, line, config, lease=lease, still_fresh=check)
         finally:
             if alone:
-                self._core.leases.end(caller, config.name, lease.key, now=time.monotonic())
+                self._core.leases.release(lease)
 
     def _lease(self, caller: Caller, command: Command, config: DriveConfig) -> tuple[Lease, bool]:
         """Return the lease under which a command is given, and whether it was taken for it alone."""

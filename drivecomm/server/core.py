@@ -6,7 +6,6 @@ All of it runs in one event loop and never blocks; doors have threads of their o
 from __future__ import annotations
 
 import asyncio
-import secrets
 import time
 from contextlib import suppress
 from dataclasses import replace
@@ -71,22 +70,25 @@ LOOK_S = 0.1
 class Core:
     """A plant that is served, as an asynchronous context manager.
 
-    plant: what there is; `changed` exchanges it. audit, journal: where commands and everything else is written.
-    status_period_s: how often each drive's status is asked. port_of: what to open for a line, instead of its port.
+    plant: what there is; `changed` exchanges it. session: a random word of this run. users_file: for sentences. audit,
+    journal: where commands and everything else is written. status_period_s: how often each drive's status is asked.
+    port_of: what to open for a line, instead of its port.
     """
 
     def __init__(
         self,
         plant: Plant,
         *,
+        session: str,
         audit: Trail,
         journal: Recorder | None = None,
+        users_file: str = "the users file",
         status_period_s: float = 1.0,
         port_of: Callable[[PlantLine], Any] | None = None,
     ) -> None:
         loop = asyncio.get_running_loop()
         self.plant = plant
-        self.session = secrets.token_urlsafe(9)
+        self.session = session
         self.started_s = time.time()
         self.table = Table(loop.call_later)
         self.lines: dict[str, ServedLine] = {}
@@ -94,7 +96,8 @@ class Core:
         self.kept: dict[str, KeptMotor] = {}
         self.audit, self.journal = audit, journal
         self.answers = Repeats()
-        self.rights = Rights(plant.file)
+        self._users_file = users_file
+        self.rights = Rights(plant.file, users_file)
         self.commands = Commands(self)
         self._status_period_s = status_period_s
         self._port_of = port_of or _said_port
@@ -252,7 +255,7 @@ class Core:
                 self._add(line)
                 if name not in old:
                     told.append(f"line {name} is new")
-        self.rights = Rights(plant.file)
+        self.rights = Rights(plant.file, self._users_file)
         for text in told:
             self.table.happened("server", text)
         return told

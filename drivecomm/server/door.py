@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from drivecomm.errors import DriveCommError
     from drivecomm.plant import Plant
+    from drivecomm.protocol import Value
     from drivecomm.server.alarms import Alarm
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState
@@ -147,7 +148,7 @@ class History(Protocol):
 
     async def points(
         self, drive: str, name: str, from_s: float, to_s: float, points: int
-    ) -> Sequence[tuple[float, float | None, str]]:
+    ) -> Sequence[tuple[float, Value | None, str]]:
         """Return a quantity's time, value and quality, thinned to about so many. Raises UsageError."""
 
     async def events(self, *, drive: str, kind: str, from_s: float, to_s: float, limit: int) -> Sequence[Event]:

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from drivecomm.protocol import Value
     from drivecomm.server.observations import Event
 
 
@@ -22,13 +23,13 @@ class Past:
 
     async def points(
         self, drive: str, name: str, from_s: float, to_s: float, points: int
-    ) -> Sequence[tuple[float, float | None, str]]:
+    ) -> Sequence[tuple[float, Value | None, str]]:
         """Return the course of a quantity in about so many points. Raises UsageError for one that was never read."""
 
-        def read() -> list[tuple[float, float | None, str]]:
+        def read() -> list[tuple[float, Value | None, str]]:
             with History(self._file) as history:
                 found = history.points(drive, name, from_s, to_s, points)
-            return [(each.time_s, None if each.value is None else float(each.value), each.quality) for each in found]
+            return [(each.time_s, each.value, each.quality) for each in found]
 
         return await asyncio.to_thread(read)
 

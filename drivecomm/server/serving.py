@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import secrets
 import signal
 import time
 from contextlib import AsyncExitStack, contextmanager, suppress
@@ -93,12 +94,15 @@ class Serving:
             record = stack.enter_context(register(self._registration()))
             stack.callback(self._manager.close)
             journal = self._journal(stack)
-            audit = Audit(self.settings.audit, self._tell("server"))
+            session = secrets.token_urlsafe(9)
+            audit = Audit(self.settings.audit, self._tell("server"), session=session)
             stack.push_async_callback(audit.close)
             core = self._core = Core(
                 self.plant,
+                session=session,
                 audit=audit,
                 journal=journal,
+                users_file=str(self.settings.users or "the users file"),
                 status_period_s=self.settings.status_period_s,
                 port_of=self._port_of,
             )

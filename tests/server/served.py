@@ -89,6 +89,7 @@ async def core_of(tmp_path, text=PLANT, *, audit=None, **further):
     with simulated(plant) as (server, control):
         core = Core(
             plant,
+            session="this run",
             audit=audit or NoteBook(),
             status_period_s=0.05,
             port_of=lambda line: (
