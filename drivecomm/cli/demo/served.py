@@ -66,7 +66,7 @@ def served_plant(tour: Tour) -> None:
             server.plant.drive("fan").trip(_FAULT)
             tour.console.print("  GET /api/v1/events", markup=False)
             event = _until(lambda: _event(server, "fault"))
-            tour.console.print(f"    {event['drive']}: {event['text']}", markup=False)
+            tour.console.print(f"    {event['drive']}: {event['kind']}: {event['text']}", markup=False)
         tell(f"{text}; {event['text']}")
 
 
