@@ -78,6 +78,7 @@ CALLS = {
     "cohabit": "--drive vabus:1",
     "alarms check": "nowhere.toml",
     "simulate": "nowhere.toml",
+    "serve": "nowhere.toml",
     "replay": "heard.jsonl --port PORT --faster 100 --timeout 5",
     "sniff": "heard.jsonl",
     "conformance": "vabus --only no_such_check",

@@ -16,7 +16,7 @@ ARGUMENTS = [
 TIMEOUT_MS = 8000
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # its event loop is this thread's, which tests of other modules need
 def browser():
     playwright = pytest.importorskip("playwright.sync_api", reason="the page is tested with playwright")
     with playwright.sync_playwright() as started:

@@ -11,7 +11,7 @@ pytest.importorskip("playwright.sync_api", reason="the page is tested with playw
 
 from playwright.sync_api import expect
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.soak]
 
 PLACES = ("#/", "#/drive/fan", "#/drive/mixer", "#/events", "#/alarms", "#/account")
 LOST_WITHIN_MS = 3500

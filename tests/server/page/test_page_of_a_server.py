@@ -17,7 +17,7 @@ from drivecomm.server import Role, Serving, User, add_user, password_hash
 from drivecomm.testing import ServingThread
 from drivecomm.virtual import ControlClient, PlantServer, VirtualPlant
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.soak]
 
 SLOW_MS = 15000
 PLANT = """\
