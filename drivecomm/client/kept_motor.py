@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Self
 
@@ -45,6 +46,7 @@ class KeptMotor:
             "id": os.urandom(8).hex(),
             "lease": self._key,
             "policy": policy,
+            "issued_s": time.time(),
             "valid_s": _VALID_S,
             **{name: value for name, value in choices.items() if value is not None},
         }

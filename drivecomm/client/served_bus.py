@@ -114,8 +114,8 @@ class LineOfServer:
         limit_s = float(content.get("options", {}).get("deadline_s", _CALL_S)) + _WAY_S
         reads = verb in READING
         if not reads:
-            # As long as a server lets a command wait for its turn.
-            content["valid_s"] = _VALID_S
+            # As long as a server lets a command wait for its turn; one that hung meanwhile does not carry it out later.
+            content |= {"issued_s": time.time(), "valid_s": _VALID_S}
         post = self.server.read if reads else self.server.order
         answer = post(f"{of.place}/{verb}", content, limit_s=max(limit_s, LONGEST_S))
         if answer.get("error"):

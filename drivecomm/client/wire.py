@@ -19,7 +19,7 @@ from drivecomm import errors
 from drivecomm.errors import DriveCommError, RefusedError, TelegramError
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import DriveStatus, Reading
+    from drivecomm.protocol import DriveStatus, ParameterInfo, Reading
 
 Json: TypeAlias = "dict[str, Any] | list[Any] | str | int | float | Decimal | bool | None"
 
@@ -51,7 +51,11 @@ def json_text(content: Any) -> str:
 
 def parsed(text: str | bytes) -> Any:
     """Return the content of JSON; numbers with a point or an exponent are exact decimals. Raises ValueError."""
-    return json.loads(text, parse_float=Decimal)
+    return json.loads(text, parse_float=Decimal, parse_constant=_refuse)
+
+
+def _refuse(name: str) -> None:
+    raise ValueError(f"{name} is no JSON")
 
 
 def plain(value: Any) -> Any:
@@ -103,18 +107,32 @@ def status_of(content: Mapping[str, Any]) -> DriveStatus:
     return DriveStatus(**{**content, **exact, "state": state, "flags": flags})
 
 
+def parameter_of(content: Mapping[str, Any]) -> ParameterInfo:
+    """Return what a drive tells of a parameter of which this is the plain form."""
+    from drivecomm.protocol import ParameterInfo  # noqa: PLC0415 - as above
+
+    exact = {
+        name: None if content.get(name) is None else Decimal(content[name]) for name in ("factor", "minimum", "maximum")
+    }
+    values = {int(number): text for number, text in content.get("values", {}).items()}
+    only_with = {address: tuple(some) for address, some in content.get("only_with", {}).items()}
+    return ParameterInfo(**{**content, **exact, "values": values, "only_with": only_with})
+
+
 def drive_options(content: Mapping[str, Any]) -> dict[str, Any]:
     """Return what is said of a drive, as `Bus.drive` takes it: times are floats there, and exact in JSON."""
     return {name: float(value) if isinstance(value, Decimal) else value for name, value in content.items()}
 
 
 def result_of(content: Any) -> Any:
-    """Return what a verb has resulted in: a reading, a status, or what is plain already."""
+    """Return what a verb has resulted in: a reading, a status, a parameter's data, or what is plain already."""
     if isinstance(content, dict):
         if "raw" in content and "parameter" in content:
             return reading_of(content)
         if "word" in content and "state" in content:
             return status_of(content)
+        if "factor" in content and "address" in content:
+            return parameter_of(content)
     return content
 
 

@@ -25,7 +25,11 @@ from .script import (
     kind_named as kind_named,
 )
 from .script_files import bytes_of as bytes_of, read_fault as read_fault
-from .served import bus_of_server as bus_of_server, drives_of as drives_of
+from .served import (
+    async_bus_of_server as async_bus_of_server,
+    bus_of_server as bus_of_server,
+    drives_of as drives_of,
+)
 from .status import DriveReport as DriveReport, plant_status as plant_status
 from .writing import (
     found_text as found_text,

@@ -53,6 +53,7 @@ async def _scan(line: ServedLine, choices: Mapping[str, Any]) -> AsyncIterator[d
     if tried is not None:
         tried = LineChoices(**{name: tuple(some) for name, some in tried.items()})
     progress: list[tuple[str, int, int]] = []
+    await line.opened()
     found = line.bus.scan(
         given.pop("only", None),
         given.pop("addresses", None),
@@ -145,6 +146,7 @@ async def _doctor(line: ServedLine, drives: Sequence[DriveConfig], choices: Mapp
             **drive_options(choices.get("options") or {}),
         )
 
+    await line.opened()
     examining = asyncio.ensure_future(line.bus.lend(work))
     try:
         while not examining.done():

@@ -78,6 +78,7 @@ COMMANDS = {
     "start a read-only one": ["start", "fan", "--link-loss", "hold"],
     "stop": ["stop", "pump"],
     "stop in JSON": ["stop", "pump", "--json"],
+    "stop all of a protocol": ["stop", "danfoss-fc:*", "--port", PORT],
     "stop otherwise": ["stop", "pump", "--how", "coast"],
     "stop as it cannot": ["stop", "fan", "--how", "dc-brake", "--json"],
     "stop a silent one": ["stop", "vabus:9", "--port", PORT, "--attempts", "1", "--timeout", "0.05"],
@@ -100,6 +101,8 @@ COMMANDS = {
     "stats": ["stats", "pump", "--for", "0.2", "--json"],
     "doctor": ["doctor", "--quick", "--protocol", "vabus", "-a", "1-2", "--timeout", "0.05"],
     "backup": ["backup", "pump", "{folder}/pump.toml"],
+    "restore": ["restore", "fan", "{folder}/fan.toml", "--arm", "--volatile", "--json"],
+    "grow a model": ["models", "grow", "fan", "3-41", "3-42", "--write", "{folder}/grown.toml"],
     "compare": ["compare", "pump", "pump"],
 }
 """By what they show."""
@@ -110,6 +113,7 @@ TIMES = (
     (re.compile(r'"(time_s|age_s|late_s|took_s|due_s|seconds)": [-\d.e]+'), r'"\1": T'),
     (re.compile(r"\d\d\d\d-\d\d-\d\d[T ]CLOCK(\+\d\d:\d\d|Z)?"), "DATE"),
     (re.compile(r"^ +\d+\.\d+  (?=->|<-|  )", re.MULTILINE), " T  "),
+    (re.compile(r'"missed": \d+'), '"missed": N'),
     (re.compile(r'"counters": .*'), "COUNTS"),
     (re.compile(r"\d+\.\d s\b"), "T s"),
     (re.compile(r"pid \d+"), "PID"),
@@ -159,7 +163,10 @@ def place(tmp_path, capsys, monkeypatch):
 
 @pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
 def test_the_same_through_a_server_as_on_bare_ports(place, command):
+    if command[0] == "restore":
+        assert place("backup", "fan", command[2])[0] == 0
     bare = place(*command)
+    (place.folder / "grown.toml").unlink(missing_ok=True)
     with running_server(place.file):
         served = place(*command)
     assert served == bare

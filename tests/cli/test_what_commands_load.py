@@ -92,6 +92,7 @@ def test_stop_loads_least(port):
     assert commands_in(loaded) == {
         *("drivecomm.cli.control", "drivecomm.cli.control.client", "drivecomm.cli.control.sockets"),
         *("drivecomm.cli.stop", "drivecomm.cli.stop.command", "drivecomm.cli.stop.one_drive"),
+        "drivecomm.cli.stop.served",
     }
     assert len(loaded) < len(loaded_by(COMMAND, "read", "vabus:1", "481", "--port", port))
 

@@ -1,6 +1,7 @@
 """Drives through a server from Python: the same verbs, results and errors as on a bus of one's own."""
 
 import asyncio
+import time
 from decimal import Decimal
 
 import pytest
@@ -142,6 +143,14 @@ def test_a_command_is_sent_once_and_a_question_again(plant):
         with pytest.raises(ServerLostError, match="has gone"):
             pump.reset()
         assert [path.rpartition("/")[2] for _, path, _ in server.requests].count("reset") == 1
+
+
+def test_a_command_says_when_it_was_given_and_for_how_long_it_counts(plant):
+    with serving(plant) as server, drivecomm.open_plant(plant) as opened:
+        opened.drive("pump").reset()
+        ((_, _, body),) = server.requests
+    assert abs(time.time() - float(body["issued_s"])) < 5
+    assert 0 < body["valid_s"] <= 10
 
 
 def test_a_server_that_hangs_is_given_up(plant):

@@ -18,7 +18,7 @@ from drivecomm.bus import open_bus_async
 from drivecomm.errors import LinkError, UsageError
 from drivecomm.link import REOPEN_LONGEST_S, Statistics
 from drivecomm.models import quantities
-from drivecomm.plant.served import async_bus_of_server
+from drivecomm.plant import async_bus_of_server
 from drivecomm.plant.watching.asked import STATUS, OpenLine, SeenDrive, is_silence
 from drivecomm.plant.watching.board import Board, DriveEvent, DriveView, Trend, WatchedValue, changes
 from drivecomm.polling import PollItem, poll_async

@@ -3,6 +3,8 @@ from decimal import Decimal
 import pytest
 from fake_plant import Client, value
 
+from drivecomm.client import parsed
+
 
 @pytest.fixture
 def otto(door):
@@ -47,13 +49,13 @@ def test_a_drive_that_is_not_there(local):
     assert "did you mean 'pump'?" in found.content["error"]["text"]
 
 
-def test_a_verb(otto, plant):
+def test_a_verb(otto, door, plant):
     found = otto.post("/api/v1/drives/pump/read", id="1", arguments={"parameter": "481", "limit": 10.10})
     assert found.status == 200
     assert found.content["outcome"] == "done"
     assert found.content["result"]["unit"] == "Hz"
     caller, command = plant.commands[0]
-    assert (caller.name, caller.door) == ("otto", "http 127.0.0.1:0")
+    assert (caller.name, caller.door) == ("otto", f"http 127.0.0.1:{door.port}")
     assert (command.drive, command.verb, command.id) == ("pump", "read", "1")
     assert command.arguments == {"parameter": "481", "limit": Decimal("10.1")}
 
@@ -75,3 +77,84 @@ def test_the_stream(local, plant):
         told = stream.next("events")
         assert told.id == "5"
         assert told.data[0]["text"] == "it tripped"
+
+
+def lines_of(answer):
+    assert answer.headers["Content-Type"].startswith("application/x-ndjson")
+    return [parsed(line) for line in answer.content.splitlines()]
+
+
+@pytest.mark.parametrize(
+    ("method", "what", "choices"),
+    [
+        ("POST", "scan", {"only": ["vabus"], "addresses": [1, 2]}),
+        ("POST", "doctor", {"probes": 10}),
+        ("GET", "trace", {}),
+        ("GET", "statistics", {}),
+    ],
+)
+def test_what_is_asked_of_a_whole_line(local, method, what, choices):
+    found = local.ask(method, f"/api/v1/lines/main/{what}", choices or None)
+    assert lines_of(found) == [{"line": "main", "what": what, "choices": choices}]
+
+
+def test_what_a_line_cannot_be_asked(local):
+    found = lines_of(local.post("/api/v1/lines/main/scan", only=["nonsense"]))
+    assert found[0]["error"]["text"] == "there is no protocol 'nonsense'"
+    assert local.post("/api/v1/lines/mein/scan").status == 404
+
+
+def test_a_motor_that_is_kept(local, plant):
+    body = {"id": "1", "lease": "", "policy": "ramp", "watchdog_s": 3, "percent": 50}
+    assert local.post("/api/v1/drives/pump/keep", **body).content["outcome"] == "done"
+    command = plant.commands[0][1]
+    assert (command.verb, command.id) == ("keep", "1")
+    assert command.arguments == {"policy": "ramp", "watchdog_s": 3, "percent": 50}
+    found = lines_of(local.get("/api/v1/drives/pump/keep/events"))
+    assert [each["done"] for each in found] == [False, False, True]
+
+
+def test_a_drive_that_the_plant_does_not_have(local, plant):
+    local.post("/api/v1/lines/main/drives/vabus:9/status")
+    command = plant.commands[0][1]
+    assert (command.drive, command.line, command.verb) == ("vabus:9", "main", "status")
+
+
+def test_stop_all(local, plant):
+    found = local.post("/api/v1/stop", how="coast", lines=["main"])
+    assert [(each["drive"], each["outcome"], each["how"]) for each in found.content] == [
+        ("pump", "done", "coast"), ("fan", "done", "coast"),
+    ]  # fmt: skip
+    assert plant.stops[0][1:] == ("coast", ("main",))
+    assert local.post("/api/v1/stop", how="quickly").status == 422
+
+
+def test_alarms(local):
+    assert local.get("/api/v1/alarms").content[0]["id"] == "pump-fault"
+    assert local.post("/api/v1/alarms/pump-fault/acknowledge").content["id"] == "pump-fault"
+    assert local.post("/api/v1/alarms/other/acknowledge").status == 422
+
+
+def test_history(local, plant):
+    path = "/api/v1/history?drive=pump&name=output_frequency&from=10&to=20.5"
+    assert local.get(path).content["points"] == [[10, Decimal("10.5"), "good"], [Decimal("20.5"), None, "bad"]]
+    assert local.get("/api/v1/history/events?kind=fault&limit=5").content[0]["number"] == 7
+    assert plant.history.asked[0] == ("pump", "output_frequency", 10, 20.5, 500)
+    assert plant.history.asked[1][:2] == ("", "fault")
+    plant.history = None
+    assert "history = false" in local.get(path).content["error"]["text"]
+
+
+def test_the_latest_events(local, plant):
+    plant.change(events=[plant.event(number) for number in range(1, 6)])
+    assert [each["number"] for each in local.get("/api/v1/events?limit=2").content] == [4, 5]
+
+
+def test_a_lease(local, plant):
+    taken = local.post("/api/v1/drives/pump/lease", seconds=5).content
+    assert taken["yours"] is True
+    assert local.ask("PUT", "/api/v1/drives/pump/lease", {"key": taken["key"], "seconds": 9}).content["key"]
+    assert local.get("/api/v1/leases").content[0]["drive"] == "pump"
+    assert local.ask("DELETE", "/api/v1/drives/pump/lease", {"key": taken["key"]}).status == 200
+    assert not plant.held
+    assert local.post("/api/v1/drives/pump/lease", seconds=31).status == 422

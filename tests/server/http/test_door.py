@@ -86,7 +86,7 @@ def test_whom_a_door_lets_look(plant):
         assert Client(door).get("/api/v1/plant").status == 401
     with served(door := http_door(table(listen="127.0.0.1:0", anonymous="view")), plant):
         assert Client(door).get("/api/v1/plant").content["you"] == {
-            "name": "anonymous", "role": "view", "door": "http 127.0.0.1:0",
+            "name": "anonymous", "role": "view", "door": f"http 127.0.0.1:{door.port}",
         }  # fmt: skip
 
 
