@@ -24,7 +24,7 @@ def check(
     ] = None,
     json: Json = False,
 ) -> int:
-    """Show the alarms of a plant file in words.
+    """Show the alarms of a plant file in words, or try one out.
 
     Exit code 1 when there are none, or when the test message could not be delivered to everybody.
     """
