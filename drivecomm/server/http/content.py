@@ -25,7 +25,7 @@ def plant_content(plant: ServedPlant, caller: Caller) -> dict[str, Any]:
         "time_s": time.time(),
         "you": {"name": caller.name, "role": caller.role.name.lower(), "door": caller.door},
         "lines": plain(plant.lines()),
-        "drives": [drive.name for drive in plant.drives()],
+        "drives": [drive.name for drive in plant.plant.drives],
         "alarms": len(plant.alarms()),
     }
 

@@ -230,6 +230,8 @@ class Streams:
         framed = _framed(data)
         until = time.monotonic() + _SLICE_S
         for client in clients:
+            if client.transport.is_closing():
+                continue
             if client.keeps_up and client.transport.get_write_buffer_size() > _BEHIND:
                 client.keeps_up = False
                 self._catch_up(group, client)
@@ -249,12 +251,13 @@ class Streams:
     async def _give_missed(self, group: _Group, client: _Client) -> None:
         """Give a client what it has not, as fast as it reads, until it keeps up."""
         try:
-            while not client.keeps_up:
+            while not (client.keeps_up or client.transport.is_closing()):
                 news = self._after(group, client.values)
                 for start in range(0, len(news) + 1, _PIECE):
-                    async with asyncio.timeout(NOT_READING_S):
-                        # Goes out when there is room, so that what comes next is the latest.
-                        await client.send(_body(b":\n\n"))
+                    if client.transport.get_write_buffer_size():
+                        async with asyncio.timeout(NOT_READING_S):
+                            # Goes out when there is room, so that what comes next is the latest.
+                            await client.send(_body(b":\n\n"))
                     # One client at a time, however many have to catch up.
                     async with self._turn:
                         await self._give_piece(group, client, news[start : start + _PIECE])
@@ -275,10 +278,14 @@ class Streams:
         if piece:
             client.values = piece[-1].number
             data += _message("values", values)
+        # In a crowd something new has always come until it is one's turn again; a little is given with the rest.
+        if len(rest := self._after(group, client.values)) <= _PIECE:
+            now = time.time()
+            if rest:
+                data += _message("values", f"[{','.join(seen.text(now) for seen in rest)}]")
+            client.values, client.keeps_up = self._number, True
         if data:
             client.transport.write(_framed(data))
-        elif not self._after(group, client.values):
-            client.values, client.keeps_up = self._number, True
 
     def _after(self, group: _Group, number: int) -> list[_Seen]:
         newer = takewhile(lambda seen: seen.number > number, reversed(self._latest.values()))
