@@ -70,6 +70,7 @@ class Serving:
         self._made = [kind_of_door(kind)(table) for kind, table in said] if doors is None else list(doors)
         self._manager = ServiceManager()
         self._reading: asyncio.Task[None] | None = None
+        self._wished = 0
         self._end: asyncio.Event | None = None
         self._core: Core | None = None
         self._alarms: PlantAlarms | None = None
@@ -121,11 +122,10 @@ class Serving:
             )
             doors = [OpenDoor(door, plant, self._tell("door")) for door in (LocalDoor(self.socket), *self._made)]
             if self._rules:
-                alarms = AlarmWatch(
-                    PlantAlarms(
-                        plant, self._rules, file=state_folder(self.path) / "alarms.json", write_event=self._written
-                    )
+                self._alarms = PlantAlarms(
+                    plant, self._rules, file=state_folder(self.path) / "alarms.json", write_event=self._written
                 )
+                alarms = AlarmWatch(self._alarms)
                 plant.alarms_are(alarms)
                 doors.append(OpenDoor(alarms, plant, self._tell("alarm")))
             stack.push_async_callback(_closed, doors)
@@ -144,6 +144,9 @@ class Serving:
                 core.table.happened("server", "ends")
                 # While everybody can still see it.
                 await core.release_all()
+                if self._reading is not None:
+                    # One that is under way ends with its lines in order.
+                    await asyncio.wait([self._reading])
                 feeding.cancel()
 
     def _registration(self) -> Registration:
@@ -219,8 +222,15 @@ class Serving:
             core.table.happened("server", f"the alarms stay as they are: {error}")
 
     def _read_again(self, core: Core, record: Path) -> None:
+        self._wished += 1
         if self._reading is None or self._reading.done():
-            self._reading = asyncio.create_task(self._reload(core, record), name="reading the plant file again")
+            self._reading = asyncio.create_task(self._reload_all(core, record), name="reading the plant file again")
+
+    async def _reload_all(self, core: Core, record: Path) -> None:
+        """Read the plant file as often as it takes: it may have changed while it was read."""
+        while self._wished and not core.ending:
+            self._wished = 0
+            await self._reload(core, record)
 
     async def _reload(self, core: Core, record: Path) -> None:
         """Read the plant file again; one that cannot be read changes nothing."""
@@ -228,7 +238,7 @@ class Serving:
         try:
             plant = await asyncio.to_thread(read_plant, self.path)
             settings = await asyncio.to_thread(read_settings, self.path)
-        except (DriveCommError, OSError) as error:
+        except Exception as error:  # noqa: BLE001 - whatever the file holds, the server goes on
             core.table.happened("server", f"the plant file cannot be read, so that all stays as it is: {error}")
         else:
             said = await core.changed(plant)

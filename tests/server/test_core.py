@@ -161,7 +161,7 @@ class TestKept:
             assert (await asked(served, VIEWER, "pump", "stop")).outcome == "done"
             await until(lambda: state(served, "pump").status and not state(served, "pump").status.running)
             assert state(served, "pump").kept == ""
-            story = [item["done"] async for item in served.following("pump")]
+            story = [item["done"] async for item in served.kept.following("pump")]
             assert story == ["watchdog set", "started", "stop commanded"]
 
     @awaited
