@@ -244,4 +244,5 @@ class TestReleased:
             await keep(served)
             assert (await asked(served, ENGINEER, drive, "stop", line="hall")).outcome == "done"
             await until(lambda: served.drive("pump").kept == "", 2)
+            await until(lambda: not runs(control, "pump"))
             await stays_stopped(control)
