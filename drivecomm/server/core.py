@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig, Reading
-    from drivecomm.server.door import Answer, Caller, Command
+    from drivecomm.server.callers import Caller
+    from drivecomm.server.door import Answer, Command
     from drivecomm.server.kept import KeptMotor
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event
