@@ -1,13 +1,17 @@
 """The core of a server: what it knows of its drives, what becomes of commands, and of motors that it keeps."""
 
 import asyncio
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import pytest
-from served import ANOTHER, ENGINEER, OPERATOR, VIEWER, NoteBook, asked, awaited, core_of, until
+from served import ANOTHER, ENGINEER, OPERATOR, PLANT, VIEWER, NoteBook, asked, awaited, core_of, until
 
+import drivecomm
 from drivecomm.errors import NotAllowedError
 
 
@@ -203,3 +207,19 @@ class TestReload:
             await until(lambda: value(served, "fan") is not None)
             before = value(served, "fan").source_s
             await until(lambda: value(served, "fan").source_s > before)
+
+
+def test_a_server_loads_every_room_before_it_has_threads(tmp_path):
+    file = tmp_path / "plant.toml"
+    file.write_text(PLANT)
+    package = Path(drivecomm.__file__).parent
+    rooms = {".".join(each.parent.relative_to(package).parts) for each in package.rglob("__init__.pyi")} - {""}
+    needed = sorted(room for room in rooms if room.partition(".")[0] not in ("testing", "traffic", "cli"))
+    program = (
+        "import sys; from pathlib import Path; from drivecomm.server import Serving; Serving(Path(sys.argv[1]));"
+        "print([room for room in sys.argv[2:] if f'drivecomm.{room}' not in sys.modules])"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", program, str(file), *needed], capture_output=True, text=True, check=True
+    )  # fmt: skip
+    assert found.stdout == "[]\n"

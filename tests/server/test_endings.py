@@ -40,6 +40,39 @@ def test_a_server_that_is_told_to_end_stops_what_it_keeps_and_sets_the_watchdog_
         assert server_of_plant(served.plant) is None
 
 
+WITHOUT_UNIX = """
+import asyncio, signal, sys
+
+def refused(*_):
+    raise NotImplementedError
+
+asyncio.SelectorEventLoop.add_signal_handler = refused
+from drivecomm.server.http import door
+door._HAS_UNIX_SOCKETS = False
+from drivecomm.cli import main
+raise SystemExit(main())
+"""
+
+
+def test_without_unix_sockets_and_signals_in_the_loop_it_is_found_and_ends_as_elsewhere(tmp_path):
+    with serving(tmp_path, start=False) as served:
+        served.start(program=("-c", WITHOUT_UNIX))
+        found = server_of_plant(served.plant)
+        assert (found.socket, found.port > 0, len(found.token) > 20) == ("", True, True)
+        served.keep("fan")
+        status = subprocess.run(
+            [sys.executable, "-m", "drivecomm", "status", "fan", "--plant", str(served.plant)],
+            capture_output=True, text=True, timeout=30, check=False,
+        )  # fmt: skip
+        assert "running" in status.stdout, status.stderr
+        served.process.send_signal(signal.SIGINT)
+        assert served.process.wait(20) == 0
+        assert served.process.stdout.read() == "ended\n"
+        served.until(lambda: not served.runs("fan"), 1)
+        assert "Traceback" not in served.log.read_text()
+        assert server_of_plant(served.plant) is None
+
+
 def test_a_server_that_is_stopped_for_long_leaves_the_motor_to_the_watchdog_and_starts_nothing_after_it(tmp_path):
     with serving(tmp_path) as served:
         served.keep("fan", seconds=30)
@@ -154,3 +187,21 @@ def test_a_clock_that_is_set_changes_no_lease(tmp_path):
         served.keep("fan", seconds=2)
         until_s = float(served.drive("fan")["lease"]["until_s"])
         assert abs(until_s - time.time() - 2) < 3
+
+
+ALARM = """
+[[alarm]]
+name = "no answer"
+drives = ["fan"]
+on = "silent"
+"""
+
+
+def test_alarms_are_read_again_with_the_plant_file(tmp_path):
+    with serving(tmp_path, tail=ALARM) as served:
+        served.plant.write_text(served.plant.read_text().replace("no answer", "fan is gone"))
+        served.process.send_signal(signal.SIGHUP)
+        served.until(lambda: any("plant file read again" in each["text"] for each in served.events("server")))
+        assert not any("started again" in each["text"] for each in served.events("server"))
+        served.control.order("power", drive="fan", state="off")
+        served.until(lambda: [each["rule"] for each in served.ask("/api/v1/alarms")] == ["fan is gone"], 20)
