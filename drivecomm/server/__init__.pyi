@@ -16,6 +16,7 @@ from .door import (
     Outcome as Outcome,
     Role as Role,
     ServedPlant as ServedPlant,
+    Stopped as Stopped,
 )
 from .freshness import check_fresh as check_fresh
 from .leases import Lease as Lease, Leases as Leases

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import open_bus_async
-from drivecomm.errors import DriveCommError, LinkError, OvertakenError, UsageError
+from drivecomm.errors import DriveCommError, LinkError, NotSupported, OvertakenError, UsageError
 from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Statistics
 from drivecomm.plant.watching import STATUS, DriveView, OpenLine, SeenDrive, WatchedLine, changes, is_silence
 from drivecomm.polling import PollItem, poll_async
+from drivecomm.protocol import LINE_FACT_NAMES
 from drivecomm.server.observations import CurrentValue, DriveState, LineState
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from drivecomm.bus import AsyncBus, AsyncDrive
+    from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive
     from drivecomm.plant import PlantLine
     from drivecomm.polling import PollResult
     from drivecomm.protocol import DriveConfig
@@ -72,6 +74,7 @@ class ServedLine:
     def has(self, drives: Sequence[DriveConfig]) -> None:
         """Take these drives for those that the line has; what is known of those that stay is kept."""
         self._configs = tuple(drives)
+        self.everybody = tuple(self._broadcasts(drives))
         known, self._seen, self._unusable = self._seen, {}, {}
         for config in drives:
             try:
@@ -85,6 +88,19 @@ class ServedLine:
             if (before := known.get(config.name)) is not None:
                 view = replace(before.view, drive=config)
             self._seen[config.name] = SeenDrive(self._open, drive, view)
+
+    def _broadcasts(self, drives: Sequence[DriveConfig]) -> Iterator[AsyncBroadcast]:
+        """Yield what reaches all drives of each protocol at once, once for each of the settings that they have."""
+        made = []
+        for config in drives:
+            own = {name: value for name, value in config.options.items() if name not in {*LINE_FACT_NAMES, "model"}}
+            # Where there is none, drives are reached one by one.
+            with suppress(NotSupported, UsageError):
+                everybody = self.bus.broadcast(config.protocol, **config.options)
+                key = (config.protocol, everybody.peer.facts.settings, own)
+                if key not in made:
+                    made.append(key)
+                    yield everybody
 
     def drive(self, name: str) -> AsyncDrive:
         """Return a drive of the plant. Raises UsageError for one that cannot be made from what the plant says."""

@@ -13,6 +13,7 @@ from served import ANOTHER, ENGINEER, OPERATOR, PLANT, VIEWER, NoteBook, asked, 
 
 import drivecomm
 from drivecomm.errors import NotAllowedError
+from drivecomm.protocol import Stop
 
 
 @pytest.fixture
@@ -223,3 +224,35 @@ def test_a_server_loads_every_room_before_it_has_threads(tmp_path):
         [sys.executable, "-c", program, str(file), *needed], capture_output=True, text=True, check=True
     )  # fmt: skip
     assert found.stdout == "[]\n"
+
+
+@awaited
+async def test_all_are_stopped_by_broadcasts_first(core):
+    book = NoteBook()
+    async with core(audit=book) as (served, _):
+        await until(lambda: all(each.reachability == "answers" for each in served.drives()))
+        sent = []
+        served.lines["yard"].bus.listen(sent.append)
+        told = await served.commands.stop_all(OPERATOR, Stop.RAMP)
+        assert [(each.line, each.drive, each.how, each.answer.outcome) for each in told] == [
+            ("hall", "pump", Stop.RAMP, "done"),
+            ("yard", "danfoss-fc:*", Stop.RAMP, "open"),
+            ("yard", "fan", Stop.RAMP, "done"),
+            ("yard", "mixer", Stop.RAMP, "done"),
+        ]
+        order = [each.drive for each in sent if each.what == "sent"]
+        first = order.index("danfoss-fc:*")
+        # No poll gets in between.
+        assert order[first + 1 : first + 3] == ["danfoss-fc:3", "danfoss-fc:4"]
+        assert book.stops == [("pump", "ramp"), ("danfoss-fc:*", "ramp"), ("fan", "ramp"), ("mixer", "ramp")]
+        told = await served.commands.stop_all(OPERATOR, Stop.COAST, ["hall"])
+        assert [each.drive for each in told] == ["vabus:*", "pump"]
+
+
+@awaited
+async def test_nobody_unknown_broadcasts_a_stop(core):
+    book, nobody = NoteBook(), replace(VIEWER, name="anonymous")
+    async with core(audit=book) as (served, _):
+        told = await served.commands.stop_all(nobody, Stop.COAST)
+        assert {each.answer.outcome for each in told} == {"refused"}
+        assert book.stops == []

@@ -110,7 +110,10 @@ SCHEMAS: Mapping[str, Schema] = {
     }, "may: the verbs that you may use. kept: the link-loss policy under which the server keeps the motor running."),
     "Drives": _list("Drive"),
     "Answer": _object(_ANSWER, "open: it was sent, and whether the drive acted is not known."),
-    "Stops": {"type": "array", "items": _object({"drive": _TEXT, **_ANSWER, "how": _ANY})},
+    "Stops": {"type": "array", "items": _object(
+        {"line": _TEXT, "drive": _TEXT, **_ANSWER, "how": _TEXT},
+        "drive: PROTOCOL:* for a broadcast, which nobody confirms: its outcome is open, without an error.",
+    )},
     "Points": _object({"points": {"type": "array", "items": {
         "type": "array", "prefixItems": [_NUMBER, _or_null(_NUMBER), _QUALITY], "minItems": 3, "maxItems": 3,
     }}}, "Time, value and quality of each."),
