@@ -61,6 +61,8 @@ class ServedLine:
         self._unusable: dict[str, UsageError] = {}
         self._polls = self._missed = 0
         self._up, self._error = False, ""
+        self._silent_with_line: set[str] = set()
+        """Drives of which nobody has said yet whether they are silent by themselves, too."""
         self._tried = asyncio.Event()
         self._never_open: DriveCommError | None = None
         self._tasks: list[asyncio.Task[None]] = []
@@ -184,6 +186,7 @@ class ServedLine:
                 self._never_open = error
                 self._tried.set()
                 self._is_up(False, _flat(error))
+                self._silent_with_line.update(self._seen)
                 for seen in self._seen.values():
                     self._update(seen, replace(seen.view, reachability="silent", status=None, error=_flat(error)))
                 waiting.failed(loop.time())
@@ -248,11 +251,18 @@ class ServedLine:
         if not is_silence(result.error):
             self._answered(seen, result)
         elif seen.view.reachability != "silent" or seen.view.error != result.cause:
-            self._is_up(not isinstance(result.error, LinkError), result.cause)
+            lost = isinstance(result.error, LinkError)
+            self._is_up(not lost, result.cause)
+            if lost:
+                self._silent_with_line.add(result.drive)
+            elif result.drive in self._silent_with_line:
+                self._silent_with_line.discard(result.drive)
+                self._table.happened("silent", result.cause, drive=result.drive, line=self.line.name)
             self._update(seen, replace(seen.view, reachability="silent", status=None, fault="", error=result.cause))
 
     def _answered(self, seen: SeenDrive, result: PollResult) -> None:
         self._is_up(True)
+        self._silent_with_line.discard(result.drive)
         seen.answered_s = result.time_s
         view = seen.view
         if result.parameter == STATUS:

@@ -20,6 +20,7 @@ from drivecomm.server.alarm_watch import AlarmWatch
 from drivecomm.server.alarms import PlantAlarms, read_alarms
 from drivecomm.server.audit import Audit
 from drivecomm.server.core import Core
+from drivecomm.server.event_log import EventLog
 from drivecomm.server.for_doors import PlantForDoors
 from drivecomm.server.history import Journal
 from drivecomm.server.http import LocalDoor
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
     from drivecomm.plant import PlantLine
     from drivecomm.server.door import Door
-    from drivecomm.server.observations import Event, EventKind
+    from drivecomm.server.observations import EventKind
     from drivecomm.server.settings import ServerSettings
 
 _log = logging.getLogger("drivecomm.server")
@@ -123,7 +124,7 @@ class Serving:
                 status_period_s=self.settings.status_period_s,
                 port_of=self._port_of,
             )
-            core.table.listen(lambda _, events: _logged(events))
+            core.table.listen(EventLog(lambda line: line in core.lines and core.lines[line].state().up).take)
             await stack.enter_async_context(core)
             plant = PlantForDoors(
                 core,
@@ -282,20 +283,3 @@ async def _opened(doors: list[OpenDoor]) -> None:
 
 async def _closed(doors: list[OpenDoor]) -> None:
     await asyncio.gather(*(asyncio.to_thread(door.close) for door in doors))
-
-
-def _logged(events: Sequence[Event]) -> None:
-    for event in events:
-        about = " ".join(part for part in (event.line, event.drive) if part)
-        level = logging.WARNING if event.kind in _LOUD else logging.INFO
-        _log.log(
-            level,
-            "%s%s: %s%s",
-            f"{about}: " if about else "",
-            event.kind,
-            event.text,
-            f" by {event.who}" if event.who else "",
-        )
-
-
-_LOUD = frozenset({"fault", "silent", "warning", "link loss", "door", "alarm"})

@@ -4,6 +4,7 @@ import json
 import os
 import resource
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -205,3 +206,46 @@ def test_alarms_are_read_again_with_the_plant_file(tmp_path):
         assert not any("started again" in each["text"] for each in served.events("server"))
         served.control.order("power", drive="fan", state="off")
         served.until(lambda: [each["rule"] for each in served.ask("/api/v1/alarms")] == ["fan is gone"], 20)
+
+
+CABLE = """\
+format = 1
+[server]
+status_period_s = 0.1
+[[line]]
+name = "yard"
+port = "socket://127.0.0.1:{port}"
+listen = "tcp:127.0.0.1:{port}"
+"""
+ON_CABLE = """\
+[[drive]]
+name = "fan {address}"
+drive = "danfoss-fc:{address}"
+"""
+
+
+def test_a_line_that_is_lost_is_told_once_and_opened_again(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with serving(tmp_path, start=False) as served:
+        served.plant.write_text(CABLE.format(port=port) + "".join(ON_CABLE.format(address=at) for at in range(1, 6)))
+        simulate = [sys.executable, "-m", "drivecomm", "simulate", str(served.plant)]
+
+        def all_are(reachability):
+            return {each["reachability"] for each in served.ask("/api/v1/drives")} == {reachability}
+
+        with subprocess.Popen(simulate, stdout=subprocess.PIPE, text=True) as simulator:
+            simulator.stdout.readline()
+            served.start()
+            served.until(lambda: all_are("answers"))
+            simulator.kill()
+        served.until(lambda: all_are("silent"))
+        assert sum(each["kind"] == "silent" for each in served.events()) == 5
+        with subprocess.Popen(simulate, stdout=subprocess.PIPE, text=True) as simulator:
+            served.until(lambda: all_are("answers"), 20)
+            served.end(signal.SIGTERM)
+            simulator.kill()
+        told = [line for line in served.log.read_text().splitlines() if " warning " in line]
+        assert [text.partition("warning ")[2][:11] for text in told if "works again" not in text] == ["yard: line:"]
+        assert sum("works again" in text for text in told) == 1
+        assert "answers again" not in served.log.read_text()
