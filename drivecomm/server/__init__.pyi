@@ -30,6 +30,7 @@ from .observations import (
     Event as Event,
     EventKind as EventKind,
     LineState as LineState,
+    RememberedFault as RememberedFault,
 )
 from .places import (
     audit_file as audit_file,

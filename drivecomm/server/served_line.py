@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import open_bus_async
+from drivecomm.bus import open_bus_async, policies
 from drivecomm.errors import DriveCommError, LinkError, NotSupported, OvertakenError, UsageError
 from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Statistics
 from drivecomm.plant.watching import STATUS, DriveView, OpenLine, SeenDrive, WatchedLine, changes, is_silence
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive
     from drivecomm.plant import PlantLine
     from drivecomm.polling import PollResult
-    from drivecomm.protocol import DriveConfig
+    from drivecomm.protocol import DriveConfig, LinkLoss, Model
     from drivecomm.server.observations import EventKind
     from drivecomm.server.table import Table
 
@@ -59,6 +59,7 @@ class ServedLine:
         )
         self._seen: dict[str, SeenDrive] = {}
         self._unusable: dict[str, UsageError] = {}
+        self._policies: dict[str, tuple[LinkLoss, ...]] = {}
         self._polls = self._missed = 0
         self._up, self._error = False, ""
         self._silent_with_line: set[str] = set()
@@ -90,6 +91,9 @@ class ServedLine:
             if (before := known.get(config.name)) is not None:
                 view = replace(before.view, drive=config)
             self._seen[config.name] = SeenDrive(self._open, drive, view)
+            self._policies[config.name] = _policies(drive.model)
+            if wrong := _wrong_policy(config, drive.model):
+                self._table.happened("link loss", wrong, drive=config.name, line=self.line.name)
 
     def _broadcasts(self, drives: Sequence[DriveConfig]) -> Iterator[AsyncBroadcast]:
         """Yield what reaches all drives of each protocol at once, once for each of the settings that they have."""
@@ -143,6 +147,7 @@ class ServedLine:
                     answered_s=seen.answered_s,
                     counters=told.counters,
                     reply_s=told.reply_times.mean_s,
+                    policies=self._policies[config.name],
                 )
             )
         return found
@@ -294,6 +299,23 @@ class ServedLine:
                 self._table.happened("line", "works again" if up else error, line=self.line.name)
             self._up = up
         self._error = error
+
+
+def _policies(model: Model | None) -> tuple[LinkLoss, ...]:
+    """Return the link-loss policies with which drives of a model can be started; hold needs nothing of the drive."""
+    return tuple(dict.fromkeys(("hold", *policies(model))))
+
+
+def _wrong_policy(config: DriveConfig, model: Model | None) -> str:
+    """Return why a drive cannot be started with the policy that the plant says for it; empty where it can."""
+    said, able = config.link_loss, _policies(model)
+    if said is None or said.policy in able:
+        return ""
+    why = "whose model is not known" if model is None else f"a drive of model {model.name}"
+    return (
+        f"{config.name}, {why}, cannot be started with the link_loss policy {said.policy} of the plant file; "
+        f"write {' or '.join(able)} there"
+    )
 
 
 def _flat(error: Exception) -> str:

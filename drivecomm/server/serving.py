@@ -26,7 +26,7 @@ from drivecomm.server.history import Journal
 from drivecomm.server.http import LocalDoor
 from drivecomm.server.logins import Users
 from drivecomm.server.notify import ServiceManager
-from drivecomm.server.past import Past
+from drivecomm.server.past import Past, remembered_faults
 from drivecomm.server.places import state_folder
 from drivecomm.server.settings import read_settings
 from drivecomm.server.supervision import OpenDoor, kind_of_door
@@ -124,6 +124,8 @@ class Serving:
                 status_period_s=self.settings.status_period_s,
                 port_of=self._port_of,
             )
+            if self.settings.history:
+                core.fault_logs.update(await asyncio.to_thread(remembered_faults, self.settings.history.file))
             core.table.listen(EventLog(lambda line: line in core.lines and core.lines[line].state().up).take)
             await stack.enter_async_context(core)
             plant = PlantForDoors(

@@ -256,3 +256,28 @@ async def test_nobody_unknown_broadcasts_a_stop(core):
         told = await served.commands.stop_all(nobody, Stop.COAST)
         assert {each.answer.outcome for each in told} == {"refused"}
         assert book.stops == []
+
+
+@awaited
+async def test_a_policy_that_a_drive_cannot_have_is_told_when_the_server_begins(core):
+    async with core(PLANT.replace('policy = "trip"', 'policy = "ramp"')) as (served, _):
+        told = [each for each in served.table.events() if each.kind == "link loss"]
+        assert [each.drive for each in told] == ["pump", "fan"]
+        assert told[0].text == (
+            "pump, a drive of model agile, cannot be started with the link_loss policy ramp of the plant file; "
+            "write hold or trip there"
+        )
+        assert state(served, "pump").policies == ("hold", "trip")
+        assert set(state(served, "fan").policies) == {"hold", "ramp", "trip"}
+        assert state(served, "mixer").policies == ("hold",)
+
+
+@awaited
+async def test_what_a_drive_remembers_of_its_faults_is_shown(core):
+    async with core() as (served, control):
+        await until(lambda: state(served, "fan").reachability == "answers")
+        assert state(served, "fan").fault_log == ()
+        control.order("trip", drive="fan", code=14)
+        await until(lambda: state(served, "fan").fault_log)
+        first = state(served, "fan").fault_log[0]
+        assert (first.place, first.value) == (1, "14")
