@@ -13,6 +13,7 @@ import os
 import time
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, fields
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,7 @@ _LONGEST_SOCKET = 100
 _LOCK_S = 1.0
 _TRY_AGAIN_S = 0.01
 _READS = 3
+_LOCKED_BYTE = 1 << 30
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,10 +100,13 @@ def register(server: Registration) -> Iterator[Path]:
         os.write(descriptor, json.dumps(asdict(server)).encode())
         yield record
     finally:
-        # While it is still locked, so that nobody else's record is removed.
+        # While it is still locked, so that nobody else's record is removed; Windows removes no file that is open.
         with suppress(OSError):
             record.unlink()
         os.close(descriptor)
+        if os.name != "posix":
+            with suppress(OSError):
+                record.unlink()
 
 
 def server_of_plant(plant: str | Path) -> Registration | None:
@@ -177,9 +182,9 @@ def _read(descriptor: int) -> Registration:
 
 def _is_held(descriptor: int) -> bool:
     try:
-        import fcntl  # noqa: PLC0415 - Windows has none, and there the process alone counts
+        import fcntl  # noqa: PLC0415 - Windows has none
     except ImportError:
-        return True
+        return not _locks_a_byte(descriptor, for_good=False)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except OSError:
@@ -222,11 +227,26 @@ def _take(descriptor: int) -> bool:
     try:
         import fcntl  # noqa: PLC0415 - as above
     except ImportError:
-        return True
+        return _locks_a_byte(descriptor, for_good=True)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
+    return True
+
+
+def _locks_a_byte(descriptor: int, *, for_good: bool) -> bool:
+    """Lock a record as Windows can: a byte far behind its content, which everybody may read then as before."""
+    windows: Any = import_module("msvcrt")
+    os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
+    try:
+        windows.locking(descriptor, windows.LK_NBLCK, 1)
+        if not for_good:
+            windows.locking(descriptor, windows.LK_UNLCK, 1)
+    except OSError:
+        return False
+    finally:
+        os.lseek(descriptor, 0, os.SEEK_SET)
     return True
 
 

@@ -13,6 +13,7 @@ from .door import (
     MakeDoor as MakeDoor,
     Outcome as Outcome,
     ServedPlant as ServedPlant,
+    Stopped as Stopped,
 )
 from .freshness import check_fresh as check_fresh
 from .leases import Lease as Lease, Leases as Leases
@@ -26,6 +27,7 @@ from .observations import (
     Event as Event,
     EventKind as EventKind,
     LineState as LineState,
+    RememberedFault as RememberedFault,
 )
 from .places import (
     audit_file as audit_file,

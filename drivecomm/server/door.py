@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from drivecomm.errors import DriveCommError
     from drivecomm.plant import Plant
-    from drivecomm.protocol import Value
+    from drivecomm.protocol import Stop, Value
     from drivecomm.server.alarms import Alarm
     from drivecomm.server.callers import Caller
     from drivecomm.server.leases import Lease
@@ -64,6 +64,16 @@ class Answer:
     outcome: Outcome
     result: Any = None
     error: DriveCommError | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stopped:
+    """What came of stopping one of many. drive: its name, or PROTOCOL:* for a broadcast. how: the way that was used."""
+
+    line: str
+    drive: str
+    how: Stop
+    answer: Answer
 
 
 class Changes(Protocol):
@@ -162,8 +172,8 @@ class ServedPlant(Protocol):
     async def command(self, caller: Caller, command: Command) -> Answer:
         """Carry out a command, if this caller may; never raises what is about the command, it is in the answer."""
 
-    async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[tuple[str, Answer]]:
-        """Stop all drives, those of some lines only if named; all lines at once; returns an answer for each drive."""
+    async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[Stopped]:
+        """Stop all drives, those of some lines only if named; all lines at once: by a broadcast first, then each."""
 
     async def take_lease(self, caller: Caller, drive: str, seconds: float) -> Lease:
         """Take the right to command a drive. Raises LeaseError while somebody else has it."""
