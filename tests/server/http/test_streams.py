@@ -4,6 +4,7 @@ import asyncio
 import socket
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 from fake_plant import Client, EventSource, FakePlant, served, value
@@ -152,6 +153,20 @@ def test_a_sign_of_life(plant, tmp_path, monkeypatch):
         stream.next("values")
         while b": ping" not in stream.line():
             pass
+
+
+def test_a_drive_that_the_plant_has_no_longer_is_forgotten(plant, tmp_path, monkeypatch):
+    monkeypatch.setattr(streams, "PING_S", 0.05)
+    with served(LocalDoor(tmp_path / "x.sock"), plant), Client(tmp_path / "x.sock").stream() as first:
+        first.next("values")
+        whole = plant.plant
+        plant.plant = replace(whole, drives=[each for each in whole.drives if each.name != "fan"])
+        plant.current = {key: each for key, each in plant.current.items() if key[0] != "fan"}
+        for _ in range(2):
+            while b": ping" not in first.line():
+                pass
+        with Client(tmp_path / "x.sock").stream() as second:
+            assert drives_of(second.next("values")) == {"pump"}
 
 
 def test_http_1_0_has_no_stream(local):
