@@ -205,7 +205,9 @@ def kill_marked(mark):
     found = []
     for each in Path("/proc").iterdir():
         with suppress(OSError):
-            if each.name.isdigit() and f"DRIVECOMM_TEST={mark}".encode() in (each / "environ").read_bytes().split(b"\0"):
+            if each.name.isdigit() and f"DRIVECOMM_TEST={mark}".encode() in (each / "environ").read_bytes().split(
+                b"\0"
+            ):
                 found.append(int(each.name))
     assert found
     for process in found:
