@@ -130,7 +130,7 @@ class LineOfServer:
         """Count no writes to EEPROM: the server does, for everybody."""
 
     def watched(self, peer: Peer, silence_s: float | None) -> None:
-        """Take no note of a watchdog: the server does, of the motors that it keeps."""
+        """Take no note of a watchdog: its drive lets the server know."""
 
     def wall_time(self) -> float:
         """Return the time in seconds since 1970."""

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 B = TypeVar("B", bound="LineOfServer")
 
-READING = frozenset({"read", "polled", "status", "identify", "probe"})
+READING = frozenset({"read", "polled", "status", "identify", "probe", "watched"})
 """Verbs that command nothing: they may be sent twice, and need no right to command the drive."""
 
 _MADE_LATER = frozenset({"_peer", "_exchanges", "model"})
@@ -81,8 +81,12 @@ class SentDrive(DriveVerbs[B], Sent):
         if "_exchanges" in vars(self) and isinstance(self._exchanges.operations, ReadOnly):
             self._exchanges.operations.reason = reason
 
-    def watched(self, silence_s: float | None) -> None:
-        """Take no note of how long its watchdog waits: the server does, of the motors that it keeps."""
+    def watched(self, silence_s: float | None) -> Any:
+        """Let the server know how long its watchdog waits, so that its questions feed it; to be awaited, as verbs are.
+
+        A motor that the server keeps is fed by what the server knows itself.
+        """
+        return self._bus.carry_out(self, "watched", {"silence_s": silence_s})
 
     def send(self, verb: str, arguments: dict[str, Any], job: Callable[[], Job[Any]]) -> Any:
         """Have the server carry out a verb."""

@@ -13,7 +13,8 @@ from drivecomm.errors import DriveCommError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Mapping
 
-    from drivecomm.server.door import Answer, Caller, Command
+    from drivecomm.server.callers import Caller
+    from drivecomm.server.door import Answer, Command
 
 REMEMBERED_S = 600.0
 MOST = 10_000

@@ -57,11 +57,11 @@ class Served:
         self.process = None
         self.log = folder / "server.log"
 
-    def start(self, *options):
+    def start(self, *options, program=("-m", "drivecomm")):
         self.end(signal.SIGKILL)
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "drivecomm", "serve", str(self.plant), *options],
+                [sys.executable, *program, "serve", str(self.plant), *options],
                 env=self.environment, stdout=subprocess.PIPE, stderr=log, text=True, cwd=self.folder,
             )  # fmt: skip
         assert "stop with Ctrl-C" in self.process.stdout.readline(), self.log.read_text()

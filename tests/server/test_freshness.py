@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from drivecomm.errors import LeaseError, NotAllowedError, UsageError
-from drivecomm.server.door import Answer, Caller, Command, Role
+from drivecomm.server.callers import Caller, Role
+from drivecomm.server.door import Answer, Command
 from drivecomm.server.freshness import check_fresh
 from drivecomm.server.repeats import MOST, REMEMBERED_S, Repeats
 

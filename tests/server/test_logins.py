@@ -7,8 +7,8 @@ import pytest
 
 from drivecomm.errors import FileFormatError, NotAllowedError
 from drivecomm.server import credentials
+from drivecomm.server.callers import Caller, Role
 from drivecomm.server.credentials import password_hash, token_hash
-from drivecomm.server.door import Caller, Role
 from drivecomm.server.logins import LOGGED_IN_S, LONGEST_WAIT_S, MOST_LOGINS, Users
 from drivecomm.server.users import User, add_user, remove_user
 
