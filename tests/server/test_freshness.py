@@ -116,6 +116,29 @@ def test_without_an_id_each_acts():
     run(test)
 
 
+def test_where_an_error_came_from_is_not_remembered():
+    """Frames hold all that was at hand there."""
+
+    def refuse():
+        raise NotAllowedError("not now") from KeyError("why")
+
+    async def act():
+        try:
+            refuse()
+        except NotAllowedError as error:
+            return Answer(id="1", outcome="refused", error=error)
+
+    async def test():
+        repeats = Repeats()
+        await repeats.once(ANNA, START, act)
+        answer = await repeats.once(ANNA, START, act)
+        assert str(answer.error) == "not now"
+        assert answer.error.__traceback__ is None
+        assert isinstance(answer.error.__cause__, KeyError)
+
+    run(test)
+
+
 def test_while_the_first_is_under_way_the_second_waits_for_it():
     async def test():
         repeats, act = Repeats(), Acting()

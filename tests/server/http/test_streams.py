@@ -89,6 +89,7 @@ def test_numbers_of_an_earlier_run_hide_nothing(local, plant):
         assert stream.next("events").data[0]["number"] == 1
 
 
+@pytest.mark.soak
 def test_who_does_not_read_gets_the_latest_and_the_number_of_lost_events(plant, door):
     with socket.create_connection(("127.0.0.1", door.port)) as slow, Client(door, "annaanna").stream() as quick:
         slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
