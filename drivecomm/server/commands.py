@@ -26,21 +26,23 @@ from drivecomm.errors import (
     UsageError,
     meant,
 )
-from drivecomm.protocol import DriveState, Stop, parse_drive
-from drivecomm.server.door import Answer, Command, Role
+from drivecomm.protocol import DriveState, Stop, exact, parse_drive
+from drivecomm.server.callers import Role
+from drivecomm.server.door import Answer, Command, Stopped
 from drivecomm.server.freshness import check_fresh
 from drivecomm.server.keep_orders import keep_order, kept_if_remote
 from drivecomm.server.rights import NEEDS, Needs
 from drivecomm.server.wanted import Wanted
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from drivecomm.bus import AsyncBroadcast, AsyncDrive
     from drivecomm.link import CommandCall
     from drivecomm.protocol import DriveConfig
+    from drivecomm.server.callers import Caller
     from drivecomm.server.core import Core
-    from drivecomm.server.door import Caller, Outcome
+    from drivecomm.server.door import Outcome
     from drivecomm.server.leases import Lease
     from drivecomm.server.served_line import ServedLine
 
@@ -86,7 +88,7 @@ class Commands:
 
     async def _stop(self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig) -> Answer:
         """Stop a drive, or all of a protocol, and let go of it where it was kept."""
-        core, name, how, asked_s = self._core, config.name, _how(command.arguments), time.time()
+        core, name, how, asked_s = self._core, config.name, stop_kind(command.arguments), time.time()
         line.order.stop_called(_on_bus(config))
         number = _noted(core.audit.stop_asked, caller, command) or 0
         core.table.happened("command", f"stop ({how.value})", drive=name, line=line.line.name, who=str(caller))
@@ -106,24 +108,51 @@ class Commands:
         _noted(core.remember, caller, command, answer, asked_s)
         return answer
 
-    async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[tuple[str, Answer]]:
-        """Stop all drives, or those of these lines, all lines at the same time; returns an answer for each of them."""
-        wished = _how({"how": how})
+    async def stop_all(self, caller: Caller, how: Stop, lines: Sequence[str] = ()) -> Sequence[Stopped]:
+        """Stop all drives, or those of these lines, all lines at the same time: by a broadcast first, then each."""
         named = [self._core.line(name) for name in lines] or list(self._core.lines.values())
-        answers = await asyncio.gather(*(self._stop_line(caller, line, wished) for line in named))
+        answers = await asyncio.gather(*(self._stop_line(caller, line, how) for line in named))
         return [each for on_line in answers for each in on_line]
 
-    async def _stop_line(self, caller: Caller, line: ServedLine, how: Stop) -> Sequence[tuple[str, Answer]]:
-        async def stop(config: DriveConfig) -> tuple[str, Answer]:
+    async def _stop_line(self, caller: Caller, line: ServedLine, how: Stop) -> Sequence[Stopped]:
+        name = line.line.name
+
+        async def stop_everybody(everybody: AsyncBroadcast, used: Stop) -> Stopped:
+            to_all = Command(drive=everybody.peer.name, line=name, verb="stop", arguments={"how": used.value})
+            answer = await self._stop_everybody(caller, to_all, line, everybody)
+            return Stopped(line=name, drive=to_all.drive, how=used, answer=answer)
+
+        async def stop(config: DriveConfig) -> Stopped:
             used = how
             # The stop says it again.
             with suppress(Exception):
                 able = (await self._built(line, config, arm=False)).capabilities.stops
                 used = how if how in able else Stop.RAMP
             stopping = Command(drive=config.name, verb="stop", arguments={"how": used.value})
-            return config.name, await self.carry_out(caller, stopping)
+            return Stopped(line=name, drive=config.name, how=used, answer=await self.carry_out(caller, stopping))
 
-        return await asyncio.gather(*map(stop, line.drives))
+        # In the order in which they are asked for here; a broadcast that waits or fails holds up no other stop.
+        to_all = [stop_everybody(each, used) for each, used in _broadcasts(line, how)]
+        return await asyncio.gather(*to_all, *map(stop, line.drives))
+
+    async def _stop_everybody(
+        self, caller: Caller, command: Command, line: ServedLine, everybody: AsyncBroadcast
+    ) -> Answer:
+        """Stop all drives of a protocol by one telegram, which nobody confirms."""
+        try:
+            self._core.rights.check(caller, replace(command, line=""), line.drives[0])
+        except DriveCommError as error:
+            return Answer(id="", outcome="refused", error=error)
+        line.order.stop_called(command.drive)
+        number = _noted(self._core.audit.stop_asked, caller, command) or 0
+        answer = Answer(id="", outcome="open")
+        try:
+            await line.opened()
+            await everybody.stop(stop_kind(command.arguments))
+        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+            answer = Answer(id="", outcome="open", error=_error(command, error))
+        _noted(self._core.audit.outcome, caller, command, number, answer)
+        return answer
 
     async def _begin(
         self,
@@ -139,6 +168,9 @@ class Commands:
         if not NEEDS[command.verb].commands:
             try:
                 whom = await self._built(line, config, arm=False)
+                if command.verb == "watched":
+                    self._watched(whom, config, **command.arguments)
+                    return Answer(id=command.id, outcome="done")
                 return Answer(id=command.id, outcome="done", result=await _asked(whom, command))
             except UsageError as error:
                 return Answer(id=command.id, outcome="refused", error=error)
@@ -153,6 +185,14 @@ class Commands:
         finally:
             if alone:
                 self._core.leases.release(lease)
+
+    def _watched(self, whom: AsyncDrive, config: DriveConfig, *, silence_s: Any = None, **unknown: Any) -> None:
+        """Take note how long a drive's watchdog waits; of one that is kept, its keeper knows better."""
+        if unknown:
+            raise UsageError(f"watched has no argument {min(unknown)!r}; it has silence_s")
+        known = None if silence_s is None else float(exact(silence_s, "watchdog time"))
+        if config.name not in self._core.kept:
+            whom.watched(known)
 
     def _lease(self, caller: Caller, command: Command, config: DriveConfig) -> tuple[Lease, bool]:
         """Return the lease under which a command is given, and whether it was taken for it alone."""
@@ -216,6 +256,18 @@ class Commands:
         return await asyncio.to_thread(replace(config, read_only_reason=reason).build, line.bus.drive)
 
 
+def _broadcasts(line: ServedLine, how: Stop) -> Iterator[tuple[AsyncBroadcast, Stop]]:
+    """Yield what reaches all drives of each protocol at once, and how that stops them.
+
+    Drives that could all at once only coast (VABus), where that was not asked for, are stopped one by one.
+    """
+    for everybody in line.everybody:
+        able = everybody.capabilities.stops
+        used = next((each for each in (how, Stop.RAMP) if each in able), Stop.COAST)
+        if used in able and (used is how or used is not Stop.COAST):
+            yield everybody, used
+
+
 def _on(line: ServedLine, text: str) -> DriveConfig:
     """Return a drive of a line by PROTOCOL:ADDRESS, as the plant has it if it does; all of a protocol by PROTOCOL:*."""
     protocol, _, address = text.partition(":")
@@ -233,7 +285,8 @@ def _on_bus(config: DriveConfig) -> str:
     return str(config) if config.address >= 0 else f"{config.protocol}:{_ALL}"
 
 
-def _how(arguments: Mapping[str, Any]) -> Stop:
+def stop_kind(arguments: Mapping[str, Any]) -> Stop:
+    """Return the kind of stop that is asked for. Raises UsageError."""
     text = str(arguments.get("how", "ramp"))
     known = [stop.value for stop in Stop]
     if text not in known:

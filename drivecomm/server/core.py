@@ -16,6 +16,7 @@ from drivecomm.errors import DriveCommError, UsageError, meant
 from drivecomm.server.commands import Commands
 from drivecomm.server.kept_motors import KeptMotors
 from drivecomm.server.leases import Leases
+from drivecomm.server.observations import RememberedFault
 from drivecomm.server.repeats import Repeats
 from drivecomm.server.rights import Rights
 from drivecomm.server.served_line import ServedLine
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
 
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig, Reading
-    from drivecomm.server.door import Answer, Caller, Command
+    from drivecomm.server.callers import Caller
+    from drivecomm.server.door import Answer, Command
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event
 
@@ -106,7 +108,9 @@ class Core:
         self.ending = False
         self.changing: frozenset[str] = frozenset()
         """Drives that are exchanged by another plant just now; nothing commands them meanwhile."""
-        self._fault_logs: dict[str, asyncio.Task[None]] = {}
+        self._reading_fault_logs: dict[str, asyncio.Task[None]] = {}
+        self.fault_logs: dict[str, tuple[RememberedFault, ...]] = {}
+        """What drives remembered of their faults when they were asked last, the newest first."""
         self._looking: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
@@ -122,7 +126,7 @@ class Core:
             self._looking.cancel()
         await self.release_all()
         await asyncio.gather(*(line.close() for line in self.lines.values()), return_exceptions=True)
-        await asyncio.gather(*self._fault_logs.values(), return_exceptions=True)
+        await asyncio.gather(*self._reading_fault_logs.values(), return_exceptions=True)
 
     def line(self, name: str) -> ServedLine:
         """Return a line. Raises UsageError."""
@@ -133,7 +137,7 @@ class Core:
     def drives(self) -> Sequence[DriveState]:
         """Return how all drives are, in the order of the plant."""
         found = {each.name: each for line in list(self.lines.values()) for each in line.states()}
-        return [self._with_commander(found[each.name]) for each in self.plant.drives if each.name in found]
+        return [self._completed(found[each.name]) for each in self.plant.drives if each.name in found]
 
     def drive(self, name: str) -> DriveState:
         """Return how one drive is. Raises UsageError."""
@@ -141,11 +145,12 @@ class Core:
         found = next((each for each in self.line(config.line).states() if each.name == config.name), None)
         if found is None:
             raise UsageError(f"{config.name} is not served yet; the plant file is being read again")
-        return self._with_commander(found)
+        return self._completed(found)
 
-    def _with_commander(self, state: DriveState) -> DriveState:
+    def _completed(self, state: DriveState) -> DriveState:
         kept, lease = self.kept.policy(state.name), self.leases.holder_of(state.name, now=time.monotonic())
-        return replace(state, lease=lease, kept=kept) if kept or lease else state
+        fault_log = self.fault_logs.get(state.name, ())
+        return replace(state, lease=lease, kept=kept, fault_log=fault_log) if kept or lease or fault_log else state
 
     async def release_all(self) -> None:
         """Treat each motor that is kept by its policy, and let nobody have one started any more."""
@@ -190,18 +195,21 @@ class Core:
         await self.kept.release_all(gone)
         self.plant = plant
         for name in old:
+            gone_here = {each.name for each in before.on_line(name)} & gone
             served = self.lines.get(name)
             if name in closed:
                 if served is not None:
                     del self.lines[name]
                     await asyncio.gather(served.close(), return_exceptions=True)
+                # Their values came until now.
+                self.table.forget(gone_here)
                 told.append(f"line {name} {'is closed' if name not in new else 'is opened anew'}")
             elif before.on_line(name) != plant.on_line(name) and served is not None:
                 await served.pause()
+                self.table.forget(gone_here)
                 served.has(self._drives_of(name))
                 served.start()
                 told.append(f"line {name} has other drives, or other values to poll")
-            self.table.forget(gone & {each.name for each in before.on_line(name)})
         for name, line in new.items():
             if name not in self.lines:
                 self._add(line)
@@ -235,12 +243,12 @@ class Core:
 
     def _tripped(self, drive: str) -> None:
         """Have the log of a drive that has a fault since now read, where its model says where that is."""
-        if self.journal is not None and drive not in self._fault_logs:
-            reading = asyncio.create_task(self._read_fault_log(drive, self.journal), name=f"fault log of {drive}")
-            self._fault_logs[drive] = reading
-            reading.add_done_callback(lambda _: self._fault_logs.pop(drive))
+        if drive not in self._reading_fault_logs:
+            reading = asyncio.create_task(self._read_fault_log(drive), name=f"fault log of {drive}")
+            self._reading_fault_logs[drive] = reading
+            reading.add_done_callback(lambda _: self._reading_fault_logs.pop(drive))
 
-    async def _read_fault_log(self, name: str, journal: Recorder) -> None:
+    async def _read_fault_log(self, name: str) -> None:
         try:
             drive = self.line(self.plant.drive(name).line).drive(name)
             entries = []
@@ -249,9 +257,18 @@ class Core:
                 with suppress(DriveCommError):
                     entries.append(await drive.polled(parameter))
             if entries:
-                journal.add_fault_log(name, entries, time_s=time.time())
+                time_s = time.time()
+                self.fault_logs[name] = tuple(_remembered(place, each, time_s) for place, each in enumerate(entries, 1))
+                if self.journal is not None:
+                    self.journal.add_fault_log(name, entries, time_s=time_s)
         except Exception:  # noqa: BLE001 - the server goes on
             _log.exception("fault log of %s", name)
+
+
+def _remembered(place: int, reading: Reading, time_s: float) -> RememberedFault:
+    return RememberedFault(
+        place=place, address=reading.parameter, value=str(reading.value), text=reading.text, time_s=time_s
+    )
 
 
 def _said_port(line: PlantLine) -> str:

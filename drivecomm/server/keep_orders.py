@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
-from drivecomm.server.door import LOCAL
+from drivecomm.server.callers import LOCAL
 
 if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig, LinkLoss
-    from drivecomm.server.door import Caller, Command
+    from drivecomm.server.callers import Caller
+    from drivecomm.server.door import Command
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,23 +22,23 @@ if TYPE_CHECKING:
 _AGAIN_FIRST_S, _AGAIN_LONGEST_S = 0.2, 2.0
 """How soon a stop that is not confirmed is tried again."""
 
-_MOST_TOLD = 1000
-"""So much of a story is told to whoever comes late; the watchdog and the start are forgotten first."""
+MOST_TOLD = 200
+"""So much of what has happened to one motor is told to whoever asks for it later; the history has it all."""
 
 
 class Story:
     """What has happened to a kept motor since it was started, for all who want to know, whenever they begin to ask."""
 
     def __init__(self) -> None:
-        self._told: deque[Mapping[str, Any]] = deque(maxlen=_MOST_TOLD)
-        self._count = 0
+        self._told: deque[Mapping[str, Any]] = deque(maxlen=MOST_TOLD)
+        self._number = 0
         self._over = False
         self._more = asyncio.Event()
 
     def tell(self, item: Mapping[str, Any]) -> None:
         """Add something."""
         self._told.append(item)
-        self._count += 1
+        self._number += 1
         self._woken()
 
     def end(self) -> None:
@@ -51,11 +51,11 @@ class Story:
         place = 0
         while True:
             more = self._more
-            while place < self._count:
-                place = max(place, self._count - len(self._told))
-                yield self._told[place - self._count]
-                place += 1
-            if self._over and place == self._count:
+            while place < self._number:
+                first = self._number - len(self._told)
+                place = max(place, first) + 1
+                yield self._told[place - 1 - first]
+            if self._over and place == self._number:
                 return
             await more.wait()
 
