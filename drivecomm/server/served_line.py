@@ -76,24 +76,25 @@ class ServedLine:
 
     def has(self, drives: Sequence[DriveConfig]) -> None:
         """Take these drives for those that the line has; what is known of those that stay is kept."""
-        self._configs = tuple(drives)
-        self.everybody = tuple(self._broadcasts(drives))
-        known, self._seen, self._unusable = self._seen, {}, {}
+        everybody = tuple(self._broadcasts(drives))
+        known, seen, unusable = self._seen, dict[str, SeenDrive](), dict[str, UsageError]()
         for config in drives:
             try:
                 drive = config.build(self.bus.drive)
             except UsageError as error:
-                self._unusable[config.name] = error
+                unusable[config.name] = error
                 continue
             if self._open is None:
                 self._open = OpenLine(WatchedLine(name=self.line.name, port="", drives=tuple(drives)), self.bus)
             view = DriveView(drive=config, line=self.line.name)
             if (before := known.get(config.name)) is not None:
                 view = replace(before.view, drive=config)
-            self._seen[config.name] = SeenDrive(self._open, drive, view)
+            seen[config.name] = SeenDrive(self._open, drive, view)
             self._policies[config.name] = _policies(drive.model)
             if wrong := _wrong_policy(config, drive.model):
                 self._table.happened("link loss", wrong, drive=config.name, line=self.line.name)
+        # Other threads look at them at any time.
+        self._seen, self._unusable, self._configs, self.everybody = seen, unusable, tuple(drives), everybody
 
     def _broadcasts(self, drives: Sequence[DriveConfig]) -> Iterator[AsyncBroadcast]:
         """Yield what reaches all drives of each protocol at once, once for each of the settings that they have."""
@@ -132,7 +133,7 @@ class ServedLine:
         for config in self._configs:
             seen, line = self._seen.get(config.name), self.line.name
             if seen is None:
-                error = _flat(self._unusable[config.name])
+                error = _flat(self._unusable.get(config.name, UsageError("the plant file is read again just now")))
                 found.append(DriveState(config=config, line=line, reachability="silent", error=error))
                 continue
             view, told = seen.view, counted.get(seen.drive.name, _NOTHING)
@@ -294,11 +295,11 @@ class ServedLine:
             self._tripped(view.name)
 
     def _is_up(self, up: bool, error: str = "") -> None:
-        if up is not self._up:
-            if not up or self._error:
-                self._table.happened("line", "works again" if up else error, line=self.line.name)
-            self._up = up
-        self._error = error
+        if up and not self._up and self._error:
+            self._table.happened("line", "works again", line=self.line.name)
+        elif not up and (self._up or not self._error):
+            self._table.happened("line", error, line=self.line.name)
+        self._up, self._error = up, error
 
 
 def _policies(model: Model | None) -> tuple[LinkLoss, ...]:
