@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _RECORD = ".server.json"
 _SOCKET = ".sock"
 _LONGEST_RECORD = 1 << 20
+_LONGEST_SOCKET = 100
 # Whoever only looks holds the lock for an instant.
 _LOCK_S = 1.0
 _TRY_AGAIN_S = 0.01
@@ -66,8 +67,19 @@ def identity(plant: str | Path) -> str:
 
 
 def local_socket(plant: str | Path) -> Path:
-    """Return the socket on which the server of a plant is reached."""
-    return folder_of_servers() / f"{identity(plant)}{_SOCKET}"
+    """Return the socket on which the server of a plant is reached; its folder is this user's alone.
+
+    Clients find it by the server's record. Raises PermissionError for a folder that belongs to somebody else.
+    """
+    usual = folder_of_servers() / f"{identity(plant)}{_SOCKET}"
+    if len(os.fsencode(usual)) <= _LONGEST_SOCKET:
+        return usual
+    # The system has no room for a longer path of a socket.
+    from tempfile import gettempdir  # noqa: PLC0415 - seldom needed
+
+    short = Path(gettempdir()) / f"drivecomm-{os.getuid()}" / f"{identity(plant)[-8:]}{_SOCKET}"
+    _make_private(short.parent)
+    return short
 
 
 @contextmanager
@@ -77,9 +89,7 @@ def register(server: Registration) -> Iterator[Path]:
     Raises UsageError where a server of this plant runs already, OSError where no record can be written.
     """
     record = folder_of_servers() / f"{identity(server.plant)}{_RECORD}"
-    record.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if not (os.environ.get("RUNTIME_DIRECTORY") or is_private(record.parent)):
-        raise PermissionError(f"{record.parent} belongs to another user, or others can write to it")
+    _make_private(record.parent)
     if (other := server_of_plant(server.plant)) is not None:
         raise _runs_already(other)
     descriptor = _locked(record)
@@ -130,6 +140,12 @@ def servers() -> Iterator[Registration]:
         for name in names:
             if (found := _running(folder / name)) is not None:
                 yield found
+
+
+def _make_private(folder: Path) -> None:
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if not (os.environ.get("RUNTIME_DIRECTORY") or is_private(folder)):
+        raise PermissionError(f"{folder} belongs to another user, or others can write to it")
 
 
 def _running(record: Path) -> Registration | None:

@@ -25,7 +25,8 @@ from drivecomm.errors import (
     meant,
 )
 from drivecomm.protocol import DriveState, Stop, exact, parse_drive
-from drivecomm.server.door import LOCAL, Answer, Command, Role, Stopped
+from drivecomm.server.callers import LOCAL, Role
+from drivecomm.server.door import Answer, Command, Stopped
 from drivecomm.server.freshness import check_fresh
 from drivecomm.server.kept import KeepOrder, KeptMotor
 from drivecomm.server.rights import NEEDS, Needs
@@ -35,8 +36,9 @@ if TYPE_CHECKING:
 
     from drivecomm.bus import AsyncBroadcast, AsyncDrive
     from drivecomm.protocol import DriveConfig
+    from drivecomm.server.callers import Caller
     from drivecomm.server.core import Core
-    from drivecomm.server.door import Caller, Outcome
+    from drivecomm.server.door import Outcome
     from drivecomm.server.leases import Lease
     from drivecomm.server.served_line import ServedLine
 

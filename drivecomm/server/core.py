@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig, Reading
-    from drivecomm.server.door import Answer, Caller, Command
+    from drivecomm.server.callers import Caller
+    from drivecomm.server.door import Answer, Command
     from drivecomm.server.kept import KeptMotor
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event
@@ -194,6 +195,8 @@ class Core:
             text = f"{drive} may be running, because its stop is not confirmed: {' '.join(str(error).split())}"
             self.table.happened("link loss", text, drive=drive)
         self._stories[drive].end()
+        if drive not in {each.name for each in self.plant.drives}:
+            del self._stories[drive]
 
     async def _look(self) -> None:
         """End leases when their time is over, and what was kept under them."""
@@ -238,19 +241,22 @@ class Core:
         before, self.plant = self.plant, plant
         told = []
         old, new = {line.name: line for line in before.lines}, {line.name: line for line in plant.lines}
-        for config in before.drives:
-            if config not in plant.drives:
-                self.table.forget({config.name})
-                if config.name in self.kept:
-                    self.release(config.name)
+        gone = {config.name for config in before.drives if config not in plant.drives}
+        for name in gone & self.kept.keys():
+            self.release(name)
         await asyncio.gather(*self._under_way, return_exceptions=True)
         for name, known in old.items():
+            gone_here = {each.name for each in before.on_line(name)} & gone
             if known != new.get(name):
-                await self.lines.pop(name).close()
+                if name in self.lines:
+                    await self.lines.pop(name).close()
+                # Their values came until now.
+                self.table.forget(gone_here)
                 told.append(f"line {name} {'is closed' if name not in new else 'is opened anew'}")
-            elif before.on_line(name) != plant.on_line(name):
+            elif name in self.lines and before.on_line(name) != plant.on_line(name):
                 served = self.lines[name]
                 await served.pause()
+                self.table.forget(gone_here)
                 served.has(self._drives_of(name))
                 served.start()
                 told.append(f"line {name} has other drives, or other values to poll")

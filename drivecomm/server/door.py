@@ -8,7 +8,6 @@ fails, the server says so, and starts it again after a while; nothing else notic
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 if TYPE_CHECKING:
@@ -18,49 +17,10 @@ if TYPE_CHECKING:
     from drivecomm.plant import Plant
     from drivecomm.protocol import Stop, Value
     from drivecomm.server.alarms import Alarm
+    from drivecomm.server.callers import Caller
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState
     from drivecomm.tomlfile import Table
-
-
-LOCAL = "local"
-"""The door for programs of this machine."""
-
-ANONYMOUS = "anonymous"
-"""What callers are called who have not said who they are; no user is called so."""
-
-
-class Role(IntEnum):
-    """What somebody may do; each role may also do what those before it may."""
-
-    NOBODY = 0
-    VIEW = 1
-    """See values, states and events."""
-    OPERATE = 2
-    """Start, reset and reverse motors, and set references."""
-    COMMISSION = 3
-    """Write parameters, call what a protocol has of its own, scan and examine lines."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Caller:
-    """Who asks.
-
-    name: a user's, or what is known of them. door: by which they came, "local" for programs of this machine that found
-    the server's own socket.
-    """
-
-    name: str
-    role: Role
-    door: str
-
-    def __str__(self) -> str:
-        return f"{self.name} ({self.door})"
-
-    @property
-    def door_kind(self) -> str:
-        """The kind of door, with which its name begins: "http" of "http 127.0.0.1:8080"."""
-        return self.door.partition(" ")[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

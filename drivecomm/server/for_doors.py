@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import NotAllowedError, UsageError
 from drivecomm.protocol import Stop
-from drivecomm.server.door import LOCAL, Command, Role
+from drivecomm.server.callers import LOCAL, Role
+from drivecomm.server.door import Command
 from drivecomm.server.examining import Crossing, examination
 from drivecomm.server.rights import NEEDS
 from drivecomm.server.table import ChangesFor
@@ -18,8 +19,9 @@ if TYPE_CHECKING:
 
     from drivecomm.plant import Plant
     from drivecomm.server.alarms import Alarm
+    from drivecomm.server.callers import Caller
     from drivecomm.server.core import Core
-    from drivecomm.server.door import Answer, Caller, Examination, History, KnownUsers, Stopped
+    from drivecomm.server.door import Answer, Examination, History, KnownUsers, Stopped
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState
 

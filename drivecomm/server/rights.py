@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import NotAllowedError, ReadOnlyError, UsageError, meant, shortened
-from drivecomm.server.door import ANONYMOUS, LOCAL, Role
+from drivecomm.server.callers import ANONYMOUS, LOCAL, Role
 
 if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig
-    from drivecomm.server.door import Caller, Command
+    from drivecomm.server.callers import Caller
+    from drivecomm.server.door import Command
 
 
 @dataclass(frozen=True, slots=True)

@@ -142,6 +142,14 @@ def test_the_token_is_not_shown(file):
     assert str(Registration(plant="hall.toml", pid=7)) == "drivecomm serve hall.toml (pid 7)"
 
 
+def test_a_folder_with_a_long_name_has_its_socket_elsewhere(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / ("long" * 30)))
+    monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
+    socket = local_socket(tmp_path / "plant.toml")
+    assert len(str(socket)) <= 100
+    assert socket.parent.stat().st_mode & 0o077 == 0
+
+
 def test_without_flock_a_byte_is_locked_instead(file, monkeypatch):
     fcntl = pytest.importorskip("fcntl")
 

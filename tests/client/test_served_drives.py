@@ -11,7 +11,7 @@ from running_server import running_server
 import drivecomm
 from drivecomm.bus import Broadcast, Bus, Drive, keep, keep_async, set_watchdog
 from drivecomm.client import ServedBus, ServedDrive, json_text, parsed
-from drivecomm.client.served_drive import ServedBroadcast
+from drivecomm.client.served_bus import ServedBroadcast
 from drivecomm.errors import (
     DriveCommError,
     NotSupported,

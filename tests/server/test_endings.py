@@ -74,16 +74,26 @@ def test_without_unix_sockets_and_signals_in_the_loop_it_is_found_and_ends_as_el
         assert server_of_plant(served.plant) is None
 
 
-def test_a_server_that_is_stopped_for_long_leaves_the_motor_to_the_watchdog_and_starts_nothing_after_it(tmp_path):
+@pytest.mark.parametrize(
+    "seconds", [0, pytest.param(10, marks=pytest.mark.soak), pytest.param(60, marks=pytest.mark.soak)]
+)
+def test_a_server_that_is_stopped_for_long_leaves_the_motor_to_the_watchdog_and_starts_nothing_after_it(
+    tmp_path, seconds
+):
     with serving(tmp_path) as served:
         served.keep("fan", seconds=30)
         served.process.send_signal(signal.SIGSTOP)
         try:
             served.until(lambda: not served.runs("fan"), 6)
+            time.sleep(seconds)
         finally:
             served.process.send_signal(signal.SIGCONT)
         time.sleep(1.5)
         assert not served.runs("fan")
+        served.until(lambda: served.drive("pump")["reachability"] == "answers")
+        if seconds > 30:
+            assert served.drive("fan")["lease"] is None
+            served.until(lambda: served.drive("fan")["kept"] == "")
 
 
 def test_a_commander_that_dies_has_its_motor_treated_by_the_policy(tmp_path):

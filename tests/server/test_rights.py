@@ -8,7 +8,8 @@ from hypothesis import given, strategies as st
 from drivecomm.bus import AsyncDrive
 from drivecomm.errors import NotAllowedError, ReadOnlyError, UsageError
 from drivecomm.protocol import NETWORK_VERBS, DriveConfig, NetworkAccess
-from drivecomm.server.door import ANONYMOUS, LOCAL, Caller, Command, Role
+from drivecomm.server.callers import ANONYMOUS, LOCAL, Caller, Role
+from drivecomm.server.door import Command
 from drivecomm.server.rights import NEEDS, Rights
 
 RIGHTS = Rights("plant.toml", "users.toml")
