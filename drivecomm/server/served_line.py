@@ -323,11 +323,11 @@ class ServedLine:
             self._tripped(view.name)
 
     def _is_up(self, up: bool, error: str = "") -> None:
-        if up is not self._up:
-            if not up or self._error:
-                self._table.happened("line", "works again" if up else error, line=self.line.name)
-            self._up = up
-        self._error = error
+        if up and not self._up and self._error:
+            self._table.happened("line", "works again", line=self.line.name)
+        elif not up and (self._up or not self._error):
+            self._table.happened("line", error, line=self.line.name)
+        self._up, self._error = up, error
 
 
 def _policies(model: Model | None) -> tuple[LinkLoss, ...]:

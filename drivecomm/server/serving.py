@@ -264,13 +264,17 @@ class Serving:
         else:
             said = await core.changed(plant)
             self.plant = plant
-            if settings.doors != self.settings.doors or settings.audit != self.settings.audit:
+            if _doors(settings) != _doors(self.settings) or settings.audit != self.settings.audit:
                 core.table.happened("server", "doors and files of the server change when it is started again")
             with suppress(OSError):
                 written_again(record, self._registration())
             self._take_alarms(core, settings)
             core.table.happened("server", f"plant file read again: {'; '.join(said) or 'nothing has changed'}")
         self._manager.ready(self._size(core))
+
+
+def _doors(settings: ServerSettings) -> list[object]:
+    return [(kind, table.content) for kind, table in settings.doors]
 
 
 def _on_signal(
