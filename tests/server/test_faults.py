@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from processes import QUICK, server_of, serving
-from served import simulated
+from served_core import simulated
 
 from drivecomm.client import server_of_plant
 from drivecomm.plant import read_plant

@@ -5,7 +5,7 @@ import time
 from functools import partial
 
 import pytest
-from served import ENGINEER, OPERATOR, VIEWER, NoteBook, asked, awaited, core_of, runs, until
+from served_core import ENGINEER, OPERATOR, VIEWER, NoteBook, asked, awaited, core_of, runs, until
 
 from drivecomm.bus import read_watchdog_async
 from drivecomm.errors import CommandCancelledError, LeaseError

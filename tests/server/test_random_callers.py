@@ -6,7 +6,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
-from served import ANOTHER, OPERATOR, VIEWER, NoteBook, asked, awaited, core_of, runs, until
+from served_core import ANOTHER, OPERATOR, VIEWER, NoteBook, asked, awaited, core_of, runs, until
 
 from drivecomm.errors import LeaseError
 
