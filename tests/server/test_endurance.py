@@ -23,7 +23,7 @@ pytestmark = [
         # Answers are remembered for ten minutes, which is longer than this.
         (["--hours", "0.0667"], 45, 0.6),
         # Its lines polled, for some two minutes of theirs.
-        (["--hours", "0.04", "--polled", "--lines", "4"], 6, 0.10),
+        (["--hours", "0.04", "--polled", "--lines", "4"], 25, 0.6),
     ],
     ids=["fed", "polled"],
 )
