@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import keep_async
 from drivecomm.client import error_content
-from drivecomm.errors import CommandCancelledError, DriveCommError
+from drivecomm.errors import CommandCancelledError, DriveCommError, in_one_line
 from drivecomm.link import Backoff
 
 if TYPE_CHECKING:
@@ -211,7 +211,7 @@ class KeptMotor:
 
     def _not_as_wished(self, what: str, error: Exception) -> None:
         told = {"error": error_content(error)} if isinstance(error, DriveCommError) else {}
-        self._tell("failed", f"{self._drive.name} {what}: {_flat(error)}", **told)
+        self._tell("failed", f"{self._drive.name} {what}: {in_one_line(error)}", **told)
 
     def _tell(self, done: str, text: str, **further: Any) -> None:
         # Whoever hears it does not keep the motor from being stopped.
@@ -221,7 +221,7 @@ class KeptMotor:
     def _failed(self, error: DriveCommError) -> None:
         if type(error) is not self._failing:
             self._failing = type(error)
-            self._tell("not answering", _flat(error), error=error_content(error))
+            self._tell("not answering", in_one_line(error), error=error_content(error))
 
     def _answered(self, status: DriveStatus) -> None:
         if self._failing is not None:
@@ -232,7 +232,3 @@ class KeptMotor:
             fault = " ".join(str(part) for part in (status.fault_code, status.fault_text) if part)
             self._tell("fault", f"has a fault{f' ({fault})' if fault else ''}", fault_code=status.fault_code)
             self._end.set()
-
-
-def _flat(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
