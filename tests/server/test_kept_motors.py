@@ -96,6 +96,16 @@ class TestWhileItBegins:
             await until(lambda: served.drive("pump").kept == "")
 
     @awaited
+    async def test_one_whose_caller_has_gone_is_not_started(self, core):
+        async with core() as (served, control):
+            lease = leased(served, OPERATOR, "pump", 5)
+            keeping = asyncio.create_task(asked(served, OPERATOR, "pump", "keep", lease=lease.key, arguments=HALF))
+            await begun(served)
+            keeping.cancel()
+            await stays_stopped(control)
+            await until(lambda: served.drive("pump").kept == "")
+
+    @awaited
     async def test_the_end_of_the_server_wins(self, core):
         async with core() as (served, control):
             lease = leased(served, OPERATOR, "pump", 5)
