@@ -14,7 +14,7 @@ from drivecomm.errors import NotSupported, ReplyError, StateError
 from drivecomm.protocol import Pause
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from drivecomm.profiles.profile import Condition, ControlProfile, Step, Words
     from drivecomm.protocol import Exchange, Stop
@@ -42,7 +42,7 @@ class Commander:
     """Commands one drive, or all at an address where nobody answers.
 
     state_timeout_s: how long a drive has for what it is told. advice: what to check when a drive does not start.
-    answers: whether anybody answers at this address.
+    answers: whether anybody answers at this address. fault_code: asks for the code of a fault, to name it.
     """
 
     def __init__(
@@ -53,36 +53,50 @@ class Commander:
         state_timeout_s: float,
         advice: str = "",
         answers: bool = True,
+        fault_code: Callable[[], Exchange[int | None]] | None = None,
     ) -> None:
         self._profile = profile
         self._carrier = carrier
         self._state_timeout_s = state_timeout_s
         self._advice = f"; check {advice}" if advice else ""
         self._answers = answers
+        self._fault_code = fault_code
 
-    def start(self, *, reverse: bool = False) -> Exchange[None]:
-        """Start the motor, each step of the way awaited. Raises StateError where it cannot be, or does not obey."""
+    def start(self, *, reverse: bool = False, prepare: Exchange[None] | None = None) -> Exchange[None]:
+        """Start the motor, each step of the way awaited. Raises StateError where it cannot be, or does not obey.
+
+        prepare: what is done before the first word, once it is known that nothing speaks against a start.
+        """
         profile = self._profile
         steps = profile.start_reverse if reverse and profile.start_reverse else profile.start
         seen = yield from self._carrier.look()
-        self.check_start(seen)
+        yield from self._check_start(seen)
+        if prepare is not None:
+            yield from prepare
         for number, step in enumerate(steps):
             if any(condition.holds(seen) for condition in step.unless):
                 continue
             try:
                 seen = (yield from self._carry_out(step, urgent=False)) or seen
             except _NotReachedError as error:
+                if number + 1 < len(steps):
+                    raise StateError(
+                        f"the drive did not come to {self._goal(step)!r} within {self._state_timeout_s:g} s; "
+                        f"{error.shown}{self._advice}"
+                    ) from None
                 yield from self._take_back(error)
             except ReplyError as error:
                 if number + 1 < len(steps):
                     raise
                 raise type(error)(f"{error}; the drive had been told to run before") from None
 
-    def check_start(self, seen: Words) -> None:
-        """Raise StateError where status words say that a motor must not be started."""
+    def _check_start(self, seen: Words) -> Exchange[None]:
         for refusal in self._profile.refusals:
             if any(condition.holds(seen) for condition in refusal.when):
-                raise StateError(refusal.say)
+                code = ""
+                if self._fault_code is not None and self._profile.status(seen).fault:
+                    code = f" (code {(yield from self._fault_code())})"
+                raise StateError(refusal.say.replace("{code}", code))
 
     def stop(self, how: Stop) -> Exchange[None]:
         """Stop the motor. Raises StateError where the drive does not say that it obeys."""
@@ -105,7 +119,7 @@ class Commander:
                 yield from self._carry_out(step, urgent=False)
             except _NotReachedError as error:
                 raise StateError(
-                    f"the drive was told to reset and still has a fault, its cause may last: {error.shown}"
+                    f"the drive is still tripped after the reset, the cause of its fault may last; {error.shown}"
                 ) from None
 
     def _carry_out(self, step: Step, *, urgent: bool) -> Exchange[Words | None]:
@@ -134,6 +148,9 @@ class Commander:
             f"the drive did not run within {self._state_timeout_s:g} s after the start, which was taken back; "
             f"{error.shown}{self._advice}"
         ) from None
+
+    def _goal(self, step: Step) -> str:
+        return next((state.name for state in self._profile.states if state.known_by in step.until), "what was awaited")
 
     def _shown(self, step: Step, seen: Words) -> str:
         word = next(iter(seen.values()))

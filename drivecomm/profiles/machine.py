@@ -43,6 +43,11 @@ class ProfileMachine:
         self.motor.reset(now)
         self.word, self.state = 0, self.profile.states[0]
 
+    def enter(self, state: str, now: float) -> None:
+        """Come to a state by something else than a control word."""
+        self.state = self._states[state]
+        self.act(now)
+
     def control(self, word: int, now: float) -> None:
         """Take a control word; one without the valid bits is ignored as a whole."""
         if not self.profile.commands(word):

@@ -8,12 +8,13 @@ from drivecomm.protocol import Motor, Pause
 class Drive:
     """Carries words to a machine; time passes by the pauses of whoever commands it.
 
-    deaf: ignores every control word. lost: how many replies are lost from now on, after the drive has heard. sent: what
+    deaf, deaf_to: ignores every control word, or this one. lost: how many replies are lost from now on, after the drive has heard. sent: what
     it was sent.
     """
 
-    def __init__(self, profile, *, deaf=False, hz=50.0):
+    def __init__(self, profile, *, deaf=False, deaf_to=None, hz=50.0):
         self.profile, self.deaf, self.lost, self.now, self.sent = profile, deaf, 0, 0.0, []
+        self.deaf_to = deaf_to
         self.motor = Motor(ramp_up_s=1.0, ramp_down_s=1.0, quick_ramp_s=0.2)
         self.machine = ProfileMachine(profile, self.motor, lambda word: -hz if word & profile.reverse else hz)
 
@@ -23,7 +24,7 @@ class Drive:
 
     def send(self, step, *, urgent):
         self.sent.append((step.word, urgent))
-        if not self.deaf:
+        if not self.deaf and step.word != self.deaf_to:
             self.machine.control(step.word, self.now)
         if self.lost:
             self.lost -= 1
