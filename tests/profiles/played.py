@@ -8,8 +8,8 @@ from drivecomm.protocol import Motor, Pause
 class Drive:
     """Carries words to a machine; time passes by the pauses of whoever commands it.
 
-    deaf, deaf_to: ignores every control word, or this one. lost: how many replies are lost from now on, after the drive has heard. sent: what
-    it was sent.
+    deaf, deaf_to: ignores every control word, or this one. lost: how many replies are lost from now on, after the drive
+    has heard. sent: what it was sent.
     """
 
     def __init__(self, profile, *, deaf=False, deaf_to=None, hz=50.0):
