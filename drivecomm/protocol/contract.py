@@ -14,6 +14,7 @@ from drivecomm.protocol.status import Stop
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from drivecomm.protocol.address_space import AddressSpace
     from drivecomm.protocol.exchange import Exchange
     from drivecomm.protocol.framing import Codec, Damaged, Framed
     from drivecomm.protocol.line import LineFacts, LineSettings
@@ -208,6 +209,8 @@ class Protocol:
     empty where drives do not tell.
     plain_writing: the options of `write` with which a value is the number that `Reading.raw` shows, for parameters
     whose scale depends on more than the model and may not be known; empty where there is no such thing.
+    address_space: which addresses a drive with these options and this model (None where it is not known) may hold, for
+    those who ask it address by address; None where a package does not tell.
     """
 
     name: str
@@ -234,3 +237,4 @@ class Protocol:
     factory_reading: Mapping[str, Any] = field(default_factory=dict, hash=False)
     memory: Callable[[], Memory] | None = None
     plain_writing: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    address_space: Callable[[Any, Model | None], AddressSpace] | None = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm_danfoss_fc.addresses import address_space
 from drivecomm_danfoss_fc.conversation import BROADCAST
 from drivecomm_danfoss_fc.correlation import intent, mismatch
 from drivecomm_danfoss_fc.description import DEFAULT
@@ -80,4 +81,5 @@ protocol = Protocol(
     ),
     element_addresses=element_addresses,
     factory_reading={"element": DEFAULT},
+    address_space=address_space,
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm_fuji.addresses import address_space
 from drivecomm_fuji.codec import FujiCodec
 from drivecomm_fuji.exchanges import FujiOperations
 from drivecomm_fuji.memory import FujiMemory
@@ -66,4 +67,5 @@ protocol = Protocol(
     intent=intent,
     parameter_keys=frozenset(),
     plain_writing={"format": "[1]"},
+    address_space=address_space,
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm_vabus.addresses import address_space
 from drivecomm_vabus.exchanges import VabusOperations
 from drivecomm_vabus.memory import VabusMemory
 from drivecomm_vabus.options import VabusOptions
@@ -73,4 +74,5 @@ protocol = Protocol(
     intent=intent,
     parameter_keys=frozenset({"datasets"}),
     element_addresses=element_addresses,
+    address_space=address_space,
 )

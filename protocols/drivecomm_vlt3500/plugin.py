@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm_vlt3500.addresses import address_space
 from drivecomm_vlt3500.codec import VltCodec, blind_spots, intent, message_from, mismatch, titled_forms
 from drivecomm_vlt3500.commands import VltMemory
 from drivecomm_vlt3500.exchanges import VltOperations
@@ -63,4 +64,5 @@ protocol = Protocol(
     intent=intent,
     parameter_keys=frozenset({"decimals", "indexed", "limits", "note"}),
     element_addresses=element_addresses,
+    address_space=address_space,
 )

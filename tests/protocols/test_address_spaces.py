@@ -1,0 +1,86 @@
+"""Which addresses a drive of each protocol may hold: all that its telegrams can name, and what its models know."""
+
+from itertools import islice
+
+import pytest
+
+from drivecomm.models import load_model, model_names
+from drivecomm.protocol import installed, resolve_options
+
+CASES = [
+    (plugin.name, model)
+    for plugin in installed.working()
+    if plugin.address_space is not None
+    for model in model_names(plugin.package, plugin.name)
+]
+
+
+def space_of(protocol, model=None, **given):
+    plugin = installed[protocol]
+    known = None if model is None else load_model(plugin.package, protocol, model)
+    _, options = resolve_options(plugin, known, given)
+    return plugin.address_space(options, known)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "model", "given", "first", "last", "count"),
+    [
+        ("vabus", "agile", {}, ["0", "1", "2"], "1599", 1600),
+        ("vlt3500", "vlt3500", {}, ["000", "001", "002"], "999", 1000),
+        ("danfoss-fc", "fc300", {}, ["0-01", "0-02", "0-03"], "40-95", 4095),
+        ("danfoss-fc", "vlt5000", {}, ["001", "002", "003"], "990", 990),
+        ("danfoss-fc", None, {}, ["0-01", "0-02", "0-03"], "40-95", 4095),
+        ("fuji", "frenic", {}, ["F00", "F01", "F02"], "T99", 2100),
+        ("fuji", "e11s", {}, ["S00", "S01", "S02"], "A46", 376),
+        ("fuji", "e11s", {"number_check": False}, ["S00", "S01", "S02"], "A99", 800),
+        ("fuji", "g11s", {}, ["F00", "F01", "F02"], "M49", 450),
+        ("fuji", "vg", {}, ["F00", "F01", "F02"], "M99", 1100),
+    ],
+)
+def test_addresses_in_their_order(protocol, model, given, first, last, count):
+    found = list(space_of(protocol, model, **given).addresses())
+    assert (found[:3], found[-1], len(found)) == (first, last, count)
+    assert len(set(found)) == count
+
+
+@pytest.mark.parametrize(("protocol", "model"), CASES)
+def test_every_address_can_be_asked_for_and_the_models_are_within(protocol, model):
+    plugin = installed[protocol]
+    known = load_model(plugin.package, protocol, model)
+    _, options = resolve_options(plugin, known, {})
+    operations = plugin.operations(1, options, known)
+    space = plugin.address_space(options, known)
+    keys = {operations.address_of(address).partition("[")[0] for address in space.addresses()}
+    for address in islice(space.addresses(), 0, None, 37):
+        operations.read(address)
+    outside = [each for each in known.parameters if operations.address_of(each).partition("[")[0] not in keys]
+    assert outside == []
+    assert space.source
+    assert space.absent
+
+
+@pytest.mark.parametrize(
+    ("protocol", "address", "code", "runs", "beyond"),
+    [
+        ("vabus", "481", 9, [["481[1]", "481[2]", "481[3]", "481[4]"]], ""),
+        ("vabus", "481", None, [], ""),
+        ("vabus", "481", 11, [], ""),
+        ("fuji", "F01", None, [], ""),
+        ("vlt3500", "502", None, [], ""),
+        ("danfoss-fc", "3-10", 0, [], ""),
+    ],
+)
+def test_elements_are_asked_for_where_there_may_be_some(protocol, address, code, runs, beyond):
+    found = space_of(protocol).elements(address, code)
+    assert ([list(run) for run in found.runs], found.beyond) == (runs, beyond)
+
+
+def test_an_index_of_a_vlt_begins_at_0_or_1_or_is_a_pair():
+    runs = space_of("vlt3500").elements("502", 2).runs
+    assert [run[0] for run in runs[:4]] == ["502[0]", "502[1]", "502[0,0]", "502[1,0]"]
+
+
+def test_an_array_of_a_danfoss_drive_may_have_more_elements_than_the_plain_address_names():
+    for code in (None, 3):
+        found = space_of("danfoss-fc").elements("3-10", code)
+        assert (found.runs[0][0], found.runs[0][-1], found.beyond) == ("3-10[1]", "3-10[254]", "3-10[255]")
