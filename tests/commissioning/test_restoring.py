@@ -1,5 +1,6 @@
 """Restoring: the order, what a drive refuses at first, what it changes by itself, and what is never written."""
 
+from dataclasses import replace
 from decimal import Decimal
 from random import Random
 from types import SimpleNamespace
@@ -405,6 +406,28 @@ class TestAValueWhoseScaleNobodyKnows:
         known = inverter(bus, rating_hp=50)
         assert carry_out_plan(known, plan_restore(known, saved)).written == ("F11",)
         assert virtual.peek("F11", 0.0) == 912
+
+    @pytest.mark.parametrize("rated_hp", [{}, {"rating_hp": 50}], ids=["no rating", "another rating"])
+    @pytest.mark.parametrize("held", [500, 0])
+    def test_also_when_its_scale_is_not_what_it_was_said_to_be(self, bus, virtual, rated_hp, held):
+        virtual.poke("F11", 910)
+        saved = back_up(inverter(bus, rating_hp=10))
+        assert (saved.entries["F11"].value, saved.entries["F11"].unit) == (Decimal("9.10"), "A")
+        virtual.poke("F11", held)
+        drive = inverter(bus, **rated_hp)
+        done = carry_out_plan(drive, plan_restore(drive, saved))
+        assert (done.written, done.complete, virtual.peek("F11", 0.0)) == (("F11",), True, 910)
+
+    def test_a_value_that_somebody_wrote_in_the_file_counts_and_not_the_old_number(self, bus, virtual):
+        virtual.poke("F11", 910)
+        saved = back_up(inverter(bus, rating_hp=10))
+        entry = replace(saved.entries["F11"], value=Decimal("8.55"))
+        saved = replace(saved, entries={**saved.entries, "F11": entry})
+        with pytest.raises(ValueRefusedError, match="rating_hp"):
+            plan_restore(inverter(bus), saved)
+        drive = inverter(bus, rating_hp=10)
+        assert carry_out_plan(drive, plan_restore(drive, saved)).written == ("F11",)
+        assert virtual.peek("F11", 0.0) == 855
 
     def test_is_not_given_to_another_drive_and_that_is_no_whole_restore(self, bus):
         saved = back_up(inverter(bus))

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.commissioning.parameter_sets.parameter_set import PARTS, Entry, ParameterSet, in_order
+from drivecomm.commissioning.parameter_sets.parameter_set import PARTS, Entry, Explored, ParameterSet, in_order
 from drivecomm.errors import FileFormatError, UsageError, near
 from drivecomm.models import quantities
 from drivecomm.tomlfile import RAW, TABLE, TEXT, WHOLE, Kind, Table, read_toml, toml_line, toml_value, write_whole
@@ -28,10 +28,12 @@ _TOP = {
     "format": WHOLE,
     **dict.fromkeys(("protocol", "drive", "model", "firmware"), TEXT),
     "time": Kind((datetime,), "a time with its zone, as 2026-11-21T19:00:00Z"),
-    **dict.fromkeys(("identity", *PARTS, "not_read"), TABLE),
+    **dict.fromkeys(("identity", "explored", *PARTS, "not_read"), TABLE),
 }
 _VALUE = Kind((int, Decimal, str), "a number, or a text in quotes")
 _KEYS = {"name": TEXT, "value": _VALUE, "unit": TEXT, "raw": RAW, "common": TEXT}
+_EXPLORED = dict.fromkeys(("asked", "answered", "known"), WHOLE)
+_UNKNOWN = "# The model does not know these: as the telegram carried them, never restored."
 _MOST_DIGITS = 40
 """No drive holds a number with more; one with millions would keep a program busy for ever."""
 
@@ -85,9 +87,12 @@ def _lines(known: ParameterSet) -> Iterator[str]:
     if known.time is not None:
         yield f"time = {known.time.astimezone(UTC).strftime('%Y-%m-%dT%H:%M:%SZ')}"
     yield from _texts("identity", known.identity, list(known.identity))
+    if known.explored is not None:
+        yield from ("", "[explored]", *(f"{key} = {getattr(known.explored, key)}" for key in _EXPLORED))
     for part in PARTS:
         if entries := _ordered(known, part):
-            yield from ("", f"[{part}]", *(_line(entry) + _comment(entry) for entry in entries))
+            head = (_UNKNOWN, f"[{part}]") if part == "unknown" else (f"[{part}]",)
+            yield from ("", *head, *(_line(entry) + _comment(entry) for entry in entries))
     yield from _texts("not_read", known.not_read, in_order(known.not_read))
 
 
@@ -146,7 +151,17 @@ def _set_in(top: Table) -> ParameterSet:
         identity=_texts_in(top.table("identity")),
         entries={address: entries[address] for address in in_order(entries)},
         not_read=_texts_in(top.table("not_read")),
+        explored=_explored(top.table("explored")),
     )
+
+
+def _explored(table: Table) -> Explored | None:
+    if not table.content:
+        return None
+    counts = table.take(_EXPLORED, *_EXPLORED)
+    if not 0 <= counts["known"] <= counts["answered"] <= counts["asked"]:
+        raise table.error("more is known than was answered, or more was answered than was asked for")
+    return Explored(**counts)
 
 
 def _entry(part: Part, address: str, table: Table) -> Entry:

@@ -16,10 +16,11 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Value
 
-Part: TypeAlias = Literal["settings", "communication", "measured"]
-"""settings: how the drive works. communication: how it is spoken to. measured: what it shows and nobody restores."""
+Part: TypeAlias = Literal["settings", "communication", "measured", "unknown"]
+"""settings: how the drive works. communication: how it is spoken to. measured: what it shows and nobody restores.
+unknown: what the drive holds and its model does not know, as the telegram carried it; nobody restores it either."""
 
-PARTS: tuple[Part, ...] = ("settings", "communication", "measured")
+PARTS: tuple[Part, ...] = ("settings", "communication", "measured", "unknown")
 """All parts of a parameter set."""
 
 SETTINGS: tuple[Part, ...] = ("settings",)
@@ -47,6 +48,11 @@ class Entry:
     meaning: str = field(default="", compare=False)
 
     @property
+    def carried(self) -> int | str:
+        """What the telegram carried."""
+        return str(self.value) if self.raw is None else self.raw
+
+    @property
     def parameter(self) -> str:
         """The address without data set and index."""
         return self.address.partition("[")[0]
@@ -56,11 +62,24 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Explored:
+    """What a drive answered that was asked for every address it may hold.
+
+    asked: how many addresses. answered: how many of them told a value. known: how many of those its model knows.
+    """
+
+    asked: int
+    answered: int
+    known: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterSet:
     """The parameters of one drive. drive: as the command line names it, "vabus:1". model: by the name that it has.
 
     identity: what the drive told of itself. entries: by address, in the order of addresses. not_read: why a parameter
     is not among them, by address. time: when reading began, in UTC; None for a set that somebody made by hand.
+    explored: None where only what its model knows was asked for.
     """
 
     protocol: str
@@ -71,6 +90,7 @@ class ParameterSet:
     identity: Mapping[str, str] = field(default_factory=dict)
     not_read: Mapping[str, str] = field(default_factory=dict)
     time: datetime | None = None
+    explored: Explored | None = None
 
     def of(self, parts: Iterable[Part]) -> list[Entry]:
         """Return the entries of these parts."""

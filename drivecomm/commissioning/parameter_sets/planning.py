@@ -13,12 +13,16 @@ from drivecomm.commissioning.parameter_sets.effect import (
     model_of,
     reason_not_to_count,
 )
+from drivecomm.commissioning.parameter_sets.own_numbers import as_told, number_told, same_scale
 from drivecomm.commissioning.parameter_sets.parameter_set import WRITABLE, in_order, in_unit, same
 from drivecomm.commissioning.parameter_sets.reading_out import identity_told, of_another_drive, part_of
 from drivecomm.commissioning.parameter_sets.restore_plan import Plan, Planned, RestoreOptions, Stage, stage_of
 from drivecomm.errors import DriveError, NotSupported, ReadOnlyError, UsageError, ValueRefusedError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any
+
     from drivecomm.bus import Procedure
     from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet
     from drivecomm.commissioning.parameter_sets.reading_out import Progress, Subject
@@ -50,12 +54,12 @@ def planning(to: Subject, known: ParameterSet, options: RestoreOptions, progress
     for entry in entries:
         for item in (yield from _items(to, entry, known, model, options, across=across, own=own)):
             (items if item.action == "skip" else wanted).append(item)
-    wanted, unfit, wrong = yield from _checked(wanted, store=store)
+    wanted, unfit, wrong = yield from _checked(wanted, to.plugin.plain_writing, store=store)
     for done, item in enumerate(wanted):
         progress(item.address, done, len(wanted))
-        items.append((yield from _compared(item)))
+        items.append((yield from _compared(item, to.plugin.plain_writing, store=store)))
     for item in unfit:
-        found = yield from _compared(replace(item, action="write"))
+        found = yield from _compared(replace(item, action="write", told=None), {}, store=store)
         items.append(found if found.action == "equal" else replace(found, action="skip"))
     progress("", len(wanted), len(wanted))
     if across:
@@ -76,6 +80,9 @@ def planning(to: Subject, known: ParameterSet, options: RestoreOptions, progress
     ]
     order = {address: place for place, address in enumerate(in_order(item.address for item in items))}
     items.sort(key=lambda item: (item.stage, order[item.address]))
+    if unknown := known.of(("unknown",)):
+        count = f"{len(unknown)} value{'s' if len(unknown) > 1 else ''}"
+        remarks.append(f"{count} left alone, because model {known.model} does not know their types")
     if without:
         remarks.append(f"{without} not asked for")
     return Plan(drive=to.name, store=store, items=tuple(items), remarks=tuple(remarks))
@@ -177,6 +184,7 @@ def _item(to: Subject, entry: Entry, options: RestoreOptions, *, across: bool, o
         unit=unit,
         stage=stage_of(info, entry.common, to.model.watchdog),
         options=plain,
+        told=number_told(entry) if own and not plain and to.plugin.plain_writing else None,
     )
 
 
@@ -208,7 +216,9 @@ def _skipped(entry: Entry, reason: str, info: ParameterInfo | None = None) -> Pl
     )
 
 
-def _checked(wanted: list[Planned], *, store: bool) -> Procedure[tuple[list[Planned], list[Planned], dict[str, str]]]:
+def _checked(
+    wanted: list[Planned], plain: Mapping[str, Any], *, store: bool
+) -> Procedure[tuple[list[Planned], list[Planned], dict[str, str]]]:
     """Return what can be asked for, what cannot be sent by itself, and the values that do not fit, by address."""
     fit, unfit, wrong = [], [], {}
     for item in wanted:
@@ -217,12 +227,28 @@ def _checked(wanted: list[Planned], *, store: bool) -> Procedure[tuple[list[Plan
         except ReadOnlyError as error:
             raise ReadOnlyError(f"{error}; nothing was written") from error
         except ValueRefusedError as error:
+            as_number = yield from _number_that_fits(item, plain, store=store)
+            if as_number is not None:
+                fit.append(as_number)
+                continue
             wrong[item.address] = f"{item.address} {item.name}: {error}"
         except UsageError as error:
             unfit.append(replace(item, action="skip", reason=str(error)))
             continue
         fit.append(item)
     return fit, unfit, wrong
+
+
+def _number_that_fits(item: Planned, plain: Mapping[str, Any], *, store: bool) -> Procedure[Planned | None]:
+    """Return the item as the number that the drive told, None where there is none that it takes."""
+    if item.told is None:
+        return None
+    found = as_told(item, plain)
+    try:
+        yield check_write(found.address, found.value, store=store, options=found.options)
+    except UsageError:
+        return None
+    return found
 
 
 def _must_fit(items: list[Planned], wrong: dict[str, str]) -> None:
@@ -235,11 +261,13 @@ def _must_fit(items: list[Planned], wrong: dict[str, str]) -> None:
         )
 
 
-def _compared(item: Planned) -> Procedure[Planned]:
+def _compared(item: Planned, plain: Mapping[str, Any], *, store: bool) -> Procedure[Planned]:
     try:
         reading = yield read_parameter(item.address)
     except DriveError:
         # Data sets that differ, say: what is to be there is known all the same.
         return item
+    if item.told is not None and not same_scale(item, reading):
+        item = (yield from _number_that_fits(item, plain, store=store)) or item
     held = item.held_by(reading)
     return replace(item, action="equal" if same(held, item.value) else "write", current=held)

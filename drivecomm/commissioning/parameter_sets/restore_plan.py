@@ -84,7 +84,8 @@ class Planned:
 
     address: on the drive, or a common name. value, unit: what it is to be, in the drive's unit. current: what it is
     now, None where the drive does not tell. options: of reading and writing it, where the value is the plain number
-    because nobody knows its scale. missed: left alone although it should have been restored.
+    because nobody knows its scale. told: the number that the value was told as, where it goes back to its own drive and
+    the scale may have been stated otherwise since. missed: left alone although it should have been restored.
     """
 
     action: Action
@@ -97,6 +98,7 @@ class Planned:
     reason: str = ""
     options: Mapping[str, Any] = field(default_factory=dict)
     missed: bool = False
+    told: int | None = None
 
     def held_by(self, reading: Reading) -> Value:
         """Return the value of a reading as this one's value is meant."""
