@@ -1,3 +1,11 @@
-from .growing import Described as Described, addresses_in as addresses_in, descriptions as descriptions, grown as grown
+from .growing import (
+    Described as Described,
+    addresses_in as addresses_in,
+    asking as asking,
+    descriptions as descriptions,
+    grown as grown,
+    parameters_of as parameters_of,
+    way_to_grow as way_to_grow,
+)
 from .scan_forecast import ScanForecast as ScanForecast, forecast_scan as forecast_scan
 from .tuning import EXCHANGES as EXCHANGES, Trial as Trial, Tuned as Tuned, tune as tune, tune_async as tune_async

@@ -1,8 +1,8 @@
-"""Models grown from the drive itself, where its protocol lets it tell what its parameters are.
+"""Models grown from the drive itself: what it says its parameters are, or else which addresses it answers.
 
-A protocol takes part by a verb `describe(parameter)` among its operations' `extra`, whose exchange gives a
-`ParameterInfo` with the source that the protocol names, and raises RefusedError for a parameter that the drive does not
-have. Further keywords of it are the protocol's own.
+A protocol lets its drives describe their parameters by a verb `describe(parameter)` among its operations' `extra`,
+whose exchange gives a `ParameterInfo` with the source that the protocol names, and raises RefusedError for a parameter
+that the drive does not have. Further keywords of it are the protocol's own.
 """
 
 from __future__ import annotations
@@ -11,15 +11,18 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from drivecomm.commissioning.exploring import chosen_course, course, read, without_elements
 from drivecomm.errors import DamagedReplyError, NotSupported, RefusedError, UnexpectedReplyError, UsageError
-from drivecomm.protocol import Model
+from drivecomm.models import parameter_at
+from drivecomm.protocol import Model, ParameterInfo, Reading, resolve_options
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Collection, Iterable, Iterator, Mapping
     from typing import Any, TypeAlias
 
     from drivecomm.bus import Drive
-    from drivecomm.protocol import ParameterInfo
+    from drivecomm.commissioning.exploring import Answer, Asks, Course
+    from drivecomm.protocol import Protocol
 
 Described: TypeAlias = "ParameterInfo | RefusedError | UnexpectedReplyError | DamagedReplyError"
 """What a drive tells of a parameter, or why it does not."""
@@ -50,6 +53,96 @@ def descriptions(
     """
     for address in addresses:
         yield address, _described(drive, address, options or {})
+
+
+def way_to_grow(plugin: Protocol, model: Model | None, words: Collection[str] | None) -> Course:
+    """Return which addresses a drive is asked for, so that a model can be grown from its answers.
+
+    words: what they name, see `addresses_in`; all that a drive can hold where there are none. Raises NotSupported where
+    nobody knows what that is.
+    """
+    if words is not None:
+        return chosen_course(plugin, model, addresses_in(words))
+    known = [] if model is None else [info.address for info in model.parameters.values() if _may_be_asked(info)]
+    if _describes(plugin, model):
+        return without_elements(course(plugin, model, known=known))
+    _, options = resolve_options(plugin, model, {})
+    return course(
+        plugin,
+        model,
+        known=[
+            address
+            for each in known
+            if model is not None
+            for address in plugin.element_addresses(model.parameters[each], options)
+        ],
+    )
+
+
+def asking(plugin: Protocol, model: Model | None, options: Mapping[str, Any]) -> Asks:
+    """Return how a drive is asked: what a parameter is where its protocol lets it tell, else for its value.
+
+    options: keywords of the protocol's verb `describe`. Raises UsageError for some where there is no such verb.
+    """
+    if _describes(plugin, model):
+        return lambda address: lambda drive: drive.call(_VERB, parameter=address, **options)
+    if options:
+        raise UsageError(
+            f"{plugin.name} drives do not describe their parameters, so there are no options of describe; leave "
+            f"{', '.join(options)} out"
+        )
+    return read
+
+
+def parameters_of(answers: Iterable[Answer], plugin: Protocol, base: Model | None, drive: str) -> list[ParameterInfo]:
+    """Return the parameters that a drive has by its answers.
+
+    What it described is that. What told a value is as base has it; what base does not know is read-only, without type,
+    and unconfirmed, until somebody finds out what it is. What base knows and nobody asks for, commands say, is taken
+    over. drive: its name, for the source.
+    """
+    _, options = resolve_options(plugin, base, {})
+    space = plugin.address_space(options, base) if plugin.address_space is not None else None
+    together = space.together if space is not None else None
+    found: dict[str, ParameterInfo] = {}
+    for answer in answers:
+        if isinstance(answer.told, ParameterInfo):
+            found[answer.told.address] = answer.told
+        elif isinstance(answer.told, Reading):
+            info = _known(answer.address, base) or _unknown(answer.address, together, drive)
+            found.setdefault(info.address, info)
+    if base is not None and not _describes(plugin, base):
+        for info in base.parameters.values():
+            if not _may_be_asked(info):
+                found.setdefault(info.address, info)
+    return list(found.values())
+
+
+def _may_be_asked(info: ParameterInfo) -> bool:
+    return "r" in info.access and info.kind != "command"
+
+
+def _describes(plugin: Protocol, model: Model | None) -> bool:
+    _, options = resolve_options(plugin, model, {})
+    return _VERB in plugin.operations(plugin.addresses[0], options, model).extra
+
+
+def _known(address: str, base: Model | None) -> ParameterInfo | None:
+    return None if base is None else parameter_at(address, base)
+
+
+def _unknown(address: str, together: Mapping[str, Any] | None, drive: str) -> ParameterInfo:
+    whole, bracket, _ = address.partition("[")
+    one = address if together is None else whole
+    return ParameterInfo(
+        address=one,
+        name=f"parameter_{_joined(one)}",
+        title=f"parameter {one}",
+        access="r",
+        source=f"answered by {drive}",
+        sure="unconfirmed",
+        extra=dict(together or {}) if bracket else {},
+    )
 
 
 def grown(

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
+    from typing import Any
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,10 +38,12 @@ class AddressSpace:
     addresses: all of them in order, without data set or index, written as the drive's model writes them. absent: the
     codes of RefusedError with which a drive says that it has no such parameter or element; any other refusal is of a
     parameter that is there. elements: those to ask for after the plain address was refused with a code, or answered
-    (None). source: the pages that say which addresses there can be.
+    (None). together: the keys of a model's parameter with which one parameter stands for all such elements; None where
+    each element is a parameter of its own. source: the pages that say which addresses there can be.
     """
 
     addresses: Callable[[], Iterator[str]]
     absent: frozenset[int]
     source: str
     elements: Callable[[str, int | None], Elements] = _one_value
+    together: Mapping[str, Any] | None = None

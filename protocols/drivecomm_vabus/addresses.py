@@ -25,6 +25,7 @@ def address_space(_options: VabusOptions, _model: Model | None) -> AddressSpace:
         absent=frozenset({UNKNOWN_PARAMETER, DATASET_NOT_PERMITTED}),
         source="0 to 999 and A00 to F99: Agile VABus manual p. 30; data sets: Agile manual p. 43",
         elements=_data_sets,
+        together={"datasets": 4},
     )
 
 

@@ -71,7 +71,7 @@ class Store:
         if dataset > 4 or (dataset and datasets == (0,)):
             raise Refusal(DATASET_NOT_PERMITTED)
         if number in self.measured:
-            return _shown(self.measured[number](), info.type)
+            return _shown(self.measured[number](), info.type or "int")
         if dataset or datasets == (0,):
             return self._ram[number, dataset]
         values = {self._ram[number, each] for each in datasets}

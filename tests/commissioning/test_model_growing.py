@@ -7,9 +7,13 @@ import pytest
 from hypothesis import given, strategies as st
 
 import drivecomm
-from drivecomm.commissioning import addresses_in, descriptions, grown
+from drivecomm.bus import carry_out
+from drivecomm.commissioning import addresses_in, asking, descriptions, grown, parameters_of, way_to_grow
+from drivecomm.commissioning.exploring import Answer, Forgetful, exploring
+from drivecomm.commissioning.parameter_sets import back_up_everything
 from drivecomm.errors import NotSupported, UsageError
-from drivecomm.protocol import Model, ParameterInfo, Watchdog, installed
+from drivecomm.models import check_model, load_model, model_text
+from drivecomm.protocol import Model, ParameterInfo, Reading, Watchdog, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 
@@ -116,3 +120,62 @@ def test_a_protocol_whose_drives_do_not_tell(protocol):
             list(descriptions(drive, ["1"]))
     assert caught.value.exit_code == 2
     assert line.time == 0, "nothing was sent"
+
+
+@pytest.mark.parametrize(
+    ("protocol", "real", "base", "unknown"),
+    [
+        ("vabus", "unconfirmed", "agile", "29"),
+        ("vlt3500", "vlt3500", "vlt2000", "601[0,1]"),
+        ("fuji", "frenic", "g11s", "M02"),
+        ("vabus", "unconfirmed", None, "29"),
+        ("fuji", "frenic", None, "F11"),
+        ("danfoss-fc", "vlt5000", "vlt6000", "215"),
+    ],
+)
+def test_a_model_of_all_that_a_drive_answers(tmp_path, protocol, real, base, unknown):
+    plugin, path = installed[protocol], tmp_path / "own.toml"
+    line = VirtualLine([virtual_drive(protocol, 1, model=real)])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive(protocol, 1, model=base)
+        way = way_to_grow(plugin, drive.model, None)
+        asks = asking(plugin, drive.model, {})
+        answers = carry_out(drive, exploring(way, asks, Forgetful(), lambda _step: None))
+    told = parameters_of(answers, plugin, drive.model, "vabus:1")
+    model = grown(told, protocol=protocol, name="own", title="own", source="answers", base=drive.model)
+    path.write_text(model_text(model), encoding="utf-8")
+    assert check_model(path) == []
+    info = model.parameters[unknown]
+    if protocol == "danfoss-fc":
+        assert (info.sure, info.source) == ("field", "read from the drive, AK 4")
+    else:
+        assert (info.type, info.access, info.sure) == ("", "r", "unconfirmed")
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive(protocol, 1, model=path)
+        assert drive.read(unknown).raw is not None
+        if protocol != "danfoss-fc":
+            with pytest.raises(UsageError):
+                drive.check_write(unknown, 1, store=True)
+        assert back_up_everything(drive, within=[]).of(["unknown"]) == []
+
+
+def test_what_nobody_asks_for_stays_in_the_model():
+    plugin = installed["vabus"]
+    base = load_model(plugin.package, "vabus", "agile")
+    assert [info.address for info in parameters_of([], plugin, base, "x")] == [
+        info.address for info in base.parameters.values() if "r" not in info.access or info.kind == "command"
+    ]
+
+
+def test_data_sets_become_one_parameter():
+    answers = [
+        Answer(address=f"900[{dataset}]", told=Reading(parameter="900", value="0001", raw="0001"))
+        for dataset in (1, 2, 3, 4)
+    ]
+    (info,) = parameters_of(answers, installed["vabus"], None, "x")
+    assert (info.address, info.name, info.extra) == ("900", "parameter_900", {"datasets": 4})
+
+
+def test_options_of_describe_where_there_is_none():
+    with pytest.raises(UsageError, match="vabus drives do not describe their parameters"):
+        asking(installed["vabus"], None, {"option_texts": 3})

@@ -1,7 +1,11 @@
 from .comparing import Comparison as Comparison, Difference as Difference, compare as compare
+from .effect import model_of as model_of
+from .everything import way_through as way_through
 from .faces import (
     back_up as back_up,
     back_up_async as back_up_async,
+    back_up_everything as back_up_everything,
+    back_up_everything_async as back_up_everything_async,
     carry_out_plan as carry_out_plan,
     carry_out_plan_async as carry_out_plan_async,
     factory_set as factory_set,
@@ -25,11 +29,13 @@ from .journal import (
 from .parameter_set import (
     PARTS as PARTS,
     Entry as Entry,
+    Explored as Explored,
     ParameterSet as ParameterSet,
     Part as Part,
     in_order as in_order,
     same as same,
 )
-from .reading_out import part_of as part_of
+from .reading_out import identity_told as identity_told, lasting as lasting, part_of as part_of, subject as subject
 from .restore_plan import Plan as Plan, Planned as Planned, RestoreOptions as RestoreOptions
 from .restoring import Restored as Restored
+from .share import Share as Share, percent as percent, share_of as share_of

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivecomm.commissioning.parameter_sets.effect import common_values, model_of
 from drivecomm.commissioning.parameter_sets.parameter_set import SETTINGS, in_order, in_unit, same
 from drivecomm.commissioning.parameter_sets.reading_out import changes_told
+from drivecomm.commissioning.parameter_sets.share import share_of
 from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Mapping, Sequence
 
     from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet, Part
+    from drivecomm.commissioning.parameter_sets.share import Share
+    from drivecomm.protocol import Model, Value
 
 DifferenceKind: TypeAlias = Literal["value", "missing", "not comparable"]
 """value: both have it and it differs. missing: one has it. not comparable: both have it, and why it cannot be told."""
@@ -41,7 +44,8 @@ class Comparison:
     """What is not the same in two parameter sets.
 
     by: what was compared with what. equal: how many parameters are the same. missing: what only one of them has; that
-    and remarks, what else is to be known as sentences, do not make the sets different.
+    and remarks, what else is to be known as sentences, do not make the sets different. shares: how much of its drive
+    each set holds, None where no model is found by its name.
     """
 
     by: Literal["address", "common name"]
@@ -49,6 +53,7 @@ class Comparison:
     equal: int
     missing: tuple[Difference, ...] = ()
     remarks: tuple[str, ...] = ()
+    shares: tuple[Share | None, Share | None] = (None, None)
 
     @property
     def same(self) -> bool:
@@ -61,6 +66,18 @@ def compare(left: ParameterSet, right: ParameterSet, parts: Collection[Part] = S
 
     Raises UsageError for sets that have nothing to compare.
     """
+    models = [model_of(known) for known in (left, right)]
+    shares = (_share(left, models[0]), _share(right, models[1]))
+    return replace(_compared(left, right, parts, models), shares=shares)
+
+
+def _share(known: ParameterSet, model: Model | None) -> Share | None:
+    return None if model is None else share_of(known, model)
+
+
+def _compared(
+    left: ParameterSet, right: ParameterSet, parts: Collection[Part], models: Sequence[Model | None]
+) -> Comparison:
     ours, theirs = left.of(parts), right.of(parts)
     remarks = changes_told(left, right)
     if left.protocol == right.protocol:
@@ -71,7 +88,6 @@ def compare(left: ParameterSet, right: ParameterSet, parts: Collection[Part] = S
         if nowhere := set(left.not_read) & set(right.not_read):
             remarks.append(f"read on neither side: {', '.join(in_order(nowhere))}")
         return _comparison("address", found, equal, remarks)
-    models = [model_of(known) for known in (left, right)]
     here, unclear = common_values(left, parts, models[0])
     there, unclear_there = common_values(right, parts, models[1])
     if not set(here) & set(there):
@@ -115,13 +131,25 @@ def _differences(
             found.append(Difference(kind=kind, address=address, left=one, right=other, reason=reason))
             continue
         try:
-            value = in_unit(one.value, one.unit, other.unit)
+            value, other_value = _comparable(one, other)
         except UsageError as error:
             reason = str(error)
             found.append(Difference(kind="not comparable", address=address, left=one, right=other, reason=reason))
             continue
-        if same(value, other.value):
+        if same(value, other_value):
             equal += 1
         else:
             found.append(Difference(kind="value", address=address, left=one, right=other))
     return found, equal
+
+
+def _comparable(one: Entry, other: Entry) -> tuple[Value, Value]:
+    """Return two values in one unit, or as the telegrams carried them where one model does not know the parameter.
+
+    Raises UsageError where that does not tell whether they are the same.
+    """
+    if "unknown" not in (one.part, other.part):
+        return in_unit(one.value, one.unit, other.unit), other.value
+    if one.part != other.part and not same(one.carried, other.carried):
+        raise UsageError("only one side knows its type, and what was sent is not the same")
+    return one.carried, other.carried

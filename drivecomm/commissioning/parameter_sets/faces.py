@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.bus import carry_out, carry_out_async
+from drivecomm.commissioning.exploring import Forgetful as RemembersNothing
+from drivecomm.commissioning.parameter_sets.everything import reading_everything, way_through
 from drivecomm.commissioning.parameter_sets.journal import Forgetful
 from drivecomm.commissioning.parameter_sets.parameter_set import SETTINGS, WRITABLE
 from drivecomm.commissioning.parameter_sets.planning import planning
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
     from drivecomm.bus import AsyncDrive, Drive
+    from drivecomm.commissioning import exploring
     from drivecomm.commissioning.parameter_sets.journal import Remembers
     from drivecomm.commissioning.parameter_sets.parameter_set import ParameterSet, Part
     from drivecomm.commissioning.parameter_sets.reading_out import Progress
@@ -27,6 +30,10 @@ def _silent(_address: str, _done: int, _total: int) -> None:
     """Show nothing."""
 
 
+def _unseen(_step: exploring.Step) -> None:
+    """Show nothing."""
+
+
 def back_up(drive: Drive, parts: Collection[Part] = WRITABLE, *, progress: Progress = _silent) -> ParameterSet:
     """Read the parameters of a drive: all data sets and array elements of those that its model knows.
 
@@ -34,6 +41,24 @@ def back_up(drive: Drive, parts: Collection[Part] = WRITABLE, *, progress: Progr
     are. Raises UsageError for a drive without a model, ReplyError and LinkError when drive or line are away.
     """
     return carry_out(drive, reading_out(subject(drive), parts, progress))
+
+
+def back_up_everything(
+    drive: Drive,
+    logbook: exploring.Remembers | None = None,
+    *,
+    within: Collection[str] | None = None,
+    progress: exploring.Progress = _unseen,
+) -> ParameterSet:
+    """Read all that a drive holds, address by address; what its model does not know is kept as it came.
+
+    logbook: what remembers the answers, so that a later call goes on where this one is cut off. within: of what the
+    model does not know only these addresses. progress: told each answer, and how many there are. Raises NotSupported
+    where the protocol does not tell which addresses there can be, UsageError for a drive without a model,
+    FileFormatError for a logbook of another drive, ReplyError and LinkError when drive or line stay away.
+    """
+    of = subject(drive)
+    return carry_out(drive, reading_everything(of, way_through(of, within), logbook or RemembersNothing(), progress))
 
 
 def factory_set(drive: Drive, parts: Collection[Part] = SETTINGS, *, progress: Progress = _silent) -> ParameterSet:
@@ -67,6 +92,19 @@ async def back_up_async(
 ) -> ParameterSet:
     """Read the parameters of a drive, as `back_up` does."""
     return await carry_out_async(drive, reading_out(subject(drive), parts, progress))
+
+
+async def back_up_everything_async(
+    drive: AsyncDrive,
+    logbook: exploring.Remembers | None = None,
+    *,
+    within: Collection[str] | None = None,
+    progress: exploring.Progress = _unseen,
+) -> ParameterSet:
+    """Read all that a drive holds, as `back_up_everything` does."""
+    of = subject(drive)
+    way = way_through(of, within)
+    return await carry_out_async(drive, reading_everything(of, way, logbook or RemembersNothing(), progress))
 
 
 async def factory_set_async(

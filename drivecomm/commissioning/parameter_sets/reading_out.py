@@ -54,6 +54,15 @@ def identity_told() -> Procedure[Mapping[str, str]]:
     return {key: text for key, text in told.items() if key != "state"}
 
 
+def lasting(identity: Mapping[str, str]) -> dict[str, str]:
+    """Return what of a drive's identity stays as it is while it stays the same drive."""
+    return {key: text for key, text in identity.items() if not _passes(key)}
+
+
+def _passes(key: str) -> bool:
+    return any(word in key.lower() for word in _PASSING)
+
+
 def _read(
     of: Subject, parts: Collection[Part], options: Mapping[str, Any], identity: Mapping[str, str], progress: Progress
 ) -> Procedure[ParameterSet]:
@@ -82,13 +91,13 @@ def _read(
             not_read[address] = in_one_line(error)
             continue
         time = time or reading.time.replace(microsecond=0)
-        entries[address] = _entry(address, info, reading, part, common.get(address) or common.get(info.address, ""))
+        entries[address] = entry_of(address, info, reading, part, common.get(address) or common.get(info.address, ""))
     progress("", len(wanted), len(wanted))
     return ParameterSet(
         protocol=of.protocol,
         drive=of.name,
         model=of.model.name,
-        firmware=(yield from _firmware(of, identity)),
+        firmware=(yield from firmware_told(of, identity)),
         identity=identity,
         entries={address: entries[address] for address in in_order(entries)},
         not_read={address: not_read[address] for address in in_order(not_read)},
@@ -117,7 +126,8 @@ def _must_be_there(error: ReplyError) -> Procedure[None]:
         return
 
 
-def _entry(address: str, info: ParameterInfo, reading: Reading, part: Part, common: str) -> Entry:
+def entry_of(address: str, info: ParameterInfo, reading: Reading, part: Part, common: str) -> Entry:
+    """Return a value that a drive told, as a set has it."""
     says_no_more = str(reading.raw) == str(reading.value)
     return Entry(
         address=address,
@@ -131,7 +141,7 @@ def _entry(address: str, info: ParameterInfo, reading: Reading, part: Part, comm
     )
 
 
-def _firmware(of: Subject, identity: Mapping[str, str]) -> Procedure[str]:
+def firmware_told(of: Subject, identity: Mapping[str, str]) -> Procedure[str]:
     """Return the version of the software, by its common name or else by what the drive calls it."""
     if "software_version" in of.model.quantities:
         try:
@@ -223,5 +233,5 @@ def changes_told(before: ParameterSet, after: ParameterSet) -> list[str]:
 
 def _differences(before: Mapping[str, str], after: Mapping[str, str], where: str = "on this drive") -> Iterator[str]:
     for key, text in before.items():
-        if key in after and after[key] != text and not any(word in key.lower() for word in _PASSING):
+        if key in after and after[key] != text and not _passes(key):
             yield f"its {key} is {text!r}, and {after[key]!r} {where}"

@@ -1,0 +1,10 @@
+from .answers import Answer as Answer
+from .course import (
+    Course as Course,
+    chosen_course as chosen_course,
+    course as course,
+    without_elements as without_elements,
+)
+from .exploring import Asks as Asks, Progress as Progress, Step as Step, exploring as exploring, read as read
+from .forecast import Forecast as Forecast, forecasting as forecasting
+from .logbook import Forgetful as Forgetful, Logbook as Logbook, Remembers as Remembers, logbook_path as logbook_path

@@ -1,0 +1,97 @@
+"""Which addresses a drive is asked for, and in which order: what its model knows first, then all else it may hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import NotSupported, ParameterAddressError
+from drivecomm.protocol import NO_ELEMENTS, resolve_options
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Sequence
+
+    from drivecomm.protocol import Elements, Model, Protocol
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Course:
+    """The way through the addresses of one drive.
+
+    known: those that its model knows. rest: all others. absent: see `AddressSpace`. elements: which elements of one of
+    the rest are asked for, by the code of its refusal, None for a value. key: one text for every way to write an
+    address. taken: the keys of all that the model knows, so that no element of it is taken for unknown.
+    """
+
+    known: Sequence[str]
+    rest: Sequence[str]
+    absent: frozenset[int]
+    elements: Callable[[str, int | None], Elements]
+    key: Callable[[str], str]
+    taken: frozenset[str]
+
+    def __len__(self) -> int:
+        return len(self.known) + len(self.rest)
+
+
+def course(
+    plugin: Protocol, model: Model | None, *, known: Iterable[str], within: Collection[str] | None = None
+) -> Course:
+    """Return the way through all addresses that a drive of a protocol may hold.
+
+    known: what is asked for first. within: of the others only these; all unless given. Raises NotSupported where the
+    protocol's package does not tell which addresses there can be.
+    """
+    if plugin.address_space is None:
+        raise NotSupported(
+            f"the package {plugin.package} does not tell which addresses a {plugin.name} drive can hold, so nobody "
+            "knows what to ask; back up what its model knows"
+        )
+    _, options = resolve_options(plugin, model, {})
+    space = plugin.address_space(options, model)
+    operations = plugin.operations(plugin.addresses[0], options, model)
+
+    def key(address: str) -> str:
+        try:
+            return operations.address_of(address)
+        except ParameterAddressError:
+            return address
+
+    first = list(dict.fromkeys(known))
+    taken = frozenset(map(key, first)) | {key(address) for address in (model.parameters if model else ())}
+    chosen = None if within is None else {key(address) for address in within}
+    return Course(
+        known=first,
+        rest=[
+            address
+            for address in space.addresses()
+            if (place := key(address)) not in taken and (chosen is None or place in chosen)
+        ],
+        absent=space.absent,
+        elements=space.elements,
+        key=key,
+        taken=taken,
+    )
+
+
+def chosen_course(plugin: Protocol, model: Model | None, addresses: Iterable[str]) -> Course:
+    """Return the way through these addresses and no others."""
+    _, options = resolve_options(plugin, model, {})
+    space = plugin.address_space(options, model) if plugin.address_space is not None else None
+    return Course(
+        known=list(dict.fromkeys(addresses)),
+        rest=(),
+        absent=space.absent if space is not None else frozenset(),
+        elements=_none,
+        key=str,
+        taken=frozenset(),
+    )
+
+
+def without_elements(way: Course) -> Course:
+    """Return a way on which only whole parameters are asked for: a drive that describes them tells their elements."""
+    return replace(way, elements=_none)
+
+
+def _none(_address: str, _code: int | None) -> Elements:
+    return NO_ELEMENTS

@@ -1,0 +1,188 @@
+"""Asking a drive address by address, by reads that cannot move a motor, as long as that takes.
+
+A refusal is an answer. A drive that falls silent is asked again after a while; what was answered so far is remembered,
+so that whoever begins again goes on from there. Between two questions others may use the line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from drivecomm.bus import ask_status, read_parameter, sleep_until
+from drivecomm.commissioning.exploring.answers import Answer
+from drivecomm.errors import (
+    DamagedReplyError,
+    DriveError,
+    NoReplyError,
+    OvertakenError,
+    ParameterAddressError,
+    RefusedError,
+    ReplyError,
+    UnexpectedReplyError,
+    in_one_line,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from drivecomm.bus import Procedure
+    from drivecomm.commissioning.exploring.course import Course
+    from drivecomm.commissioning.exploring.logbook import Remembers
+
+PAUSES_S = (1.0, 2.0, 5.0, 10.0, 30.0)
+"""How long a drive that fell silent is left alone before it is asked again: a fuse or a restart is over by then."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """How far it is. answer: the latest. asked: how many of all were, by an earlier run too; found: told something.
+
+    remembered: whether this one is from an earlier run, so that it took no time.
+    """
+
+    answer: Answer
+    asked: int
+    of: int
+    found: int
+    remembered: bool
+
+
+Progress: TypeAlias = "Callable[[Step], None]"
+
+Asks: TypeAlias = "Callable[[str], Callable[[Any], Any]]"
+"""Makes the step that asks for an address; what it results in is what the drive told."""
+
+
+def read(address: str) -> Callable[[Any], Any]:
+    """Ask for a value."""
+    return read_parameter(address)
+
+
+def exploring(way: Course, asks: Asks, logbook: Remembers, progress: Progress) -> Procedure[list[Answer]]:
+    """Ask for all addresses of a way; return the answers in its order.
+
+    Raises NoReplyError when the drive stays silent, and LinkError when the line is lost.
+    """
+    work = _Work(way, asks, logbook, progress)
+    yield from work.each(way.known)
+    for address in way.rest:
+        answer = yield from work.one(address)
+        yield from work.elements(answer)
+    return list(work.answers.values())
+
+
+class _Work:
+    """An exploration under way. answers: by the key of their address."""
+
+    def __init__(self, way: Course, asks: Asks, logbook: Remembers, progress: Progress) -> None:
+        self.answers: dict[str, Answer] = {}
+        self._way = way
+        self._asks = asks
+        self._logbook = logbook
+        self._progress = progress
+        self._of = len(way)
+        self._found = 0
+
+    def each(self, addresses: Iterable[str]) -> Procedure[None]:
+        for address in addresses:
+            yield from self.one(address)
+
+    def one(self, address: str) -> Procedure[Answer]:
+        """Return what the drive answers, or answered before."""
+        key = self._way.key(address)
+        if key in self.answers:
+            return self.answers[key]
+        before = self._logbook.answers.get(address)
+        if before is None:
+            answer = yield from self._asked(address)
+            self._logbook.add(answer)
+        else:
+            answer = before
+        self.answers[key] = answer
+        self._found += answer.told is not None
+        self._of = max(self._of, len(self.answers))
+        self._progress(
+            Step(
+                answer=answer,
+                asked=len(self.answers),
+                of=self._of,
+                found=self._found,
+                remembered=before is not None,
+            )
+        )
+        return answer
+
+    def elements(self, of: Answer) -> Procedure[None]:
+        """Ask for the elements of a parameter that may have some."""
+        if of.told is None and of.code is None:
+            return
+        known = self._way.elements(of.address, of.code)
+        for run in known.runs:
+            for place, address in enumerate(run):
+                if self._way.key(address) in self._way.taken:
+                    continue
+                answer = yield from self.one(address)
+                if answer.told is None:
+                    break
+                if place == 0 and known.beyond and (yield from self._looks_at_no_element(known.beyond)):
+                    self._forget(address)
+                    self._forget(known.beyond)
+                    return
+
+    def _looks_at_no_element(self, beyond: str) -> Procedure[bool]:
+        answer = yield from self.one(beyond)
+        return answer.told is not None
+
+    def _forget(self, address: str) -> None:
+        """Take back an answer that was to the plain address in truth."""
+        del self.answers[self._way.key(address)]
+        self._found -= 1
+
+    def _asked(self, address: str) -> Procedure[Answer]:
+        for pause_s in PAUSES_S:
+            answer = yield from self._maybe_answered(address)
+            if answer is not None:
+                return answer
+            now: float = yield lambda drive: drive.bus.now()
+            yield sleep_until(now + pause_s)
+        answer = yield from self._maybe_answered(address)
+        if answer is not None:
+            return answer
+        waited_s = sum(PAUSES_S)
+        raise NoReplyError(f"the drive fell silent before {address}, and stayed so for {waited_s:g} s")
+
+    def _maybe_answered(self, address: str) -> Procedure[Answer | None]:
+        """Ask once; None where the drive is away."""
+        try:
+            told = yield self._asks(address)
+        except RefusedError as error:
+            absent = error.code in self._way.absent
+            return Answer(address=address, absent=absent, code=error.code, reason=in_one_line(error))
+        except ParameterAddressError as error:
+            # The drive's own options are narrower than those of its model: no telegram can carry it.
+            return Answer(address=address, absent=True, reason=in_one_line(error))
+        except DriveError as error:
+            return Answer(address=address, reason=in_one_line(error))
+        except OvertakenError:
+            # A stop went first; the question was not sent.
+            return (yield from self._maybe_answered(address))
+        except (UnexpectedReplyError, DamagedReplyError) as error:
+            return Answer(address=address, reason=in_one_line(error))
+        except ReplyError as error:
+            if (yield from _is_there()):
+                # Some drives are silent where others refuse.
+                return Answer(address=address, absent=True, reason=in_one_line(error))
+            return None
+        return Answer(address=address, told=told)
+
+
+def _is_there() -> Procedure[bool]:
+    """Whether the drive answers something else."""
+    try:
+        yield ask_status()
+    except ReplyError:
+        return False
+    except DriveError:
+        return True
+    return True

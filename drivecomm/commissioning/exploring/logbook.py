@@ -1,0 +1,174 @@
+"""What a drive has answered so far, in a file beside the one that is to come of it, so that asking can go on.
+
+JSON Lines: which drive is asked as which model, then a line for each answer. A line that was cut in the middle counts
+as not there: its address is asked for again, which costs nothing but time.
+"""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from typing import TYPE_CHECKING, Any, Protocol
+
+from drivecomm.client import json_text, parsed, plain, result_of
+from drivecomm.commissioning.exploring.answers import Answer
+from drivecomm.errors import FileFormatError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+    from typing import TextIO
+
+    from drivecomm.protocol import Model
+
+
+class Remembers(Protocol):
+    """What is told each answer. answers: by address, those of an earlier run that was cut off too."""
+
+    answers: Mapping[str, Answer]
+
+    def begin(self, identity: Mapping[str, str]) -> None:
+        """Take note of what the drive tells of itself. Raises FileFormatError if an earlier run asked another one."""
+        ...
+
+    def add(self, answer: Answer) -> None:
+        """Remember an answer."""
+        ...
+
+    def over(self) -> None:
+        """Remember that all was asked, and what came of it is kept."""
+        ...
+
+
+class Forgetful:
+    """Remembers nothing: asking that is cut off begins anew."""
+
+    def __init__(self) -> None:
+        self.answers: Mapping[str, Answer] = {}
+
+    def begin(self, identity: Mapping[str, str]) -> None:
+        """Forget it."""
+
+    def add(self, answer: Answer) -> None:
+        """Forget it."""
+
+    def over(self) -> None:
+        """Forget it."""
+
+
+def logbook_path(of: Path) -> Path:
+    """Return where the answers are kept that shall become this file: beside it, `pump.toml.answers`."""
+    return of.with_name(f"{of.name}.answers")
+
+
+class Logbook:
+    """The answers of one drive as a file. It is made with the first answer and removed when all is over."""
+
+    def __init__(self, path: Path, *, drive: str, model: Model | None, asked: str) -> None:
+        """Open the answers of an earlier run, if there are any.
+
+        asked: what each question is, as the answers to others are of no use. Raises FileFormatError for a file that is
+        of another drive, model or question, or no such file at all.
+        """
+        self.path = path
+        self.answers: dict[str, Answer] = {}
+        self._head = {"drive": drive, "model": model.name if model else "", "knows": _digest(model), "asked": asked}
+        self._identity: dict[str, str] = {}
+        self._file: TextIO | None = None
+        if path.exists():
+            self._read()
+
+    def begin(self, identity: Mapping[str, str]) -> None:
+        """Take note of what the drive tells of itself. Raises FileFormatError if an earlier run asked another one."""
+        if self.answers and self._identity != dict(identity):
+            told = next(
+                (
+                    f"its {key} is {identity.get(key, 'not told')!r} and was {self._identity.get(key, 'not told')!r}"
+                    for key in (*self._identity, *identity)
+                    if identity.get(key) != self._identity.get(key)
+                ),
+                "",
+            )
+            raise FileFormatError(
+                f"{self.path}: these are the answers of another drive at the same address: {told}; remove the file to "
+                "begin anew"
+            )
+        self._identity = dict(identity)
+
+    def add(self, answer: Answer) -> None:
+        """Write a line; it is with the system before the next address is asked for."""
+        try:
+            if self._file is None:
+                self._file = self.path.open("a", encoding="utf-8")
+                if not self._file.tell():
+                    self._file.write(json_text({**self._head, "identity": self._identity}) + "\n")
+            self._file.write(json_text(_content(answer)) + "\n")
+            self._file.flush()
+        except OSError as error:
+            raise UsageError(f"{self.path}: the answers cannot be kept: {error.strerror or error}") from error
+        self.answers[answer.address] = answer
+
+    def over(self) -> None:
+        """Remove the file."""
+        self.close()
+        self.path.unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """Leave the file for the next run."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def _read(self) -> None:
+        try:
+            data = self.path.read_bytes()
+            whole = data[: data.rfind(b"\n") + 1]
+            head, *rest = [parsed(line) for line in whole.decode("utf-8").splitlines()] or [None]
+            identity = {} if head is None else {str(key): str(text) for key, text in head.pop("identity").items()}
+            answers = [_answer(line) for line in rest]
+            if whole != data:
+                # What is appended must not be glued to a line that was cut.
+                self.path.write_bytes(whole)
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
+            raise FileFormatError(
+                f"{self.path}: these are no answers of a drive; remove the file to begin anew"
+            ) from error
+        if head is not None and head != self._head:
+            raise FileFormatError(f"{self.path}: {self._differing(head)}; remove the file to begin anew")
+        self._identity = identity
+        self.answers = {answer.address: answer for answer in answers}
+
+    def _differing(self, head: Mapping[str, Any]) -> str:
+        for key in ("drive", "model"):
+            if head.get(key) != self._head[key]:
+                return f"these are the answers of {key} {head.get(key)!s}, not of {self._head[key]}"
+        if head.get("asked") != self._head["asked"]:
+            return "these are answers to another command"
+        return f"model {self._head['model']} was changed since these answers were given"
+
+
+def _content(answer: Answer) -> dict[str, Any]:
+    content: dict[str, Any] = {"address": answer.address}
+    if answer.told is not None:
+        return {**content, "told": plain(answer.told)}
+    if answer.absent:
+        content["absent"] = True
+    if answer.code is not None:
+        content["code"] = answer.code
+    return {**content, "reason": answer.reason}
+
+
+def _answer(content: Mapping[str, Any]) -> Answer:
+    told = content.get("told")
+    return Answer(
+        address=str(content["address"]),
+        told=None if told is None else result_of(told),
+        absent=bool(content.get("absent", False)),
+        code=content.get("code"),
+        reason=str(content.get("reason", "")),
+    )
+
+
+def _digest(model: Model | None) -> str:
+    """Return what changes with what a model knows."""
+    known = [] if model is None else [repr(model.parameters), repr(sorted(model.options.items()))]
+    return sha256("\n".join(known).encode()).hexdigest()[:16]

@@ -1,0 +1,303 @@
+"""Asking a drive for all it may hold: what is there, what is not, silence, and going on where it was cut off."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import drivecomm
+from drivecomm.bus import carry_out
+from drivecomm.commissioning.exploring import Forgetful, Logbook, course, exploring, forecasting, logbook_path, read
+from drivecomm.commissioning.exploring.exploring import PAUSES_S
+from drivecomm.commissioning.parameter_sets import (
+    PARTS,
+    back_up,
+    back_up_everything,
+    compare,
+    plan_restore,
+    read_set,
+    share_of,
+    subject,
+    text_of,
+    way_through,
+    write_set,
+)
+from drivecomm.errors import FileFormatError, NoReplyError, NotSupported, RefusedError
+from drivecomm.models import load_model
+from drivecomm.protocol import Reading, installed
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+PAIRS = [
+    # protocol, the model of the virtual drive, the model that it is taken for, and what only the first one has
+    ("vabus", "unconfirmed", "agile", {"29", "524"}),
+    ("vlt3500", "vlt3500", "vlt2000", {"512", "601[0,0]", "601[19,9]", "602[10,2]"}),
+    ("danfoss-fc", "vlt5000", "vlt6000", {"004", "105", "615[10]"}),
+    ("fuji", "frenic", "frenic", set()),
+]
+
+
+def line_with(protocol, model, **options):
+    return VirtualLine([virtual_drive(protocol, 1, model=model, **options)])
+
+
+def taken_for(bus, protocol, model, **options):
+    return bus.drive(protocol, 1, model=model, **options)
+
+
+@pytest.fixture
+def vabus():
+    """A line with a drive that holds more than its model knows."""
+    return line_with("vabus", "unconfirmed")
+
+
+@pytest.mark.parametrize(("protocol", "real", "model", "more"), PAIRS)
+def test_what_the_model_knows_and_what_else_is_there(protocol, real, model, more):
+    with drivecomm.open_bus(line_with(protocol, real).port) as bus:
+        drive = taken_for(bus, protocol, model)
+        known, found = back_up(drive, PARTS), back_up_everything(drive)
+    assert {address: entry for address, entry in found.entries.items() if entry.part != "unknown"} == known.entries
+    assert found.not_read == known.not_read
+    unknown = {entry.address for entry in found.of(["unknown"])}
+    assert more <= unknown
+    assert found.explored.known == len(known.entries)
+    assert found.explored.answered == len(known.entries) + len(unknown)
+
+
+@pytest.mark.parametrize(("protocol", "real", "model", "more"), PAIRS)
+def test_only_reads_are_sent(protocol, real, model, more):
+    line, sent = line_with(protocol, real), []
+    hear = line.drives[0].hear
+    line.drives[0].hear = lambda find, now: (sent.append(find.message), hear(find, now))[1]
+    with drivecomm.open_bus(line.port) as bus:
+        back_up_everything(taken_for(bus, protocol, model), within=list(more))
+    assert sent
+    assert all(installed[protocol].intent(message).only_asks for message in sent)
+
+
+def test_data_sets_that_differ_are_read_one_by_one(vabus):
+    for dataset in range(1, 5):
+        vabus.drives[0].poke(f"481[{dataset}]", dataset)
+    model = load("vabus", "agile", without="481")
+    with drivecomm.open_bus(vabus.port) as bus:
+        found = back_up_everything(taken_for(bus, "vabus", model), within=["481"])
+    assert [entry.address for entry in found.of(["unknown"])] == ["481[1]", "481[2]", "481[3]", "481[4]"]
+    assert "481" not in found.not_read
+
+
+class Scripted:
+    """Answers to an address as a table says, and refuses all others."""
+
+    def __init__(self, *answered):
+        self.answered, self.asked = answered, []
+
+    def read(self, address):
+        self.asked.append(address)
+        if not any(re.fullmatch(each, address) for each in self.answered):
+            raise RefusedError(address, 3 if "[" in address else 0, "no")
+        return Reading(parameter=address, value=1, raw=1)
+
+    def on(self, *rest):
+        plugin = installed["danfoss-fc"]
+        way = course(plugin, load_model(plugin.package, "danfoss-fc", "vlt6000"), known=[], within=rest)
+        answers = carry_out(self, exploring(way, read, Forgetful(), lambda _step: None))
+        return [answer.address for answer in answers if answer.told is not None]
+
+
+def test_an_array_is_read_until_its_end():
+    drive = Scripted("215", r"215\[[1-3]\]", "216")
+    assert drive.on("215", "216") == ["215", "215[1]", "215[2]", "215[3]", "216"]
+    assert drive.asked == ["215", "215[1]", "215[255]", "215[2]", "215[3]", "215[4]", "216", "216[1]"]
+
+
+def test_an_array_that_counts_from_1():
+    assert Scripted(r"216\[[12]\]").on("215", "216") == []
+    drive = Scripted(r"215\[[12]\]")
+    drive.read = lambda address, read=drive.read: read(address if "[" in address else f"{address}[0]")
+    assert drive.on("215") == ["215[1]", "215[2]"]
+
+
+def test_a_drive_that_does_not_look_at_the_index_has_no_elements():
+    drive = Scripted("215.*", "216.*")
+    assert drive.on("215", "216") == ["215", "216"]
+    assert len(drive.asked) == 6
+
+
+def load(protocol, name, without):
+    model = load_model(installed[protocol].package, protocol, name)
+    return replace(
+        model, parameters={address: info for address, info in model.parameters.items() if address != without}
+    )
+
+
+def test_silence_where_others_refuse_means_not_there():
+    line = line_with("vabus", "unconfirmed", silent_on=(11,))
+    with drivecomm.open_bus(line.port) as bus:
+        found = back_up_everything(taken_for(bus, "vabus", "agile"), within=["29", "30", "31"])
+    assert [entry.address for entry in found.of(["unknown"])] == ["29"]
+    assert found.not_read == {}
+
+
+class TestADriveThatFallsSilent:
+    def test_is_asked_again(self, vabus):
+        with drivecomm.open_bus(vabus.port) as bus:
+            drive = taken_for(bus, "vabus", "agile")
+            away = _Away(vabus, after=120, for_s=sum(PAUSES_S[:2]))
+            found = back_up_everything(drive, within=["29"], progress=away)
+        assert "29" in found.entries
+
+    def test_for_good_ends_it_and_the_next_run_goes_on(self, vabus, tmp_path):
+        path = tmp_path / "pump.toml.answers"
+        with drivecomm.open_bus(vabus.port) as bus:
+            drive = taken_for(bus, "vabus", "agile")
+            logbook = Logbook(path, drive="vabus:1", model=drive.model, asked="values")
+            away = _Away(vabus, after=50, for_s=1e9)
+            with pytest.raises(NoReplyError, match=r"fell silent before .*, and stayed so for 48 s"):
+                back_up_everything(drive, logbook, within=["29"], progress=away)
+            logbook.close()
+        steps = []
+        again = line_with("vabus", "unconfirmed")
+        with drivecomm.open_bus(again.port) as bus:
+            drive = taken_for(bus, "vabus", "agile")
+            logbook = Logbook(path, drive="vabus:1", model=drive.model, asked="values")
+            assert len(logbook.answers) == 50
+            found = back_up_everything(drive, logbook, within=["29"], progress=steps.append)
+            logbook.over()
+            whole = back_up_everything(drive, within=["29"])
+        assert [step.remembered for step in steps] == [True] * 50 + [False] * (len(steps) - 50)
+        assert (found.entries, found.explored) == (whole.entries, whole.explored)
+        assert list(tmp_path.iterdir()) == []
+
+
+class _Away:
+    """Has the drive fall silent after so many answers, for a while."""
+
+    def __init__(self, line, after, for_s):
+        self.line, self.after, self.for_s = line, after, for_s
+        self.heard = line.drives[0].hear
+        self.since = None
+
+    def __call__(self, step):
+        if step.asked == self.after:
+            self.since = self.line.time
+            self.line.drives[0].hear = self.hear
+
+    def hear(self, find, now):
+        return None if now < self.since + self.for_s else self.heard(find, now)
+
+
+class TestALogbook:
+    MODEL = load_model(installed["vabus"].package, "vabus", "agile")
+
+    @pytest.fixture
+    def path(self, tmp_path, vabus):
+        path = tmp_path / "pump.toml.answers"
+        with drivecomm.open_bus(vabus.port) as bus:
+            logbook = self.opened(path)
+            back_up_everything(taken_for(bus, "vabus", "agile"), logbook, within=["29", "30"])
+            logbook.close()
+        return path
+
+    def opened(self, path, **other):
+        return Logbook(path, **{"drive": "vabus:1", "model": self.MODEL, "asked": "values", **other})
+
+    def test_is_beside_the_file(self):
+        assert logbook_path(Path("saved/pump.toml")) == Path("saved/pump.toml.answers")
+
+    def test_remembers_exactly_what_was_told(self, path, vabus):
+        sent = []
+        with drivecomm.open_bus(vabus.port, trace=sent.append) as bus:
+            drive = taken_for(bus, "vabus", "agile")
+            again = back_up_everything(drive, self.opened(path), within=["29", "30"])
+            anew = back_up_everything(drive, within=["29", "30"])
+        assert again.entries == anew.entries
+        assert text_of(again).partition("[settings]")[2] == text_of(anew).partition("[settings]")[2]
+
+    @pytest.mark.parametrize(
+        ("other", "said"),
+        [
+            ({"drive": "vabus:2"}, "answers of drive vabus:1, not of vabus:2"),
+            ({"model": None}, "answers of model agile, not of"),
+            ({"model": load_model(installed["vabus"].package, "vabus", "act")}, "of model agile, not of act"),
+            ({"asked": "descriptions"}, "answers to another command"),
+            ({"model": load("vabus", "agile", without="481")}, "model agile was changed since"),
+        ],
+    )
+    def test_of_something_else_is_refused(self, path, other, said):
+        with pytest.raises(FileFormatError, match=said):
+            self.opened(path, **other)
+
+    def test_of_another_drive_at_the_same_address_is_refused(self, path):
+        logbook = self.opened(path)
+        with pytest.raises(FileFormatError, match="another drive at the same address: its serial number is 'B'"):
+            logbook.begin({"serial number": "B"})
+
+    @pytest.mark.parametrize("text", ["[]\n", "nonsense\n", '{"drive": "vabus:1"}\n', '{"identity": 3}\n', "\x00\n"])
+    def test_no_such_file_is_refused(self, path, text):
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(FileFormatError):
+            self.opened(path)
+
+    def test_a_line_that_was_cut_counts_as_not_there(self, path):
+        whole = path.read_text(encoding="utf-8")
+        path.write_text(whole[:-5], encoding="utf-8")
+        logbook = self.opened(path)
+        assert len(logbook.answers) == whole.count("\n") - 2
+        last = json.loads(whole.splitlines()[-1])
+        assert last["address"] not in logbook.answers
+        path.write_text(whole[:20], encoding="utf-8")
+        assert self.opened(path).answers == {}
+
+
+def test_a_file_marks_what_the_model_does_not_know_and_nothing_of_it_is_restored(vabus, tmp_path):
+    path = tmp_path / "pump.toml"
+    with drivecomm.open_bus(vabus.port) as bus:
+        drive = taken_for(bus, "vabus", "agile")
+        found = back_up_everything(drive, within=["29"])
+        write_set(path, found)
+        plan = plan_restore(drive, read_set(path))
+    text = path.read_text(encoding="utf-8")
+    assert 'never restored.\n[unknown]\n"29" = { value = ' in text
+    assert "[explored]\nasked = 101\nanswered = 101\nknown = 100\n" in text
+    assert read_set(path) == found
+    assert not [item for item in plan.items if item.address == "29"]
+    assert "1 value left alone, because model agile does not know their types" in plan.remarks
+    assert compare(found, found, PARTS).same
+
+
+def test_raw_values_are_compared_with_what_a_better_model_reads(vabus):
+    with drivecomm.open_bus(vabus.port) as bus:
+        raw = back_up_everything(taken_for(bus, "vabus", "agile"), within=["29", "524"])
+        known = back_up(taken_for(bus, "vabus", "unconfirmed"), PARTS)
+    found = compare(raw, known, PARTS)
+    assert "29" not in [each.address for each in found.differences]
+    other = compare(raw, known, PARTS)
+    assert other.shares[0].held == 100
+
+
+def test_how_much_of_a_drive_a_set_holds(vabus):
+    with drivecomm.open_bus(vabus.port) as bus:
+        drive = taken_for(bus, "vabus", "agile")
+        settings, everything = back_up(drive), back_up(drive, PARTS)
+    share = share_of(settings, drive.model)
+    assert (share.held, share.of) == (len(settings.entries), len(everything.entries))
+    assert str(share_of(everything, drive.model)) == "100 of the 100 values that model agile knows (100 %)"
+
+
+def test_a_package_that_does_not_tell_its_addresses():
+    stranger = replace(installed["vabus"], address_space=None)
+    with pytest.raises(NotSupported, match="does not tell which addresses a vabus drive can hold"):
+        course(stranger, None, known=[])
+
+
+def test_a_forecast_is_near_what_it_takes(vabus):
+    with drivecomm.open_bus(vabus.port) as bus:
+        drive = taken_for(bus, "vabus", "agile")
+        way = way_through(subject(drive))
+        foreseen = carry_out(drive, forecasting(way, remembered=40))
+        begun = vabus.time
+        back_up_everything(drive)
+        took = vabus.time - begun
+    assert foreseen.addresses == len(way) - 40
+    assert 0.5 < foreseen.seconds / took < 2
