@@ -5,6 +5,7 @@ from .growing import (
     descriptions as descriptions,
     grown as grown,
     parameters_of as parameters_of,
+    unasked as unasked,
     way_to_grow as way_to_grow,
 )
 from .scan_forecast import ScanForecast as ScanForecast, forecast_scan as forecast_scan

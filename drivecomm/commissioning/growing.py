@@ -63,19 +63,15 @@ def way_to_grow(plugin: Protocol, model: Model | None, words: Collection[str] | 
     """
     if words is not None:
         return chosen_course(plugin, model, addresses_in(words))
-    known = [] if model is None else [info.address for info in model.parameters.values() if _may_be_asked(info)]
+    infos = [] if model is None else list(model.parameters.values())
     if _describes(plugin, model):
-        return without_elements(course(plugin, model, known=known))
+        return without_elements(course(plugin, model, known=[info.address for info in infos]))
     _, options = resolve_options(plugin, model, {})
+    readable = [info for info in infos if _may_be_asked(info)]
     return course(
         plugin,
         model,
-        known=[
-            address
-            for each in known
-            if model is not None
-            for address in plugin.element_addresses(model.parameters[each], options)
-        ],
+        known=[address for info in readable for address in plugin.element_addresses(info, options)],
     )
 
 
@@ -98,8 +94,7 @@ def parameters_of(answers: Iterable[Answer], plugin: Protocol, base: Model | Non
     """Return the parameters that a drive has by its answers.
 
     What it described is that. What told a value is as base has it; what base does not know is read-only, without type,
-    and unconfirmed, until somebody finds out what it is. What base knows and nobody asks for, commands say, is taken
-    over. drive: its name, for the source.
+    and unconfirmed, until somebody finds out what it is. drive: its name, for the source.
     """
     _, options = resolve_options(plugin, base, {})
     space = plugin.address_space(options, base) if plugin.address_space is not None else None
@@ -111,11 +106,17 @@ def parameters_of(answers: Iterable[Answer], plugin: Protocol, base: Model | Non
         elif isinstance(answer.told, Reading):
             info = _known(answer.address, base) or _unknown(answer.address, together, drive)
             found.setdefault(info.address, info)
-    if base is not None and not _describes(plugin, base):
-        for info in base.parameters.values():
-            if not _may_be_asked(info):
-                found.setdefault(info.address, info)
     return list(found.values())
+
+
+def unasked(plugin: Protocol, base: Model | None) -> list[ParameterInfo]:
+    """Return the parameters whose values nobody asks for, as base has them: commands, and what is write-only.
+
+    A drive may have them all the same; one that describes its parameters is asked for these, too.
+    """
+    if base is None or _describes(plugin, base):
+        return []
+    return [info for info in base.parameters.values() if not _may_be_asked(info)]
 
 
 def _may_be_asked(info: ParameterInfo) -> bool:

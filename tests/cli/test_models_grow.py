@@ -53,12 +53,12 @@ def test_a_drive_that_tells_nothing(grown, shell, tmp_path):
     assert not path.exists()
 
 
-def test_a_protocol_that_cannot(grown, shell, tmp_path):
-    path = tmp_path / "no.toml"
-    assert grown("vabus:1", "480", "--write", str(path)) == 2
-    assert shell.err.count("\n") == 1
-    assert "vabus:1 does not tell what its parameters are" in shell.err
-    assert not path.exists()
+def test_a_protocol_whose_drives_do_not_tell_what_their_parameters_are(grown, shell, tmp_path):
+    path = tmp_path / "pump.toml"
+    shell.line(virtual_drive("vabus", 1))
+    assert grown("vabus:1", "480", "--write", str(path)) == 0
+    (info,) = read_model(path, "vabus").parameters.values()
+    assert (info.address, info.type, info.access, info.sure) == ("480", "", "r", "unconfirmed")
 
 
 def test_files_that_cannot_be_written_are_refused_before_anything_is_sent(grown, line, shell, tmp_path):

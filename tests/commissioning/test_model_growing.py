@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 
 import drivecomm
 from drivecomm.bus import carry_out
-from drivecomm.commissioning import addresses_in, asking, descriptions, grown, parameters_of, way_to_grow
+from drivecomm.commissioning import addresses_in, asking, descriptions, grown, parameters_of, unasked, way_to_grow
 from drivecomm.commissioning.exploring import Answer, Forgetful, exploring
 from drivecomm.commissioning.parameter_sets import back_up_everything
 from drivecomm.errors import NotSupported, UsageError
@@ -160,11 +160,13 @@ def test_a_model_of_all_that_a_drive_answers(tmp_path, protocol, real, base, unk
 
 
 def test_what_nobody_asks_for_stays_in_the_model():
-    plugin = installed["vabus"]
-    base = load_model(plugin.package, "vabus", "agile")
-    assert [info.address for info in parameters_of([], plugin, base, "x")] == [
+    base = load_model(installed["vabus"].package, "vabus", "agile")
+    assert [info.address for info in unasked(installed["vabus"], base)] == [
         info.address for info in base.parameters.values() if "r" not in info.access or info.kind == "command"
     ]
+    assert unasked(installed["vabus"], None) == []
+    fan = installed["danfoss-fc"]
+    assert unasked(fan, load_model(fan.package, "danfoss-fc", "fc300")) == []
 
 
 def test_data_sets_become_one_parameter():

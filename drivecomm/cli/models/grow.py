@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivecomm.cli.exploring import kept_answers
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, progress_bar, say
-from drivecomm.commissioning import addresses_in, descriptions, grown
-from drivecomm.errors import DriveCommError, DriveError, UsageError
+from drivecomm.commissioning import asking, grown, parameters_of, unasked, way_to_grow
+from drivecomm.commissioning.exploring import explore
+from drivecomm.errors import DriveError, UsageError
 from drivecomm.models import load_model, model_text
-from drivecomm.protocol import ParameterInfo, installed, parse_options
+from drivecomm.protocol import installed, parse_options
+
+if TYPE_CHECKING:
+    from drivecomm.bus import Drive
+    from drivecomm.commissioning.exploring import Answer, Course
+    from drivecomm.protocol import Model as KnownModel, ParameterInfo, Protocol
 
 # As many as fit below each other on a screen; the others are counted.
 _MOST_SHOWN = 10
@@ -29,6 +36,10 @@ def grow(
             help="Such as 3-41 or 16-10..16-18. Default: all of its model, or of the protocol's usual one.",
         ),
     ] = None,
+    everything: Annotated[
+        bool,
+        typer.Option("--everything", help="Every address that such a drive can have; can be continued."),
+    ] = False,
     model: Annotated[
         str | None, typer.Option("--model", "-m", help="The model to start from; common names come from there.")
     ] = None,
@@ -37,9 +48,12 @@ def grow(
         typer.Option("--option", "-o", metavar="NAME=VALUE", help="Option of this protocol's describe."),
     ] = None,
 ) -> int:
-    """Write a model file from what a drive reports of its parameters: names, types, units, scales, limits, texts.
+    """Write a model file from a drive's answers.
 
-    Only for protocols whose drives report it. Changes nothing in the drive. Exit code 5 when it reports nothing.
+    Drives whose protocol lets them describe their parameters give names, types, units, scales, limits, texts; of others
+    it is known which addresses they answer: what the model to start from does not know becomes read-only, without type
+    and unconfirmed. Changes nothing in the drive; an interrupted one is continued by the same command. Exit code 5 when
+    the drive answers nothing.
     """
     if write.suffix != ".toml":
         raise UsageError(f"a model file ends in .toml; write --write {write.with_suffix('.toml')}")
@@ -47,45 +61,64 @@ def grow(
         raise UsageError(f"{write} already exists; name another file, or remove it")
     if not write.parent.is_dir():
         raise UsageError(f"there is no folder {write.parent} for the model; create it first")
+    if everything and parameters:
+        raise UsageError("--everything asks for all parameters; name parameters or give --everything, not both")
     reached, name = line.reaching(drive)
+    plugin = installed[name.protocol]
+    options = parse_options(option or [])
     with reached.bus() as bus:
         one = name.with_options(**({"model": model} if model else {})).build(bus.drive)
-        if not parameters:
-            plugin = installed[name.protocol]
-            parameters = list((one.model or load_model(plugin.package, plugin.name, plugin.default_model)).parameters)
-        addresses = addresses_in(parameters)
-        told: list[ParameterInfo] = []
-        left_out: list[tuple[str, DriveCommError]] = []
-        with progress_bar("asking", shown=not line.json) as progress:
-            for done, (address, found) in enumerate(descriptions(one, addresses, parse_options(option or [])), 1):
-                progress(address, done, len(addresses))
-                if isinstance(found, ParameterInfo):
-                    told.append(found)
-                else:
-                    left_out.append((address, found))
-        source = f"what {one.name} told of itself"
-        made = grown(
-            told,
-            protocol=name.protocol,
-            name=write.stem,
-            title=f"{one.model.title} as {one.name} describes itself" if one.model else f"{one.name} by its own word",
-            source=source,
-            base=one.model,
-        )
-    if not told:
-        raise DriveError(f"{one.name} tells nothing of {len(addresses)} parameters, so there is no model to write")
-    write.write_text(model_text(made), encoding="utf-8")
+        words = None if everything else parameters or list(_usual(one.model, plugin).parameters)
+        way = way_to_grow(plugin, one.model, words)
+        asks = asking(plugin, one.model, options)
+        if everything:
+            asked = " ".join(["parameters", *(f"{key}={value}" for key, value in sorted(options.items()))])
+            with kept_answers(write, one, way, asked, line) as (logbook, progress):
+                answers = explore(one, way, asks, logbook, progress=progress)
+                told = [*parameters_of(answers, plugin, one.model, one.name), *unasked(plugin, one.model)]
+                made = _written(one, answers, told, write)
+                logbook.over()
+        else:
+            with progress_bar("asking", shown=not line.json) as bar:
+                answers = explore(one, way, asks, progress=lambda step: bar(step.answer.address, step.asked, step.of))
+            made = _written(one, answers, parameters_of(answers, plugin, one.model, one.name), write)
+    left_out = [answer for answer in answers if answer.told is None and _counts(answer, way)]
     if line.json:
         emit(
             drive=one.name,
             file=str(write),
             parameters=len(made.parameters),
-            left_out=[{"parameter": address, "reason": str(reason)} for address, reason in left_out],
+            left_out=[{"parameter": answer.address, "reason": answer.reason} for answer in left_out],
         )
         return 0
     say(f"{one.name}  {len(made.parameters)} parameters written to {write}")
-    for _, reason in left_out[:_MOST_SHOWN]:
-        say(f"  left out: {reason}")
+    for answer in left_out[:_MOST_SHOWN]:
+        say(f"  left out: {answer.reason}")
     if len(left_out) > _MOST_SHOWN:
         say(f"  left out: {len(left_out) - _MOST_SHOWN} more")
     return 0
+
+
+def _written(drive: Drive, answers: list[Answer], told: list[ParameterInfo], file: Path) -> KnownModel:
+    """Write the model that is made of a drive's answers, and return it. Raises DriveError where there are none."""
+    if not any(answer.told is not None for answer in answers):
+        raise DriveError(f"{drive.name} tells nothing of {len(answers)} parameters, so there is no model to write")
+    made = grown(
+        told,
+        protocol=drive.name.partition(":")[0],
+        name=file.stem,
+        title=f"{drive.model.title} as {drive.name} tells it" if drive.model else f"{drive.name} by its own word",
+        source=f"what {drive.name} told of itself",
+        base=drive.model,
+    )
+    file.write_text(model_text(made), encoding="utf-8")
+    return made
+
+
+def _usual(model: KnownModel | None, plugin: Protocol) -> KnownModel:
+    return model or load_model(plugin.package, plugin.name, plugin.default_model)
+
+
+def _counts(answer: Answer, way: Course) -> bool:
+    """Whether it is worth a word that nothing was told: of all that a drive may hold, most is not there."""
+    return answer.address in way.known or not answer.absent

@@ -9,15 +9,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drivecomm.cli.exploring import kept_answers
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Drive, Model
-from drivecomm.cli.output import emit, progress_bar, say
+from drivecomm.cli.output import emit, plain, progress_bar, say
+from drivecomm.commissioning import addresses_in
 from drivecomm.commissioning.parameter_sets import (
+    WRITABLE,
     back_up,
+    back_up_everything,
     compare as compared,
     factory_set,
     must_be_free,
+    percent,
     read_set,
+    share_of,
+    subject,
+    way_through,
     write_set,
 )
 from drivecomm.errors import UsageError
@@ -27,6 +35,7 @@ if TYPE_CHECKING:
 
     from drivecomm import bus
     from drivecomm.commissioning.parameter_sets import Comparison, Difference, Entry, ParameterSet, Part
+    from drivecomm.protocol import DriveConfig, Model as KnownModel
 
 
 SetModel = Annotated[
@@ -42,23 +51,67 @@ def backup(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="TOML file; an existing one is replaced.")],
     line: LineOptions,
     model: Model = None,
-    everything: Annotated[bool, typer.Option("--all", help="Also measured values, which are never restored.")] = False,
+    measured: Annotated[bool, typer.Option("--all", help="Also measured values, which are never restored.")] = False,
+    everything: Annotated[
+        bool,
+        typer.Option("--everything", help="All that the drive holds: ask for every address; can be continued."),
+    ] = False,
+    within: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--within",
+            metavar="PARAM or FIRST..LAST",
+            help="With --everything: besides the model's parameters only these; repeatable.",
+        ),
+    ] = None,
 ) -> int:
-    """Save the parameters of a drive to a file. What cannot be read is listed in it."""
+    """Save the parameters of a drive to a file. What cannot be read is listed in it.
+
+    With --everything every address that such a drive can have is asked for; what the model does not know is kept as
+    raw values, which are never restored. That takes minutes; the same command continues one that was interrupted.
+    """
     _, name = line.reaching(drive)
     must_be_free(file, str(name))
-    parts: list[Part] = ["settings", "communication", *(["measured"] if everything else [])]  # type: ignore[list-item]
-    with drive_of_set(line, drive, model) as one, progress_bar("reading", shown=not line.json) as progress:
-        found = back_up(one, parts, progress=progress)
-    write_set(file, found)
-    if line.json:
+    if everything and measured:
+        raise UsageError("--everything includes measured values, so --all has no effect; leave it out")
+    if within and not everything:
+        raise UsageError("--within limits what --everything asks for; give --everything, too")
+    with drive_of_set(line, drive, model) as one:
+        of = subject(one)
+        if everything:
+            _save_everything(one, file, within, line)
+        else:
+            parts: tuple[Part, ...] = ("settings", "communication", "measured") if measured else WRITABLE
+            with progress_bar("reading", shown=not line.json) as progress:
+                write_set(file, back_up(one, parts, progress=progress))
+    _show_saved(read_set(file), of.model, file, name, as_json=line.json)
+    return 0
+
+
+def _save_everything(drive: bus.Drive, file: Path, within: list[str] | None, line: LineOptions) -> None:
+    chosen = None if within is None else addresses_in(within)
+    way = way_through(subject(drive), chosen)
+    with kept_answers(file, drive, way, "values", line) as (logbook, progress):
+        write_set(file, back_up_everything(drive, logbook, within=chosen, progress=progress))
+        logbook.over()
+
+
+def _show_saved(found: ParameterSet, model: KnownModel, file: Path, name: DriveConfig, *, as_json: bool) -> None:
+    share, explored = share_of(found, model), found.explored
+    if as_json:
         emit(**name.labels, model=found.model, file=str(file), parameters=len(found.entries),
-             not_read=dict(found.not_read))  # fmt: skip
-        return 0
+             not_read=dict(found.not_read), share=plain(share), explored=plain(explored))  # fmt: skip
+        return
     for address, reason in found.not_read.items():
         say(f"{name.name}  {address}  not read: {reason}")
-    say(f"{name.name}  {len(found.entries)} parameters in {file}")
-    return 0
+    say(f"{name.name}  {len(found.entries)} parameters in {file}, {share}")
+    if explored is not None:
+        known = percent(explored.known, explored.answered)
+        unknown = explored.answered - explored.known
+        say(
+            f"{name.name}  the drive answers {explored.answered} of {explored.asked} addresses; model {model.name} "
+            f"knows {explored.known} of them ({known}), {unknown} are raw values that are never restored"
+        )
 
 
 @contextmanager
@@ -130,7 +183,7 @@ def _show_comparison(found: Comparison, left: str, right: str, *, as_json: bool)
             emit(kind=difference.kind, parameter=difference.address, name=difference.name,
                  left=_told(difference.left), right=_told(difference.right), reason=difference.reason)  # fmt: skip
         emit(same=found.same, differences=len(found.differences), equal=found.equal, missing=len(found.missing),
-             by=found.by, remarks=list(found.remarks))  # fmt: skip
+             by=found.by, remarks=list(found.remarks), shares=plain(found.shares))  # fmt: skip
         return
     if found.differences:
         rows = [(_called(each), _shown(each.left), _shown(each.right), each.reason) for each in found.differences]
@@ -142,6 +195,9 @@ def _show_comparison(found: Comparison, left: str, right: str, *, as_json: bool)
             say(f"  only in {side}: {', '.join(map(_called, absent))}")
     for remark in found.remarks:
         say(f"  {remark}")
+    for side, share in zip((left, right), found.shares, strict=True):
+        if share is not None and _file(side):
+            say(f"  {side} holds {share}")
     count = len(found.differences)
     apart = f", {len(found.missing)} in one only" if found.missing else ""
     say(f"{count} difference{'' if count == 1 else 's'}, {found.equal} equal{apart}, by {found.by}")

@@ -22,9 +22,12 @@ if TYPE_CHECKING:
 
 
 class Remembers(Protocol):
-    """What is told each answer. answers: by address, those of an earlier run that was cut off too."""
+    """What is told each answer."""
 
-    answers: Mapping[str, Answer]
+    @property
+    def answers(self) -> Mapping[str, Answer]:
+        """By address, those of an earlier run that was cut off too."""
+        ...
 
     def begin(self, identity: Mapping[str, str]) -> None:
         """Take note of what the drive tells of itself. Raises FileFormatError if an earlier run asked another one."""

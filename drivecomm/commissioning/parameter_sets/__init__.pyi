@@ -28,6 +28,7 @@ from .journal import (
 )
 from .parameter_set import (
     PARTS as PARTS,
+    WRITABLE as WRITABLE,
     Entry as Entry,
     Explored as Explored,
     ParameterSet as ParameterSet,
@@ -35,7 +36,7 @@ from .parameter_set import (
     in_order as in_order,
     same as same,
 )
-from .reading_out import identity_told as identity_told, lasting as lasting, part_of as part_of, subject as subject
+from .reading_out import part_of as part_of, subject as subject
 from .restore_plan import Plan as Plan, Planned as Planned, RestoreOptions as RestoreOptions
 from .restoring import Restored as Restored
 from .share import Share as Share, percent as percent, share_of as share_of

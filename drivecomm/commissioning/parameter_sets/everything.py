@@ -4,15 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.commissioning.exploring import course, exploring, read
+from drivecomm.commissioning.exploring import course, exploring, identity_told, lasting, read
 from drivecomm.commissioning.parameter_sets.parameter_set import Entry, Explored, ParameterSet, in_order
-from drivecomm.commissioning.parameter_sets.reading_out import (
-    entry_of,
-    firmware_told,
-    identity_told,
-    lasting,
-    part_of,
-)
+from drivecomm.commissioning.parameter_sets.reading_out import entry_of, firmware_told, part_of
 from drivecomm.protocol import Reading
 
 if TYPE_CHECKING:

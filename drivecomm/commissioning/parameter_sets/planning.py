@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm.bus import check_write, read_parameter
+from drivecomm.commissioning.exploring import identity_told
 from drivecomm.commissioning.parameter_sets.effect import (
     carried_watchdog,
     common_entries,
@@ -15,7 +16,7 @@ from drivecomm.commissioning.parameter_sets.effect import (
 )
 from drivecomm.commissioning.parameter_sets.own_numbers import as_told, number_told, same_scale
 from drivecomm.commissioning.parameter_sets.parameter_set import WRITABLE, in_order, in_unit, same
-from drivecomm.commissioning.parameter_sets.reading_out import identity_told, of_another_drive, part_of
+from drivecomm.commissioning.parameter_sets.reading_out import of_another_drive, part_of
 from drivecomm.commissioning.parameter_sets.restore_plan import Plan, Planned, RestoreOptions, Stage, stage_of
 from drivecomm.errors import DriveError, NotSupported, ReadOnlyError, UsageError, ValueRefusedError
 

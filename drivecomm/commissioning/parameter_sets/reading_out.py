@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import ask_identity, ask_status, read_parameter
+from drivecomm.bus import ask_status, read_parameter
+from drivecomm.commissioning.exploring import identity_told, lasting
 from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet, in_order
 from drivecomm.errors import DriveError, ReplyError, UnexpectedReplyError, UsageError, in_one_line
 from drivecomm.models import quantities
@@ -43,24 +44,6 @@ def factory_values(of: Subject, parts: Collection[Part], progress: Progress) -> 
             "up right after a reset to its factory settings, and compare with that file"
         )
     return (yield from _read(of, parts, options, {}, progress))
-
-
-def identity_told() -> Procedure[Mapping[str, str]]:
-    """Return what the drive tells of itself, nothing where it refuses; its state says nothing of what it is."""
-    try:
-        told: Mapping[str, str] = yield ask_identity()
-    except DriveError:
-        return {}
-    return {key: text for key, text in told.items() if key != "state"}
-
-
-def lasting(identity: Mapping[str, str]) -> dict[str, str]:
-    """Return what of a drive's identity stays as it is while it stays the same drive."""
-    return {key: text for key, text in identity.items() if not _passes(key)}
-
-
-def _passes(key: str) -> bool:
-    return any(word in key.lower() for word in _PASSING)
 
 
 def _read(
@@ -208,10 +191,6 @@ def part_of(info: ParameterInfo) -> Part | None:
     return "measured" if info.storage == "volatile" else "settings"
 
 
-# What a drive tells of itself and what may change while it stays the same drive.
-_PASSING = ("state", "software", "firmware", "version", "hours")
-
-
 def of_another_drive(known: ParameterSet, to: Subject, identity: Mapping[str, str]) -> str:
     """Return how one sees that a parameter set is of another drive; empty when nothing says so."""
     if known.protocol != to.protocol:
@@ -232,6 +211,6 @@ def changes_told(before: ParameterSet, after: ParameterSet) -> list[str]:
 
 
 def _differences(before: Mapping[str, str], after: Mapping[str, str], where: str = "on this drive") -> Iterator[str]:
-    for key, text in before.items():
-        if key in after and after[key] != text and not _passes(key):
+    for key, text in lasting(before).items():
+        if key in after and after[key] != text:
             yield f"its {key} is {text!r}, and {after[key]!r} {where}"

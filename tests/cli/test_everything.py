@@ -1,0 +1,182 @@
+"""backup --everything and models grow of all that a drive answers: forecast, progress, going on, what is refused."""
+
+import signal
+from pathlib import Path
+
+import pytest
+
+from drivecomm.cli import exploring
+from drivecomm.commissioning.parameter_sets import read_set
+from drivecomm.models import check_model
+from drivecomm.virtual import virtual_drive
+
+PUMP = ("vabus:1", "--model", "agile")
+NARROW = ("--everything", "--within", "28..31", "--within", "524")
+ANSWERS = Path("pump.toml.answers")
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def line(shell):
+    """A line with a drive that holds more than its model knows."""
+    return shell.line(virtual_drive("vabus", 1, model="unconfirmed"))
+
+
+def there():
+    """What is in the folder."""
+    return sorted(path.name for path in Path().iterdir())
+
+
+def hear_only(line, count, then):
+    """Have something done at the so-manieth telegram that the drive hears."""
+    drive, heard = line.drives[0], []
+    hear = drive.hear
+
+    def counted(find, now):
+        heard.append(find)
+        if len(heard) == count:
+            then()
+        return hear(find, now)
+
+    drive.hear = counted
+
+
+@pytest.mark.usefixtures("line")
+class TestBackup:
+    def test_of_everything(self, shell):
+        assert shell("backup", *PUMP, "pump.toml", *NARROW) == 0
+        assert shell.out == (
+            "vabus:1  102 parameters in pump.toml, 100 of the 100 values that model agile knows (100 %)\n"
+            "vabus:1  the drive answers 102 of 104 addresses; model agile knows 100 of them (98 %), 2 are raw values "
+            "that are never restored\n"
+        )
+        assert shell.err.startswith("drivecomm: 104 questions to the drive, about ")
+        assert shell.err.endswith(" s; Ctrl-C ends it, and the same command goes on\n")
+        assert sorted(entry.address for entry in read_set(Path("pump.toml")).of(["unknown"])) == ["29", "524"]
+        assert there() == ["pump.toml"]
+
+    def test_in_json(self, shell, monkeypatch):
+        monkeypatch.setattr(exploring, "_EVERY_S", 0.0)
+        assert shell("backup", *PUMP, "pump.toml", *NARROW, "--json") == 0
+        forecast, *events, last = shell.objects
+        assert (forecast["event"], forecast["addresses"], forecast["remembered"]) == ("forecast", 104, 0)
+        answers = [each for each in events if each["event"] == "answer"]
+        assert len(answers) == 102
+        assert {"event": "answer", "parameter": "481[1]", "value": "10.00", "unit": "Hz", "raw": "000003E8",
+                "type": "long"} in answers  # fmt: skip
+        progress = [each for each in events if each["event"] == "progress"]
+        assert (progress[-1]["asked"], progress[-1]["of"], progress[-1]["found"]) == (104, 104, 102)
+        assert last["explored"] == {"asked": 104, "answered": 102, "known": 100}
+        assert last["share"] == {"model": "agile", "held": 100, "of": 100}
+
+    def test_says_now_and_then_how_far_it_is(self, shell, monkeypatch):
+        monkeypatch.setattr(exploring, "_EVERY_S", 0.0)
+        assert shell("backup", *PUMP, "pump.toml", *NARROW) == 0
+        assert "drivecomm: 103 of 104 asked for, 101 found, " in shell.err
+        assert " a second, " in shell.err
+
+    @pytest.mark.parametrize(
+        ("flags", "said"),
+        [
+            (["--everything", "--all"], "--everything includes measured values"),
+            (["--within", "29"], "give --everything, too"),
+            (["--everything", "--within", "9..1"], "range '9..1'"),
+        ],
+    )
+    def test_what_cannot_be(self, shell, flags, said):
+        assert shell("backup", *PUMP, "pump.toml", *flags) == 2
+        assert said in shell.err
+        assert there() == []
+
+
+class TestGoingOn:
+    def test_after_ctrl_c(self, shell, line):
+        hear_only(line, 130, lambda: signal.raise_signal(signal.SIGINT))
+        assert shell("backup", *PUMP, "pump.toml", *NARROW) == 130
+        assert "answers kept in pump.toml.answers, and the same command goes on from there" in shell.err
+        assert there() == [str(ANSWERS)]
+        kept = ANSWERS.read_text(encoding="utf-8").count("\n") - 1
+        assert kept > 50
+        assert shell("backup", *PUMP, "pump.toml", *NARROW) == 0
+        assert f"{104 - kept} questions to the drive" in shell.err
+        assert f"{kept} were answered before" in shell.err
+        assert "the drive answers 102 of 104 addresses" in shell.out
+        assert there() == ["pump.toml"]
+
+    def test_after_a_drive_that_stayed_silent(self, shell, line):
+        hear = line.drives[0].hear
+
+        def be_gone():
+            line.drives[0].hear = lambda _find, _now: None
+
+        hear_only(line, 130, be_gone)
+        assert shell("backup", *PUMP, "pump.toml", *NARROW) == 4
+        assert "fell silent" in shell.err
+        assert "the same command goes on from there" in shell.err
+        line.drives[0].hear = hear
+        assert shell("backup", *PUMP, "pump.toml", *NARROW) == 0
+
+    def test_not_with_the_answers_of_something_else(self, shell, line):
+        hear_only(line, 130, lambda: signal.raise_signal(signal.SIGINT))
+        shell("backup", *PUMP, "pump.toml", *NARROW)
+        assert shell("backup", "vabus:1", "--model", "act", "pump.toml", *NARROW) == 2
+        assert "these are the answers of model agile, not of act; remove the file to begin anew" in shell.err
+        shell.line(virtual_drive("vabus", 2))
+        assert shell("backup", "vabus:2", "--model", "agile", "pump.toml", *NARROW) == 2
+        assert "these are the answers of drive vabus:1, not of vabus:2" in shell.err
+        assert ANSWERS.exists()
+
+
+class TestGrow:
+    @pytest.mark.usefixtures("line")
+    def test_from_what_a_drive_answers(self, shell):
+        grow = ("models", "grow", "vabus:1", "29", "31", "524", "481", "--model", "agile", "--write", "own.toml")
+        assert shell(*grow) == 0
+        assert "vabus:1  3 parameters written to own.toml" in shell.out
+        assert "left out: the drive refused parameter 31" in shell.out
+        text = Path("own.toml").read_text(encoding="utf-8")
+        assert 'address = "29"\nname = "parameter_29"\ntitle = "parameter 29"\naccess = "r"\n' in text
+        assert 'source = "answered by vabus:1"\nsure = "unconfirmed"\n' in text
+        assert shell("read", "vabus:1", "29", "--model", "own.toml") == 0
+        assert shell("write", "vabus:1", "29", "1", "--store", "--model", "own.toml") == 2
+
+    @pytest.mark.usefixtures("line")
+    def test_of_everything(self, shell):
+        assert shell("models", "grow", "vabus:1", "--everything", "--model", "agile", "--write", "own.toml") == 0
+        assert "questions to the drive" in shell.err
+        assert there() == ["own.toml"]
+        assert check_model(Path("own.toml")) == []
+        text = Path("own.toml").read_text(encoding="utf-8")
+        assert text.count('sure = "unconfirmed"\n') >= 43
+        assert shell("backup", "vabus:1", "--model", "own.toml", "pump.toml", "--all") == 0
+
+    def test_goes_on_after_ctrl_c(self, shell, line):
+        grow = ("models", "grow", "vabus:1", "--everything", "--model", "agile", "--write", "own.toml")
+        hear_only(line, 130, lambda: signal.raise_signal(signal.SIGINT))
+        assert shell(*grow) == 130
+        assert there() == ["own.toml.answers"]
+        assert shell(*grow) == 0
+        assert "were answered before" in shell.err
+        assert there() == ["own.toml"]
+
+    def test_a_drive_that_describes_itself_is_asked_for_that(self, shell):
+        shell.line(virtual_drive("danfoss-fc", 1, model="vlt5000"))
+        grow = ("models", "grow", "danfoss-fc:1", "--everything", "--model", "vlt6000", "--write", "own.toml")
+        assert shell(*grow, "-o", "option_texts=0") == 0
+        text = Path("own.toml").read_text(encoding="utf-8")
+        assert 'source = "read from the drive, AK 4"\nsure = "field"\n' in text
+        assert check_model(Path("own.toml")) == []
+
+    @pytest.mark.usefixtures("line")
+    def test_what_cannot_be(self, shell):
+        grow = ("models", "grow", "vabus:1", "--model", "agile", "--write", "own.toml")
+        assert shell(*grow, "29", "--everything") == 2
+        assert "name parameters or give --everything" in shell.err
+        assert shell(*grow, "29", "-o", "option_texts=3") == 2
+        assert "do not describe their parameters" in shell.err
+        assert shell(*grow, "31") == 5
+        assert there() == []
