@@ -1,5 +1,6 @@
 """Asking a drive for all it may hold: what is there, what is not, silence, and going on where it was cut off."""
 
+import asyncio
 import json
 import re
 from dataclasses import replace
@@ -9,12 +10,24 @@ import pytest
 
 import drivecomm
 from drivecomm.bus import carry_out
-from drivecomm.commissioning.exploring import Forgetful, Logbook, course, exploring, forecasting, logbook_path, read
+from drivecomm.commissioning import asking, way_to_grow
+from drivecomm.commissioning.exploring import (
+    Forgetful,
+    Logbook,
+    course,
+    explore,
+    explore_async,
+    exploring,
+    forecasting,
+    logbook_path,
+    read,
+)
 from drivecomm.commissioning.exploring.exploring import PAUSES_S
 from drivecomm.commissioning.parameter_sets import (
     PARTS,
     back_up,
     back_up_everything,
+    back_up_everything_async,
     compare,
     plan_restore,
     read_set,
@@ -301,3 +314,33 @@ def test_a_forecast_is_near_what_it_takes(vabus):
         took = vabus.time - begun
     assert foreseen.addresses == len(way) - 40
     assert 0.5 < foreseen.seconds / took < 2
+
+
+def test_a_logbook_remembers_descriptions_too(tmp_path):
+    path = tmp_path / "own.toml.answers"
+    plugin = installed["danfoss-fc"]
+    steps, asks = [], asking(plugin, None, {"option_texts": 3})
+    with drivecomm.open_bus(line_with("danfoss-fc", "fc302").port) as bus:
+        drive = bus.drive("danfoss-fc", 1)
+        way = way_to_grow(plugin, None, ["3-41", "8-04", "15-40", "15-99"])
+        logbook = Logbook(path, drive=drive.name, model=None, asked="parameters")
+        told = explore(drive, way, asks, logbook)
+        logbook.close()
+        again = Logbook(path, drive=drive.name, model=None, asked="parameters")
+        assert explore(drive, way, asks, again, progress=steps.append) == told
+    assert all(step.remembered for step in steps)
+    assert [answer.absent for answer in told] == [False, False, False, True]
+    assert told[1].told.values[0] == "off"
+
+
+def test_awaited(vabus):
+    async def found():
+        async with drivecomm.open_bus_async(vabus.port) as bus:
+            drive = taken_for(bus, "vabus", "agile")
+            way = way_to_grow(installed["vabus"], drive.model, ["29", "31"])
+            answers = await explore_async(drive, way, read)
+            return await back_up_everything_async(drive, within=["29"]), answers
+
+    saved, answers = asyncio.run(found())
+    assert saved.explored.answered == 101
+    assert [answer.absent for answer in answers] == [False, True]

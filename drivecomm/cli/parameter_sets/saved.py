@@ -144,7 +144,7 @@ def compare(
     if communication or everything:
         parts.append("communication")
     if everything:
-        parts.append("measured")
+        parts += ["measured", "unknown"]
     if FACTORY in (left, right) and (left == right or _file(left) or _file(right)):
         raise UsageError("factory means the default values that a drive reports; compare a drive with it")
     if _file(left) and _file(right):

@@ -156,6 +156,24 @@ def finds_its_examples(plugin: Protocol) -> None:
 
 
 @check("contract")
+def can_ask_for_what_may_be_there(plugin: Protocol) -> None:
+    """Where it tells which addresses a drive can hold, each of them can be asked for, comes once, and has a source."""
+    if plugin.address_space is None:
+        return
+    options = plugin.options()
+    space = plugin.address_space(options, None)
+    operations = plugin.operations(plugin.addresses[0], options, None)
+    expect(space.source.strip(), "nothing says where it is printed which addresses there can be")
+    expect(space.absent, "no refusal means that there is no such parameter")
+    seen: set[str] = set()
+    for address in space.addresses():
+        command = next(operations.read(address))
+        expect(isinstance(command, Ask), f"reading {address} begins with {command}, not with a question")
+        expect(operations.address_of(address) not in seen, f"{address} comes twice")
+        seen.add(operations.address_of(address))
+
+
+@check("contract")
 def refuses_what_cannot_be(plugin: Protocol) -> None:
     """A wrong parameter, value or option is a UsageError before anything is sent."""
     with bench(plugin) as on:
