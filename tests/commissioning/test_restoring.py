@@ -449,6 +449,11 @@ def test_what_cannot_be_written_and_holds_already_is_not_missed():
         assert "reading texts only" in missed.reason
 
 
+def test_what_the_backup_lacks_is_told():
+    lacking = replace(a_set(_104=1), not_read={"103": "no bus access"})
+    assert "not in the set, because it could not be read: 103" in plan_restore(Drive(), lacking).remarks
+
+
 def test_communication_that_was_not_asked_for_is_left_alone_as_it_should_be():
     drive = Drive()
     plan = plan_restore(drive, a_set(_106=1))

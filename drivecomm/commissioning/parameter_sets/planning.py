@@ -84,6 +84,8 @@ def planning(to: Subject, known: ParameterSet, options: RestoreOptions, progress
     if unknown := known.of(("unknown",)):
         count = f"{len(unknown)} value{'s' if len(unknown) > 1 else ''}"
         remarks.append(f"{count} left alone, because model {known.model} does not know their types")
+    if known.not_read and not options.only:
+        remarks.append(f"not in the set, because it could not be read: {', '.join(in_order(known.not_read))}")
     if without:
         remarks.append(f"{without} not asked for")
     return Plan(drive=to.name, store=store, items=tuple(items), remarks=tuple(remarks))
