@@ -65,7 +65,7 @@ COMMANDS = {
     "models show": ("models.show:show", "Show what is known of a drive series."),
     "models check": ("models.show:check", "Check model files."),
     "models names": ("models.show:names", "List the common names: what each means on every drive, and its unit."),
-    "models grow": ("models.grow:grow", "Write a model file from what a drive reports of its parameters."),
+    "models grow": ("models.grow:grow", "Write a model file from what a drive answers."),
     "conformance": ("package_tests:conformance", "Run the conformance tests of a protocol package."),
     "users": ("", "Who may reach a served plant over a network: add, list or remove users."),
     "users add": ("users:add", "Add a user, and print the token by which the user comes in; it is shown this once."),

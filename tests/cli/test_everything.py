@@ -1,6 +1,5 @@
 """backup --everything and models grow of all that a drive answers: forecast, progress, going on, what is refused."""
 
-import signal
 from pathlib import Path
 
 import pytest
@@ -31,8 +30,13 @@ def there():
     return sorted(path.name for path in Path().iterdir())
 
 
-def hear_only(line, count, then):
-    """Have something done at the so-manieth telegram that the drive hears."""
+def interrupt():
+    """As Ctrl-C does."""
+    raise KeyboardInterrupt
+
+
+def at_telegram(line, count, then):
+    """Have something done when the drive hears its telegram with this number."""
     drive, heard = line.drives[0], []
     hear = drive.hear
 
@@ -95,7 +99,7 @@ class TestBackup:
 
 class TestGoingOn:
     def test_after_ctrl_c(self, shell, line):
-        hear_only(line, 130, lambda: signal.raise_signal(signal.SIGINT))
+        at_telegram(line, 130, interrupt)
         assert shell("backup", *PUMP, "pump.toml", *NARROW) == 130
         assert "answers kept in pump.toml.answers, and the same command goes on from there" in shell.err
         assert there() == [str(ANSWERS)]
@@ -113,7 +117,7 @@ class TestGoingOn:
         def be_gone():
             line.drives[0].hear = lambda _find, _now: None
 
-        hear_only(line, 130, be_gone)
+        at_telegram(line, 130, be_gone)
         assert shell("backup", *PUMP, "pump.toml", *NARROW) == 4
         assert "fell silent" in shell.err
         assert "the same command goes on from there" in shell.err
@@ -121,7 +125,7 @@ class TestGoingOn:
         assert shell("backup", *PUMP, "pump.toml", *NARROW) == 0
 
     def test_not_with_the_answers_of_something_else(self, shell, line):
-        hear_only(line, 130, lambda: signal.raise_signal(signal.SIGINT))
+        at_telegram(line, 130, interrupt)
         shell("backup", *PUMP, "pump.toml", *NARROW)
         assert shell("backup", "vabus:1", "--model", "act", "pump.toml", *NARROW) == 2
         assert "these are the answers of model agile, not of act; remove the file to begin anew" in shell.err
@@ -156,7 +160,7 @@ class TestGrow:
 
     def test_goes_on_after_ctrl_c(self, shell, line):
         grow = ("models", "grow", "vabus:1", "--everything", "--model", "agile", "--write", "own.toml")
-        hear_only(line, 130, lambda: signal.raise_signal(signal.SIGINT))
+        at_telegram(line, 130, interrupt)
         assert shell(*grow) == 130
         assert there() == ["own.toml.answers"]
         assert shell(*grow) == 0

@@ -48,7 +48,7 @@ def grow(
         typer.Option("--option", "-o", metavar="NAME=VALUE", help="Option of this protocol's describe."),
     ] = None,
 ) -> int:
-    """Write a model file from a drive's answers.
+    """Write a model file from what a drive answers.
 
     Drives whose protocol lets them describe their parameters give names, types, units, scales, limits, texts; of others
     it is known which addresses they answer: what the model to start from does not know becomes read-only, without type
