@@ -202,6 +202,8 @@ class Protocol:
     a fault script cannot tell the replies to reads and writes apart.
     parameter_keys: keys of a model's parameters that only this protocol knows, such as `datasets`; None where a package
     does not tell, and then a misspelt key of a parameter goes unnoticed.
+    control_keys: keys of a model's table [control], for a protocol that leaves it to the model how its drives are
+    commanded; the package finds them in `Model.control`.
     element_addresses: under which addresses the values of a parameter are read one by one (data sets, array elements),
     for these options; unless a package says otherwise, every parameter has one value.
     factory_reading: the options of `read` with which a drive tells a parameter's factory value instead of its value;
@@ -230,6 +232,7 @@ class Protocol:
     parameter_examples: tuple[str, ...] = field(default=())
     intent: Callable[[Message], Intent] | None = None
     parameter_keys: frozenset[str] | None = None
+    control_keys: frozenset[str] = frozenset()
     element_addresses: Callable[[ParameterInfo, Any], tuple[str, ...]] = _one_value
     factory_reading: Mapping[str, Any] = field(default_factory=dict, hash=False)
     memory: Callable[[], Memory] | None = None

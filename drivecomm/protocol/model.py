@@ -82,6 +82,7 @@ class Model:
     a regular expression for what the drive tells of itself, by the names that `Drive.identify` gives; all must match.
     fault_log: addresses of the parameters in which such a drive remembers its latest faults, the newest first.
     link_loss: what is known, without a watchdog that can be set, of drives whose master falls silent; as a sentence.
+    control: how such drives are commanded, where their protocol leaves that to the model; `Protocol.control_keys`.
     """
 
     protocol: str
@@ -97,6 +98,7 @@ class Model:
     fault_log: tuple[str, ...] = ()
     link_loss: str = ""
     identified_by: Mapping[str, str] = field(default_factory=dict)
+    control: Mapping[str, Any] = field(default_factory=dict)
 
     def find(self, name_or_address: str) -> ParameterInfo | None:
         """Return the parameter with this address or this name, None when the model does not know it."""

@@ -1,0 +1,199 @@
+"""Parameters of Modbus drives: where they are, what their registers mean.
+
+An address is what the manual prints, decimal or `0x...`: `40001`, `0x2000`; `i2103` an input register, `c65` a coil,
+`d3` a discrete input. `.low`, `.high` and `.0` to `.15` are a byte or a bit of a register, which can only be read.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+from struct import pack, unpack
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import NotSupported, ParameterAddressError, UsageError, ValueRefusedError
+from drivecomm.protocol import Reading, exact, scaled, unscaled
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from drivecomm.protocol import Model, ParameterInfo, Value
+    from drivecomm_modbus.options import ModbusOptions
+
+_ADDRESS = re.compile(r"([icd]?)(0x[0-9A-Fa-f]{1,6}|[0-9]{1,7})(?:\.(low|high|[0-9]|1[0-5]))?", re.ASCII)
+_RANGES = {
+    "u16": range(0x10000),
+    "s16": range(-0x8000, 0x8000),
+    "u32": range(0x100000000),
+    "s32": range(-0x80000000, 0x80000000),
+}
+TYPES = (*_RANGES, "f32", "string")
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where something stands.
+
+    kind: empty for a holding register, i input register, c coil, d discrete input. start: its address in a telegram.
+    part: low, high or a bit of the register, empty for all of it.
+    """
+
+    kind: str
+    start: int
+    part: str = ""
+
+    @property
+    def is_bit(self) -> bool:
+        """Whether it is a coil or a discrete input."""
+        return self.kind in ("c", "d")
+
+    def cut(self, word: int) -> int:
+        """Return this part of a register."""
+        if not self.part:
+            return word
+        if self.part in ("low", "high"):
+            return word >> 8 if self.part == "high" else word & 0xFF
+        return word >> int(self.part) & 1
+
+    def put(self, word: int, value: int) -> int:
+        """Return a register with this part set."""
+        mask, shift = {"low": (0xFF, 0), "high": (0xFF00, 8), "": (0xFFFF, 0)}.get(self.part, (0, 0))
+        if not mask:
+            mask, shift = 1 << int(self.part), int(self.part)
+        return word & ~mask | value << shift & mask
+
+
+def place_of(address: str, options: ModbusOptions) -> Place:
+    """Return where an address as the manual prints it is. Raises ParameterAddressError."""
+    found = _ADDRESS.fullmatch(address) if isinstance(address, str) else None
+    if found is None or (found[3] and found[1] in ("c", "d")):
+        raise ParameterAddressError(
+            f"{address!r} is no address of a Modbus drive; write 40001, 0x2000, i2103 (input register), c65 (coil) or "
+            "0x2100.low"
+        )
+    base = options.coil_base if found[1] in ("c", "d") else options.register_base
+    start = int(found[2], 0 if found[2].startswith("0x") else 10) - base
+    if not 0 <= start <= 0xFFFF:
+        raise ParameterAddressError(f"{address} is not {base} to {base + 0xFFFF}, the registers of this drive")
+    return Place(found[1], start, found[3] or "")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """A parameter to be read or written. size: registers, or 1 for a coil. low_first: the order of two registers."""
+
+    address: str
+    place: Place
+    type: str
+    size: int
+    low_first: bool
+    info: ParameterInfo | None
+    name: str
+
+    @property
+    def spots(self) -> frozenset[tuple[str, int]]:
+        """The registers, or the coil, by kind and wire address."""
+        return frozenset((self.place.kind, self.place.start + offset) for offset in range(self.size))
+
+    def raw_of(self, words: Sequence[int]) -> int | str:
+        """Return the unsigned number, or the text, that these registers hold."""
+        if self.type == "string":
+            return pack(f">{len(words)}H", *words).decode("latin-1").rstrip("\0 ")
+        if self.size == 1:
+            return self.place.cut(words[0])
+        high, low = reversed(words) if self.low_first else words
+        return high << 16 | low
+
+    def words_of(self, raw: int | str) -> tuple[int, ...]:
+        """Return the registers that hold this."""
+        if isinstance(raw, str):
+            return unpack(f">{self.size}H", raw.encode("latin-1").ljust(2 * self.size, b" "))
+        if self.size == 1:
+            return (raw & 0xFFFF,)
+        words = raw >> 16 & 0xFFFF, raw & 0xFFFF
+        return words[::-1] if self.low_first else words
+
+    def reading(self, raw: int | str) -> Reading:
+        """Return what a raw value means."""
+        info = self.info
+        if info is None and not self.type:
+            note = "no model: the bare number"
+            return Reading(parameter=self.address, value=raw, raw=raw, name=self.name, note=note)
+        value: Value = raw
+        note, factor = "", info.factor if info else Decimal(1)
+        if self.type == "f32" and isinstance(raw, int):
+            (number,) = unpack(">f", raw.to_bytes(4, "big"))
+            value = Decimal(f"{number:.7g}") * factor
+            if not value.is_finite():
+                value, note = raw, "no number: the bare pattern of a float"
+        elif isinstance(raw, int):
+            value = scaled(_signed(raw, self.type), factor)
+        if info is not None and info.sure == "unconfirmed":
+            note = note or f"unconfirmed: {info.source or 'no source'}"
+        text = info.values.get(int(value), "") if info and isinstance(value, int) else ""
+        return Reading(
+            parameter=self.address,
+            value=value,
+            raw=raw,
+            unit=info.unit if info else "",
+            type=self.type or "u16",
+            name=self.name or (info.name if info else ""),
+            text=text,
+            note=note,
+        )
+
+    def raw_for(self, value: Value | float, *, rounded: bool = False) -> int | str:
+        """Return what is to be written. rounded: to the nearest step. Raises ValueRefusedError for a misfit."""
+        if self.place.part or self.place.kind in ("i", "d"):
+            raise NotSupported(f"{self.address} can only be read; whole registers and coils are written")
+        if self.type == "string":
+            if not isinstance(value, str) or len(value) > 2 * self.size or not value.isascii():
+                raise ValueRefusedError(f"{value!r} for {self.address} is no text of {2 * self.size} characters")
+            return value.rstrip("\0 ")
+        number, info = exact(value, self.address), self.info
+        factor, unit = (info.factor, info.unit) if info else (Decimal(1), "")
+        if info is not None and (
+            (info.minimum is not None and number < info.minimum) or (info.maximum is not None and number > info.maximum)
+        ):
+            raise ValueRefusedError(
+                f"{number} for {self.address} is not {info.minimum} to {info.maximum} {unit}".rstrip()
+            )
+        if self.type == "f32":
+            return int.from_bytes(pack(">f", float(number / factor)), "big")
+        raw = int((number / factor).to_integral_value()) if rounded else unscaled(number, factor, self.address, unit)
+        allowed = range(2) if self.place.is_bit else _RANGES[self.type or "u16"]
+        if raw not in allowed:
+            raise ValueRefusedError(f"{number} for {self.address} does not fit {self.type or 'u16'}")
+        return raw & (0xFFFFFFFF if self.size == 2 else 0xFFFF)
+
+
+def _signed(raw: int, type: str) -> int:
+    bits = {"s16": 16, "s32": 32}.get(type, 0)
+    return raw - (1 << bits) if bits and raw >> (bits - 1) else raw
+
+
+def target(parameter: str, model: Model | None, options: ModbusOptions, type: str = "") -> Target:
+    """Return what is to be read or written. type: instead of the model's. Raises ParameterAddressError."""
+    info = model.find(parameter) if model is not None else None
+    place = place_of(info.address if info else parameter, options)
+    if info is None and model is not None:
+        # The same register may be written in another way: 8448 is 0x2100.
+        info = next((each for each in model.parameters.values() if place_of(each.address, options) == place), None)
+    kind = type or (info.type if info else "")
+    if kind and kind not in TYPES:
+        raise UsageError(f"{kind!r} is no type of a Modbus parameter; types are {', '.join(TYPES)}")
+    extra = info.extra if info else {}
+    order = extra.get("word_order", options.word_order)
+    size = (int(extra.get("characters", 2)) + 1) // 2 if kind == "string" else 2 if kind.endswith("32") else 1
+    base = options.coil_base if place.is_bit else options.register_base
+    part = f".{place.part}" if place.part else ""
+    return Target(
+        address=info.address if info else f"{place.kind}{place.start + base}{part}",
+        place=place,
+        type=kind,
+        size=size,
+        low_first=order == "low",
+        info=info,
+        name=info.name if info and parameter == info.name else "",
+    )
