@@ -173,7 +173,7 @@ class ModbusOperations:
         return {_OBJECTS.get(number, f"object {number}"): text.strip() for number, text in pairs}
 
     def _read(self, wanted: Target) -> Exchange[int | str]:
-        if wanted.size == 2 and wanted.type != "string" and self._options.wide_functions and not wanted.place.kind:
+        if wanted.wide:
             request = Request(address=self._address, function=fn.READ_LONG, start=wanted.place.start)
             reply = yield from self._answered(Ask(message=request, nameless=True), wanted.address)
             return int(reply.value or 0)
@@ -202,7 +202,7 @@ class ModbusOperations:
             yield from self._carry_out(step)
         offset = 0 if store or plain else control.volatile_offset
         attempts = 1 if info is not None and info.kind == "command" and not offset else None
-        message = self._writing(wanted.place, wanted.words_of(raw), offset, wide=wanted.size == 2 and info is not None)
+        message = self._writing(wanted.place, wanted.words_of(raw), offset, wide=wanted.wide)
         yield from self._confirmed(message, wanted.address, attempts=attempts)
         for step in control.steps.get("store_after", ()) if store else ():
             yield from self._carry_out(step)
@@ -213,7 +213,7 @@ class ModbusOperations:
             if self._options.write_function == fn.WRITE_REGISTER:
                 return Request(address=address, function=fn.WRITE_COIL, start=start, value=words[0])
             return Request(address=address, function=fn.WRITE_COILS, start=start, values=tuple(words))
-        if wide and self._options.wide_functions:
+        if wide:
             return Request(address=address, function=fn.WRITE_LONG, start=start, value=words[0] << 16 | words[1])
         if len(words) == 1 and self._options.write_function == fn.WRITE_REGISTER:
             return Request(address=address, function=fn.WRITE_REGISTER, start=start, value=words[0])

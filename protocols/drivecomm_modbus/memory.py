@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError
+from drivecomm.protocol import Command
 from drivecomm_modbus.parameters import Place, target
 
 if TYPE_CHECKING:
@@ -69,6 +70,8 @@ class Memory:
     def fetch(self, wanted: Target) -> int | str:
         """Return what a parameter holds."""
         kind, start = wanted.place.kind, wanted.place.start
+        if wanted.wide:
+            return self.words[kind, start]
         return wanted.raw_of([self.words[kind, start + offset] for offset in range(wanted.size)])
 
     def put(self, wanted: Target, raw: int | str) -> None:
@@ -76,6 +79,9 @@ class Memory:
         kind, start = wanted.place.kind, wanted.place.start
         if wanted.place.part:
             self.words[kind, start] = wanted.place.put(self.words[kind, start], int(raw))
+            return
+        if wanted.wide:
+            self.words[kind, start] = int(raw)
             return
         for offset, word in enumerate(wanted.words_of(raw)):
             self.words[kind, start + offset] = word
@@ -94,29 +100,30 @@ class Memory:
     def _show_status(self) -> None:
         """Set each status register to what its conditions say: first those that do not hold, then those that do."""
         motor = self._motor
+        # The later ones win where two look at the same bits.
         truth = {
             "always": True,
-            "fault": bool(motor.fault),
-            "running": motor.running,
-            "ready": not motor.fault,
-            "stopping": motor.command.value == "quick_stop",
-            "warning": motor.warning,
-            "at_reference": motor.at_reference,
-            "reverse": motor.output_hz < 0,
             "remote": True,
+            "ready": not motor.fault,
+            "running": motor.running,
+            "reverse": motor.output_hz < 0,
+            "at_reference": motor.at_reference,
+            "warning": motor.warning,
+            "stopping": motor.command is Command.QUICK_STOP,
+            "fault": bool(motor.fault),
         }
         words = dict.fromkeys(((place.kind, place.start) for place in self._control.status_places), 0)
-        for wanted in (False, True):
-            for name, condition in self._control.status.items():
-                key, shift = (condition.place.kind, condition.place.start), condition.place
-                if truth[name] is not wanted:
-                    continue
-                word = shift.cut(words[key])
-                if wanted:
-                    word = word & ~condition.mask | condition.values[0]
-                elif condition.holds(word):
-                    word ^= condition.mask
-                words[key] = shift.put(words[key], word)
+        conditions = [
+            (self._control.status[name], holds) for name, holds in truth.items() if name in self._control.status
+        ]
+        for condition, holds in sorted(conditions, key=lambda each: each[1]):
+            place, spot = condition.place, (condition.place.kind, condition.place.start)
+            part = place.cut(words[spot])
+            if holds:
+                part = part & ~condition.mask | condition.values[0]
+            elif condition.holds(part):
+                part ^= condition.mask
+            words[spot] = place.put(words[spot], part)
         self.words.update(words)
 
     def keep(self, kind: str, start: int) -> None:
@@ -124,8 +131,10 @@ class Memory:
         self._stored[kind, start] = self.words[kind, start]
 
     def keep_all(self) -> None:
-        """Take all registers over into EEPROM."""
-        self._stored = dict(self.words)
+        """Take all registers over into EEPROM, but for commands and what is volatile by itself."""
+        volatile = [each.spots for each in self.targets.values() if each.info and each.info.storage == "volatile"]
+        left_out = frozenset().union(*volatile)
+        self._stored.update({spot: word for spot, word in self.words.items() if spot not in left_out})
 
     def power_cycle(self) -> None:
         """Forget what is not in EEPROM."""

@@ -81,20 +81,26 @@ def place_of(address: str, options: ModbusOptions) -> Place:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """A parameter to be read or written. size: registers, or 1 for a coil. low_first: the order of two registers."""
+    """A parameter to be read or written.
+
+    size: registers, or 1 for a coil. low_first: the order of two registers. wide: 32 bits under one address.
+    """
 
     address: str
     place: Place
     type: str
     size: int
     low_first: bool
+    wide: bool
     info: ParameterInfo | None
     name: str
 
     @property
     def spots(self) -> frozenset[tuple[str, int]]:
         """The registers, or the coil, by kind and wire address."""
-        return frozenset((self.place.kind, self.place.start + offset) for offset in range(self.size))
+        return frozenset(
+            (self.place.kind, self.place.start + offset) for offset in range(1 if self.wide else self.size)
+        )
 
     def raw_of(self, words: Sequence[int]) -> int | str:
         """Return the unsigned number, or the text, that these registers hold."""
@@ -194,6 +200,7 @@ def target(parameter: str, model: Model | None, options: ModbusOptions, type: st
         type=kind,
         size=size,
         low_first=order == "low",
+        wide=kind.endswith("32") and not place.kind and options.wide_functions,
         info=info,
         name=info.name if info and parameter == info.name else "",
     )

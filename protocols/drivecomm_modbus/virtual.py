@@ -134,11 +134,10 @@ class VirtualModbusDrive:
             raise _Refusal(_UNKNOWN_FUNCTION)
         kind = _KINDS[function]
         if function == fn.READ_LONG:
-            high, low = self._fetch(kind, start, 2)
-            return Reply(**same, value=high << 16 | low)
+            return Reply(**same, value=self._fetch(kind, start, 1)[0])
         if function == fn.WRITE_LONG:
             value = message.value or 0
-            self._write(kind, start, (value >> 16, value & 0xFFFF), now)
+            self._write(kind, start, (value,), now)
             return Reply(**same, start=start, value=value)
         if message.values is not None:
             self._write(kind, start if message.write_start is None else message.write_start, message.values, now)
@@ -148,7 +147,7 @@ class VirtualModbusDrive:
         elif message.value is not None:
             self._write(kind, start, (message.value,), now)
             return Reply(**same, start=start, value=message.value)
-        values = self._fetch(kind, start, message.count or 0)
+        values = tuple(each & 0xFFFF for each in self._fetch(kind, start, message.count or 0))
         if kind in ("c", "d"):
             values += (0,) * (-len(values) % 8)
         return Reply(**same, values=values)
