@@ -88,6 +88,41 @@ class ModbusCodec:
         return data
 
 
+class DriveCodec:
+    """The telegrams as a drive on a two-wire line hears them: beyond requests, the replies of others, as replies.
+
+    Nothing in a telegram tells them apart. The reply to a write would pass for the beginning of a long request, and
+    the next request would be lost in it.
+    """
+
+    alike = "modbus drive"
+
+    def __init__(self) -> None:
+        self._codec = ModbusCodec()
+
+    def measure(self, head: bytes, direction: Direction) -> int:
+        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        needed = self._codec.measure(head, direction)
+        if direction == "request" and needed and len(head) > _SHORTEST["request"]:
+            reply = length_of(head, "reply")
+            if 0 < reply <= len(head) and reply != needed and crc16(head[: reply - 2]) == head[reply - 2 : reply]:
+                return reply
+        return needed
+
+    def decode(self, data: bytes, direction: Direction) -> Message:
+        """Return the content of one telegram. Raises TelegramError."""
+        try:
+            return self._codec.decode(data, direction)
+        except TelegramError as error:
+            if direction == "reply" or error.category != "length":
+                raise
+            return self._codec.decode(data, "reply")
+
+    def encode(self, message: Message) -> bytes:
+        """Return the bytes of one telegram."""
+        return self._codec.encode(message)
+
+
 def length_of(head: bytes, direction: Direction) -> int:
     """Return how long the telegram is with these first bytes, at least two; 0 where its function is not known."""
     function = head[1]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.protocol import Command, Damaged, Framed, LineSettings, Motor, VirtualReply
 from drivecomm_modbus import functions as fn
-from drivecomm_modbus.codec import ModbusCodec
+from drivecomm_modbus.codec import DriveCodec
 from drivecomm_modbus.commands import Commands
 from drivecomm_modbus.control import control_of
 from drivecomm_modbus.memory import Memory
@@ -39,7 +39,7 @@ class VirtualModbusDrive:
 
     def __init__(self, address: int, options: ModbusOptions, model: Model) -> None:
         self.address = address
-        self.codec = ModbusCodec()
+        self.codec = DriveCodec()
         self.settings = LineSettings()
         self.gap_s = 0.050
         self.motor = Motor()
