@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_args
 
+from drivecomm.bus.faces import Sent
 from drivecomm.bus.procedures import ask_status, sleep_until, stop_motor
 from drivecomm.bus.watchdog import Setting, policies, reading_watchdog, restoring_watchdog, setting_watchdog
 from drivecomm.errors import DriveCommError, NotSupported, ReplyError, StateError, UsageError
@@ -46,6 +47,11 @@ class Keeper(Generic[D]):
                 raise UsageError(f"unknown policy {given!r}; use {', '.join(some)} or {last}")
         self._drive, self._policy = drive, policy
         self._feeds = policy != "hold"
+        if self._feeds and isinstance(drive, Sent):
+            raise UsageError(
+                f"{drive.name} is on a line of a server, whose own questions would feed its watchdog although this "
+                "program had died; keep it with drivecomm.client.KeptMotor, or open the plant with own_ports=True"
+            )
         self._watchdog_s = exact(watchdog_s, "watchdog time")
         self._every_s = float(self._watchdog_s) / REFRESHES_IN_TIME
         self._stop = _STOPS[on_leaving or policy]

@@ -24,19 +24,21 @@ from drivecomm.errors import (
     UsageError,
     meant,
 )
-from drivecomm.protocol import DriveState, Stop, parse_drive
-from drivecomm.server.door import LOCAL, Answer, Command, Role
+from drivecomm.protocol import DriveState, Stop, exact, parse_drive
+from drivecomm.server.callers import LOCAL, Role
+from drivecomm.server.door import Answer, Command, Stopped
 from drivecomm.server.freshness import check_fresh
 from drivecomm.server.kept import KeepOrder, KeptMotor
 from drivecomm.server.rights import NEEDS, Needs
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from drivecomm.bus import AsyncBroadcast, AsyncDrive
     from drivecomm.protocol import DriveConfig
+    from drivecomm.server.callers import Caller
     from drivecomm.server.core import Core
-    from drivecomm.server.door import Caller, Outcome
+    from drivecomm.server.door import Outcome
     from drivecomm.server.leases import Lease
     from drivecomm.server.served_line import ServedLine
 
@@ -93,14 +95,21 @@ class Commands:
         core.remember(caller, command, answer, asked_s)
         return answer
 
-    async def stop_all(self, caller: Caller, how: Stop, lines: Sequence[str] = ()) -> Sequence[tuple[str, Answer]]:
-        """Stop all drives, or those of these lines, all lines at the same time; returns an answer for each of them."""
+    async def stop_all(self, caller: Caller, how: Stop, lines: Sequence[str] = ()) -> Sequence[Stopped]:
+        """Stop all drives, or those of these lines, all lines at the same time: by a broadcast first, then each."""
         named = [self._core.line(name) for name in lines] or list(self._core.lines.values())
         answers = await asyncio.gather(*(self._stop_line(caller, line, how) for line in named))
         return [each for on_line in answers for each in on_line]
 
-    async def _stop_line(self, caller: Caller, line: ServedLine, how: Stop) -> Sequence[tuple[str, Answer]]:
-        async def stop(config: DriveConfig) -> tuple[str, Answer]:
+    async def _stop_line(self, caller: Caller, line: ServedLine, how: Stop) -> Sequence[Stopped]:
+        name = line.line.name
+
+        async def stop_everybody(everybody: AsyncBroadcast, used: Stop) -> Stopped:
+            to_all = Command(drive=everybody.peer.name, line=name, verb="stop", arguments={"how": used.value})
+            answer = await self._stop_everybody(caller, to_all, line, everybody)
+            return Stopped(line=name, drive=to_all.drive, how=used, answer=answer)
+
+        async def stop(config: DriveConfig) -> Stopped:
             used = how
             try:
                 able = (await self._built(line, config, arm=False)).capabilities.stops
@@ -109,9 +118,29 @@ class Commands:
                 # The stop says it again.
                 pass
             stopping = Command(drive=config.name, verb="stop", arguments={"how": used.value})
-            return config.name, await self.carry_out(caller, stopping)
+            return Stopped(line=name, drive=config.name, how=used, answer=await self.carry_out(caller, stopping))
 
-        return await asyncio.gather(*map(stop, line.drives))
+        # In the order in which they are asked for here; a broadcast that waits or fails holds up no other stop.
+        to_all = [stop_everybody(each, used) for each, used in _broadcasts(line, how)]
+        return await asyncio.gather(*to_all, *map(stop, line.drives))
+
+    async def _stop_everybody(
+        self, caller: Caller, command: Command, line: ServedLine, everybody: AsyncBroadcast
+    ) -> Answer:
+        """Stop all drives of a protocol by one telegram, which nobody confirms."""
+        try:
+            self._core.rights.check(caller, replace(command, line=""), line.drives[0])
+        except DriveCommError as error:
+            return Answer(id="", outcome="refused", error=error)
+        number = self._core.audit.stop_asked(caller, command)
+        answer = Answer(id="", outcome="open")
+        try:
+            await line.opened()
+            await everybody.stop(_how(command.arguments))
+        except DriveCommError as error:
+            answer = Answer(id="", outcome="open", error=error)
+        self._core.audit.outcome(caller, command, number, answer)
+        return answer
 
     async def _begin(
         self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig, came_s: float
@@ -120,6 +149,9 @@ class Commands:
         if not NEEDS[command.verb].commands:
             try:
                 whom = await self._built(line, config, arm=False)
+                if command.verb == "watched":
+                    self._watched(whom, config, **command.arguments)
+                    return Answer(id=command.id, outcome="done")
                 return Answer(id=command.id, outcome="done", result=await _asked(whom, command))
             except UsageError as error:
                 return Answer(id=command.id, outcome="refused", error=error)
@@ -134,6 +166,14 @@ class Commands:
         finally:
             if alone:
                 self._core.leases.release(lease)
+
+    def _watched(self, whom: AsyncDrive, config: DriveConfig, *, silence_s: Any = None, **unknown: Any) -> None:
+        """Take note how long a drive's watchdog waits; of one that is kept, its keeper knows better."""
+        if unknown:
+            raise UsageError(f"watched has no argument {min(unknown)!r}; it has silence_s")
+        known = None if silence_s is None else float(exact(silence_s, "watchdog time"))
+        if config.name not in self._core.kept:
+            whom.watched(known)
 
     def _lease(self, caller: Caller, command: Command, config: DriveConfig) -> tuple[Lease, bool]:
         """Return the lease under which a command is given, and whether it was taken for it alone."""
@@ -216,6 +256,18 @@ class Commands:
             return line.drive(config.name)
         reason = "" if arm else config.why_read_only(self._core.plant.file)
         return await asyncio.to_thread(replace(config, read_only_reason=reason).build, line.bus.drive)
+
+
+def _broadcasts(line: ServedLine, how: Stop) -> Iterator[tuple[AsyncBroadcast, Stop]]:
+    """Yield what reaches all drives of each protocol at once, and how that stops them.
+
+    Drives that could all at once only coast (VABus), where that was not asked for, are stopped one by one.
+    """
+    for everybody in line.everybody:
+        able = everybody.capabilities.stops
+        used = next((each for each in (how, Stop.RAMP) if each in able), Stop.COAST)
+        if used in able and (used is how or used is not Stop.COAST):
+            yield everybody, used
 
 
 def _kept_if_remote(caller: Caller, command: Command) -> Command:

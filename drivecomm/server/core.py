@@ -15,6 +15,7 @@ from drivecomm.errors import DriveCommError, UsageError, meant
 from drivecomm.server.commands import Commands
 from drivecomm.server.kept import Story
 from drivecomm.server.leases import Leases
+from drivecomm.server.observations import RememberedFault
 from drivecomm.server.repeats import Repeats
 from drivecomm.server.rights import Rights
 from drivecomm.server.served_line import ServedLine
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
 
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig, Reading
-    from drivecomm.server.door import Answer, Caller, Command
+    from drivecomm.server.callers import Caller
+    from drivecomm.server.door import Answer, Command
     from drivecomm.server.kept import KeptMotor
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event
@@ -105,6 +107,8 @@ class Core:
         self._kept_by: dict[str, str] = {}
         self._under_way: set[asyncio.Task[None]] = set()
         self._stories: dict[str, Story] = {}
+        self.fault_logs: dict[str, tuple[RememberedFault, ...]] = {}
+        """What drives remembered of their faults when they were asked last, the newest first."""
         self._looking: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
@@ -130,18 +134,19 @@ class Core:
     def drives(self) -> Sequence[DriveState]:
         """Return how all drives are, in the order of the plant."""
         found = {each.name: each for line in list(self.lines.values()) for each in line.states()}
-        return [self._with_commander(found[each.name]) for each in self.plant.drives if each.name in found]
+        return [self._completed(found[each.name]) for each in self.plant.drives if each.name in found]
 
     def drive(self, name: str) -> DriveState:
         """Return how one drive is. Raises UsageError."""
         config = self.plant.drive(name)
-        return self._with_commander(next(each for each in self.line(config.line).states() if each.name == config.name))
+        return self._completed(next(each for each in self.line(config.line).states() if each.name == config.name))
 
-    def _with_commander(self, state: DriveState) -> DriveState:
+    def _completed(self, state: DriveState) -> DriveState:
         kept, lease = self.kept.get(state.name), self.leases.holder_of(state.name, now=time.monotonic())
-        if kept is None and lease is None:
+        fault_log = self.fault_logs.get(state.name, ())
+        if kept is None and lease is None and not fault_log:
             return state
-        return replace(state, lease=lease, kept="" if kept is None else kept.order.policy)
+        return replace(state, lease=lease, kept="" if kept is None else kept.order.policy, fault_log=fault_log)
 
     # Motors that are kept
 
@@ -190,6 +195,8 @@ class Core:
             text = f"{drive} may be running, because its stop is not confirmed: {' '.join(str(error).split())}"
             self.table.happened("link loss", text, drive=drive)
         self._stories[drive].end()
+        if drive not in {each.name for each in self.plant.drives}:
+            del self._stories[drive]
 
     async def _look(self) -> None:
         """End leases when their time is over, and what was kept under them."""
@@ -234,19 +241,22 @@ class Core:
         before, self.plant = self.plant, plant
         told = []
         old, new = {line.name: line for line in before.lines}, {line.name: line for line in plant.lines}
-        for config in before.drives:
-            if config not in plant.drives:
-                self.table.forget({config.name})
-                if config.name in self.kept:
-                    self.release(config.name)
+        gone = {config.name for config in before.drives if config not in plant.drives}
+        for name in gone & self.kept.keys():
+            self.release(name)
         await asyncio.gather(*self._under_way, return_exceptions=True)
         for name, known in old.items():
+            gone_here = {each.name for each in before.on_line(name)} & gone
             if known != new.get(name):
-                await self.lines.pop(name).close()
+                if name in self.lines:
+                    await self.lines.pop(name).close()
+                # Their values came until now.
+                self.table.forget(gone_here)
                 told.append(f"line {name} {'is closed' if name not in new else 'is opened anew'}")
-            elif before.on_line(name) != plant.on_line(name):
+            elif name in self.lines and before.on_line(name) != plant.on_line(name):
                 served = self.lines[name]
                 await served.pause()
+                self.table.forget(gone_here)
                 served.has(self._drives_of(name))
                 served.start()
                 told.append(f"line {name} has other drives, or other values to poll")
@@ -288,7 +298,7 @@ class Core:
 
     async def _read_fault_log(self, name: str) -> None:
         drive = self.line(self.plant.drive(name).line).drive(name)
-        if self.journal is None or drive.model is None:
+        if drive.model is None:
             return
         entries = []
         for parameter in drive.model.fault_log:
@@ -296,7 +306,16 @@ class Core:
             with suppress(DriveCommError):
                 entries.append(await drive.polled(parameter))
         if entries:
-            self.journal.add_fault_log(name, entries, time_s=time.time())
+            time_s = time.time()
+            self.fault_logs[name] = tuple(_remembered(place, each, time_s) for place, each in enumerate(entries, 1))
+            if self.journal is not None:
+                self.journal.add_fault_log(name, entries, time_s=time_s)
+
+
+def _remembered(place: int, reading: Reading, time_s: float) -> RememberedFault:
+    return RememberedFault(
+        place=place, address=reading.parameter, value=str(reading.value), text=reading.text, time_s=time_s
+    )
 
 
 def _said_port(line: PlantLine) -> str:

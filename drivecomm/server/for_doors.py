@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import NotAllowedError, UsageError
 from drivecomm.protocol import Stop
-from drivecomm.server.door import LOCAL, Command, Role
+from drivecomm.server.callers import LOCAL, Role
+from drivecomm.server.door import Command
 from drivecomm.server.examining import Crossing, examination
 from drivecomm.server.rights import NEEDS
 from drivecomm.server.table import ChangesFor
@@ -18,8 +19,9 @@ if TYPE_CHECKING:
 
     from drivecomm.plant import Plant
     from drivecomm.server.alarms import Alarm
+    from drivecomm.server.callers import Caller
     from drivecomm.server.core import Core
-    from drivecomm.server.door import Answer, Caller, Examination, History, KnownUsers
+    from drivecomm.server.door import Answer, Examination, History, KnownUsers, Stopped
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState
 
@@ -90,8 +92,8 @@ class PlantForDoors:
         """Carry out a command, if this caller may; goes on when whoever asked has gone."""
         return await self._handed(self._core.commands.carry_out(caller, command))
 
-    async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[tuple[str, Answer]]:
-        """Stop all drives, those of some lines only if named; all lines at once."""
+    async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[Stopped]:
+        """Stop all drives, those of some lines only if named; all lines at once: by a broadcast first, then each."""
         return await self._handed(self._core.commands.stop_all(caller, Stop(how), lines))
 
     async def take_lease(self, caller: Caller, drive: str, seconds: float) -> Lease:

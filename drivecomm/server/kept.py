@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -28,17 +29,23 @@ class KeepOrder:
     hz: Any = None
 
 
+MOST_TOLD = 200
+"""So much of what has happened to one motor is told to whoever asks for it later; the history has it all."""
+
+
 class Story:
     """What has happened to a kept motor since it was started, for all who want to know, whenever they begin to ask."""
 
     def __init__(self) -> None:
-        self._told: list[Mapping[str, Any]] = []
+        self._told: deque[Mapping[str, Any]] = deque(maxlen=MOST_TOLD)
+        self._number = 0
         self._over = False
         self._more = asyncio.Event()
 
     def tell(self, item: Mapping[str, Any]) -> None:
         """Add something."""
         self._told.append(item)
+        self._number += 1
         self._woken()
 
     def end(self) -> None:
@@ -51,10 +58,11 @@ class Story:
         place = 0
         while True:
             more = self._more
-            while place < len(self._told):
-                yield self._told[place]
-                place += 1
-            if self._over and place == len(self._told):
+            while place < self._number:
+                first = self._number - len(self._told)
+                place = max(place, first) + 1
+                yield self._told[place - 1 - first]
+            if self._over and place == self._number:
                 return
             await more.wait()
 

@@ -11,7 +11,7 @@ from drivecomm.errors import LeaseError, UsageError, shortened
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.server.door import Caller
+    from drivecomm.server.callers import Caller
 
 LONGEST_S = 30.0
 """For so long a lease is given at most; it is renewed for longer."""

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import open_bus_async
-from drivecomm.errors import DriveCommError, LinkError, OvertakenError, UsageError
+from drivecomm.bus import open_bus_async, policies
+from drivecomm.errors import DriveCommError, LinkError, NotSupported, OvertakenError, UsageError
 from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Statistics
 from drivecomm.plant.watching import STATUS, DriveView, OpenLine, SeenDrive, WatchedLine, changes, is_silence
 from drivecomm.polling import PollItem, poll_async
+from drivecomm.protocol import LINE_FACT_NAMES
 from drivecomm.server.observations import CurrentValue, DriveState, LineState
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from drivecomm.bus import AsyncBus, AsyncDrive
+    from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive
     from drivecomm.plant import PlantLine
     from drivecomm.polling import PollResult
-    from drivecomm.protocol import DriveConfig
+    from drivecomm.protocol import DriveConfig, LinkLoss, Model
     from drivecomm.server.observations import EventKind
     from drivecomm.server.table import Table
 
@@ -57,8 +59,11 @@ class ServedLine:
         )
         self._seen: dict[str, SeenDrive] = {}
         self._unusable: dict[str, UsageError] = {}
+        self._policies: dict[str, tuple[LinkLoss, ...]] = {}
         self._polls = self._missed = 0
         self._up, self._error = False, ""
+        self._silent_with_line: set[str] = set()
+        """Drives of which nobody has said yet whether they are silent by themselves, too."""
         self._tried = asyncio.Event()
         self._never_open: DriveCommError | None = None
         self._tasks: list[asyncio.Task[None]] = []
@@ -72,6 +77,7 @@ class ServedLine:
     def has(self, drives: Sequence[DriveConfig]) -> None:
         """Take these drives for those that the line has; what is known of those that stay is kept."""
         self._configs = tuple(drives)
+        self.everybody = tuple(self._broadcasts(drives))
         known, self._seen, self._unusable = self._seen, {}, {}
         for config in drives:
             try:
@@ -85,6 +91,22 @@ class ServedLine:
             if (before := known.get(config.name)) is not None:
                 view = replace(before.view, drive=config)
             self._seen[config.name] = SeenDrive(self._open, drive, view)
+            self._policies[config.name] = _policies(drive.model)
+            if wrong := _wrong_policy(config, drive.model):
+                self._table.happened("link loss", wrong, drive=config.name, line=self.line.name)
+
+    def _broadcasts(self, drives: Sequence[DriveConfig]) -> Iterator[AsyncBroadcast]:
+        """Yield what reaches all drives of each protocol at once, once for each of the settings that they have."""
+        made = []
+        for config in drives:
+            own = {name: value for name, value in config.options.items() if name not in {*LINE_FACT_NAMES, "model"}}
+            # Where there is none, drives are reached one by one.
+            with suppress(NotSupported, UsageError):
+                everybody = self.bus.broadcast(config.protocol, **config.options)
+                key = (config.protocol, everybody.peer.facts.settings, own)
+                if key not in made:
+                    made.append(key)
+                    yield everybody
 
     def drive(self, name: str) -> AsyncDrive:
         """Return a drive of the plant. Raises UsageError for one that cannot be made from what the plant says."""
@@ -125,6 +147,7 @@ class ServedLine:
                     answered_s=seen.answered_s,
                     counters=told.counters,
                     reply_s=told.reply_times.mean_s,
+                    policies=self._policies[config.name],
                 )
             )
         return found
@@ -168,6 +191,7 @@ class ServedLine:
                 self._never_open = error
                 self._tried.set()
                 self._is_up(False, _flat(error))
+                self._silent_with_line.update(self._seen)
                 for seen in self._seen.values():
                     self._update(seen, replace(seen.view, reachability="silent", status=None, error=_flat(error)))
                 waiting.failed(loop.time())
@@ -232,11 +256,18 @@ class ServedLine:
         if not is_silence(result.error):
             self._answered(seen, result)
         elif seen.view.reachability != "silent" or seen.view.error != result.cause:
-            self._is_up(not isinstance(result.error, LinkError), result.cause)
+            lost = isinstance(result.error, LinkError)
+            self._is_up(not lost, result.cause)
+            if lost:
+                self._silent_with_line.add(result.drive)
+            elif result.drive in self._silent_with_line:
+                self._silent_with_line.discard(result.drive)
+                self._table.happened("silent", result.cause, drive=result.drive, line=self.line.name)
             self._update(seen, replace(seen.view, reachability="silent", status=None, fault="", error=result.cause))
 
     def _answered(self, seen: SeenDrive, result: PollResult) -> None:
         self._is_up(True)
+        self._silent_with_line.discard(result.drive)
         seen.answered_s = result.time_s
         view = seen.view
         if result.parameter == STATUS:
@@ -268,6 +299,23 @@ class ServedLine:
                 self._table.happened("line", "works again" if up else error, line=self.line.name)
             self._up = up
         self._error = error
+
+
+def _policies(model: Model | None) -> tuple[LinkLoss, ...]:
+    """Return the link-loss policies with which drives of a model can be started; hold needs nothing of the drive."""
+    return tuple(dict.fromkeys(("hold", *policies(model))))
+
+
+def _wrong_policy(config: DriveConfig, model: Model | None) -> str:
+    """Return why a drive cannot be started with the policy that the plant says for it; empty where it can."""
+    said, able = config.link_loss, _policies(model)
+    if said is None or said.policy in able:
+        return ""
+    why = "whose model is not known" if model is None else f"a drive of model {model.name}"
+    return (
+        f"{config.name}, {why}, cannot be started with the link_loss policy {said.policy} of the plant file; "
+        f"write {' or '.join(able)} there"
+    )
 
 
 def _flat(error: Exception) -> str:

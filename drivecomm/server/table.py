@@ -58,7 +58,10 @@ class Table:
 
     def forget(self, drives: Collection[str]) -> None:
         """Forget the values of these drives."""
-        self._values = {key: each for key, each in self._values.items() if key[0] not in drives}
+        self._values, self._new_values = (
+            {key: each for key, each in known.items() if key[0] not in drives}
+            for known in (self._values, self._new_values)
+        )
 
     def values(self) -> Sequence[CurrentValue]:
         """Return all current values."""
