@@ -99,7 +99,7 @@ def test_every_drive_is_on_its_line_with_its_values_and_its_motor():
 @pytest.mark.parametrize(
     ("drive", "sentence"),
     [
-        ({"protocol": "modbus"}, "drive pump: .*modbus"),
+        ({"protocol": "profibus"}, "drive pump: .*profibus"),
         ({"address": 99}, "drive pump: vabus has no drive at address 99"),
         ({"options": {"model": "x"}}, "drive pump: vabus has no model 'x'"),
         ({"options": {"colour": 1}}, "drive pump: vabus drives have no option 'colour'"),
