@@ -62,7 +62,7 @@ class Condition:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Control:
-    """The table [control] of a model; docs/protocols/modbus.md explains each key."""
+    """The table [control] of a model; the README of the package explains each key."""
 
     steps: Mapping[str, tuple[Step, ...]] = field(default_factory=dict)
     status: Mapping[str, Condition] = field(default_factory=dict)
