@@ -62,6 +62,7 @@ class Keeper(Generic[D]):
         self._setting: Setting | None = None
         self._earlier: Setting | None = None
         self._first: Exception | None = None
+        self._stopped = False
         self._asked = self._unanswered = 0
         self._answered_at: float | None = None
         self._next_at = 0.0
@@ -70,6 +71,11 @@ class Keeper(Generic[D]):
     def watchdog(self) -> Setting | None:
         """How the drive's watchdog is set inside the block; None where its model knows none."""
         return self._setting
+
+    @property
+    def stopped(self) -> bool:
+        """Whether what is done on leaving was done; setting the watchdog as it was may have failed all the same."""
+        return self._stopped
 
     def stop_by(self, how: Stop) -> None:
         """Stop so when the block is left, whatever its policy says."""
@@ -138,7 +144,8 @@ class Keeper(Generic[D]):
                 if not left:
                     raise
             else:
-                return
+                break
+        self._stopped = True
 
     def _restoring(self) -> Procedure[None]:
         """Set the watchdog as it was, so that a program that speaks less often does not set it off."""

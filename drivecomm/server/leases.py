@@ -91,8 +91,9 @@ class Leases:
         return lease if now < until else None
 
     def all(self, *, now: float) -> Sequence[Lease]:
-        """Return all leases."""
-        return [lease for lease, until in self._held.values() if now < until]
+        """Return all leases; may be called from any thread."""
+        # A copy, because other threads ask, too.
+        return [lease for lease, until in list(self._held.values()) if now < until]
 
     def _own(self, caller: Caller, drive: str, key: str, now: float) -> Lease:
         lease = self.holder_of(drive, now=now)

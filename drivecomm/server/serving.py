@@ -83,6 +83,7 @@ class Serving:
         self._made = [kind_of_door(kind)(table) for kind, table in said] if doors is None else list(doors)
         self._manager = ServiceManager()
         self._reading: asyncio.Task[None] | None = None
+        self._wished = 0
         self._end: asyncio.Event | None = None
         self._core: Core | None = None
         self._alarms: PlantAlarms | None = None
@@ -162,6 +163,9 @@ class Serving:
                     core.table.happened("server", "ends")
                     # While everybody can still see it.
                     await core.release_all()
+                    if self._reading is not None:
+                        # One that is under way ends with its lines in order.
+                        await asyncio.wait([self._reading])
                     feeding.cancel()
 
     def _registration(self) -> Registration:
@@ -239,8 +243,15 @@ class Serving:
             core.table.happened("server", f"the alarms stay as they are: {error}")
 
     def _read_again(self, core: Core, record: Path) -> None:
+        self._wished += 1
         if self._reading is None or self._reading.done():
-            self._reading = asyncio.create_task(self._reload(core, record), name="reading the plant file again")
+            self._reading = asyncio.create_task(self._reload_all(core, record), name="reading the plant file again")
+
+    async def _reload_all(self, core: Core, record: Path) -> None:
+        """Read the plant file as often as it takes: it may have changed while it was read."""
+        while self._wished and not core.ending:
+            self._wished = 0
+            await self._reload(core, record)
 
     async def _reload(self, core: Core, record: Path) -> None:
         """Read the plant file again; one that cannot be read changes nothing."""
@@ -248,18 +259,22 @@ class Serving:
         try:
             plant = await asyncio.to_thread(read_plant, self.path)
             settings = await asyncio.to_thread(read_settings, self.path)
-        except (DriveCommError, OSError) as error:
+        except Exception as error:  # noqa: BLE001 - whatever the file holds, the server goes on
             core.table.happened("server", f"the plant file cannot be read, so that all stays as it is: {error}")
         else:
             said = await core.changed(plant)
             self.plant = plant
-            if settings.doors != self.settings.doors or settings.audit != self.settings.audit:
+            if _doors(settings) != _doors(self.settings) or settings.audit != self.settings.audit:
                 core.table.happened("server", "doors and files of the server change when it is started again")
             with suppress(OSError):
                 written_again(record, self._registration())
             self._take_alarms(core, settings)
             core.table.happened("server", f"plant file read again: {'; '.join(said) or 'nothing has changed'}")
         self._manager.ready(self._size(core))
+
+
+def _doors(settings: ServerSettings) -> list[object]:
+    return [(kind, table.content) for kind, table in settings.doors]
 
 
 def _on_signal(

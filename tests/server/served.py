@@ -92,13 +92,20 @@ async def core_of(tmp_path, text=PLANT, *, audit=None, status_period_s=0.05, **f
             session="this run",
             audit=audit or NoteBook(),
             status_period_s=status_period_s,
-            port_of=lambda line: (
-                f"socket://{server.addresses[line.name].partition('://')[2] or server.addresses[line.name]}"
-            ),
-            **further,
+            **{
+                "port_of": lambda line: (
+                    f"socket://{server.addresses[line.name].partition('://')[2] or server.addresses[line.name]}"
+                ),
+                **further,
+            },
         )
         async with core:
             yield core, control
+
+
+def runs(control, name):
+    """Whether the motor of a virtual drive turns, or is about to, whatever anybody was told."""
+    return next(each for each in control.order("show")["drives"] if each["name"] == name)["running"]
 
 
 async def until(condition, seconds=5.0):
