@@ -5,6 +5,7 @@ from .contract import (
     Memory as Memory,
     Operations as Operations,
     Protocol as Protocol,
+    ReadsMany as ReadsMany,
     VirtualDrive as VirtualDrive,
     VirtualReply as VirtualReply,
 )

@@ -7,12 +7,12 @@ there. The object and all it refers to do no I/O, read no clock and import nothi
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol as Interface
+from typing import TYPE_CHECKING, Any, Literal, Protocol as Interface, runtime_checkable
 
 from drivecomm.protocol.status import Stop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.protocol.exchange import Exchange
     from drivecomm.protocol.framing import Codec, Damaged, Framed
@@ -141,6 +141,27 @@ class Operations(Interface):
 
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read what the drive tells of itself: name plate, software, address. Moves nothing; may be empty."""
+
+
+@runtime_checkable
+class ReadsMany(Interface):
+    """What operations have besides where one telegram can read several parameters of a drive.
+
+    Each telegram is an exchange of its own, so that others may use the line between two of them, and each reading has
+    the time of its own telegram.
+    """
+
+    def blocks(self, parameters: Sequence[str]) -> Sequence[Sequence[int]]:
+        """Return which of these parameters one telegram each reads, by their places in the list, each place once.
+
+        Sends nothing. Raises what `read` raises for a parameter that can never be read.
+        """
+
+    def read_many(self, parameters: Sequence[str]) -> Exchange[Sequence[Reading]]:
+        """Read parameters that `blocks` has put together, by one telegram; the readings are in the order asked for.
+
+        A refusal is of all of them, since the drive does not say which one it means: whoever asks tries fewer.
+        """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

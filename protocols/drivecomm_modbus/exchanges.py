@@ -50,14 +50,56 @@ class ModbusOperations:
         """Read a parameter. type: u16, s16, u32, s32, f32 instead of what the model says."""
         wanted = target(parameter, self._model, self._options, type)
         self._must_be_one_drive("reading")
+        return self._reading(wanted)
+
+    def blocks(self, parameters: Sequence[str]) -> list[list[int]]:
+        """Return which of these parameters one telegram reads: neighbours, as many as the drive allows."""
+        wanted = [target(each, self._model, self._options) for each in parameters]
+        order = sorted(range(len(wanted)), key=lambda number: (wanted[number].place.kind, wanted[number].place.start))
+        blocks: list[list[int]] = []
+        first = last = None
+        for number in order:
+            each = wanted[number]
+            if first and last and self._is_near(first, last, each):
+                blocks[-1].append(number)
+                last = max(last, each, key=lambda one: one.end)
+            else:
+                blocks.append([number])
+                first = last = each
+        return blocks
+
+    def read_many(self, parameters: Sequence[str]) -> Exchange[list[Reading]]:
+        """Read parameters that are near each other by one telegram; their refusal is of all of them."""
+        self._must_be_one_drive("reading")
+        wanted = [target(each, self._model, self._options) for each in parameters]
+        first = min((each.place for each in wanted), key=lambda place: place.start)
+        count = max(each.end for each in wanted) - first.start
+        ask = self._asking(Place(first.kind, first.start), count)
+        reply = yield from self._answered(ask, f"{wanted[0].address} to {wanted[-1].address}")
+        words = reply.values or ()
+        return [
+            each.reading(each.raw_of(words[each.place.start - first.start : each.end - first.start])) for each in wanted
+        ]
+
+    def _is_near(self, first: Target, last: Target, each: Target) -> bool:
+        """Whether one telegram that reads from the first to the last of a block can read this one, too."""
+        gap = each.place.start - last.end
+        return (
+            not first.wide
+            and not each.wide
+            and each.place.kind == first.place.kind
+            and gap <= self._options.bridged_registers
+            and each.end - first.place.start <= self._options.max_registers
+        )
+
+    def _reading(self, wanted: Target) -> Exchange[Reading]:
         return wanted.reading((yield from self._read(wanted)))
 
     def write(self, parameter: str, value: Value | float, *, store: bool = False, type: str = "") -> Exchange[None]:
         """Write a parameter; the drive only confirms it."""
         wanted = target(parameter, self._model, self._options, type)
         self._must_be_one_drive("writing")
-        raw = wanted.raw_for(value)
-        yield from self._write(wanted, raw, store=store)
+        return self._write(wanted, wanted.raw_for(value), store=store)
 
     def address_of(self, parameter: str, **options: Any) -> str:
         """Return the address as the model writes it, in decimal without one."""
@@ -198,6 +240,10 @@ class ModbusOperations:
             raise NotSupported(
                 f"a write to {wanted.address} goes to the EEPROM of the drive; write with store=True", says="store=True"
             )
+        return self._written(wanted, raw, plain=plain, store=store)
+
+    def _written(self, wanted: Target, raw: int | str, *, plain: bool, store: bool) -> Exchange[None]:
+        control, info = self._control, wanted.info
         for step in () if plain else control.steps.get("store_before" if store else "volatile_before", ()):
             yield from self._carry_out(step)
         offset = 0 if store or plain else control.volatile_offset
@@ -245,7 +291,7 @@ class ModbusOperations:
             raise NotSupported(f"this drive takes no reference in {unit} over Modbus, as far as its model says")
         self._must_be_one_drive("a reference")
         wanted = target(address, self._model, self._options)
-        yield from self._write(wanted, wanted.raw_for(value, rounded=rounded), store=False)
+        return self._write(wanted, wanted.raw_for(value, rounded=rounded), store=False)
 
     def _steps(self, command: str) -> tuple[Step, ...]:
         if command in self._control.steps:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from drivecomm.errors import UsageError
-from drivecomm_modbus.functions import WRITE_REGISTER, WRITE_REGISTERS
+from drivecomm_modbus.functions import MOST_REGISTERS_READ, WRITE_REGISTER, WRITE_REGISTERS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -18,7 +18,9 @@ class ModbusOptions:
     word_order: which half of a 32-bit value has the lower register, "high" or "low". write_function: 16, with 15 for
     coils, or 6, with 5; the reply to 5 and 6 is the request byte for byte, so that the echo of a two-wire adapter
     passes for it. wide_functions: 32 bits are read and written by functions 64H and 65H (Bonfiglioli) instead of two
-    registers. reply_delay_s: how soon a virtual drive answers.
+    registers. max_registers: how many one telegram reads at most, 1 for one parameter at a time. bridged_registers: how
+    many that nobody asked for may lie between two that are read together; only for drives that answer for registers
+    which they do not have. reply_delay_s: how soon a virtual drive answers.
     """
 
     register_base: int = 0
@@ -26,6 +28,8 @@ class ModbusOptions:
     word_order: Literal["high", "low"] = "high"
     write_function: int = WRITE_REGISTERS
     wide_functions: bool = False
+    max_registers: int = 16
+    bridged_registers: int = 0
     reply_delay_s: float = 0.005
 
     def __post_init__(self) -> None:
@@ -33,6 +37,8 @@ class ModbusOptions:
             raise UsageError(f"write_function of {self.write_function} is neither 6 nor 16")
         if self.word_order not in ("high", "low"):
             raise UsageError(f"word_order {self.word_order!r} is neither 'high' nor 'low'")
-        for name in ("register_base", "coil_base", "reply_delay_s"):
+        if not 1 <= self.max_registers <= MOST_REGISTERS_READ:
+            raise UsageError(f"max_registers of {self.max_registers} is not 1 to {MOST_REGISTERS_READ}")
+        for name in ("register_base", "coil_base", "bridged_registers", "reply_delay_s"):
             if getattr(self, name) < 0:
                 raise UsageError(f"{name} of {getattr(self, name)} is negative")

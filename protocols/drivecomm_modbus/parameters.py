@@ -102,6 +102,11 @@ class Target:
             (self.place.kind, self.place.start + offset) for offset in range(1 if self.wide else self.size)
         )
 
+    @property
+    def end(self) -> int:
+        """The first register, or coil, after it."""
+        return self.place.start + (1 if self.wide else self.size)
+
     def raw_of(self, words: Sequence[int]) -> int | str:
         """Return the unsigned number, or the text, that these registers hold."""
         if self.type == "string":
