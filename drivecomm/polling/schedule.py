@@ -21,9 +21,9 @@ from drivecomm.errors import DriveCommError, RefusedError, UsageError, in_one_li
 from drivecomm.protocol import is_duration, is_whole
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from drivecomm.protocol import Reading
+    from drivecomm.protocol import PollGroup, Reading
 
 ResultQuality: TypeAlias = Literal["good", "uncertain", "stale", "bad"]
 """good, uncertain: as of a `Reading`. stale: the drive gave none now, and this is its last one. bad: there is none."""
@@ -122,6 +122,20 @@ class PollBlock(Generic[D]):
     def priority(self) -> int:
         """What decides when it is overdue."""
         return self.items[0].priority
+
+
+def items_of(groups: Iterable[PollGroup], drive: D, name: str = "") -> Iterator[PollItem[D]]:
+    """Yield what is polled of a drive by the groups of its plant file. name: what results call it."""
+    for group in groups:
+        for parameter in group.parameters:
+            yield PollItem(
+                drive=drive,
+                parameter=parameter,
+                period_s=group.period_s,
+                priority=group.priority,
+                options=group.options,
+                name=name,
+            )
 
 
 class PollResult(NamedTuple):

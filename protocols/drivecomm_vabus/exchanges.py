@@ -6,14 +6,15 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, ParameterAddressError, RefusedError, UsageError
+from drivecomm.profiles import ONLY
 from drivecomm.protocol import Capabilities, Stop
 from drivecomm_vabus import states
 from drivecomm_vabus.conversation import Conversation
 from drivecomm_vabus.memory import VabusMemory
-from drivecomm_vabus.motion import STOP_WORDS, Motion
+from drivecomm_vabus.motion import Motion
 from drivecomm_vabus.parameters import Target, characters_for, reading_of, target
 from drivecomm_vabus.references import References
-from drivecomm_vabus.states import state_of
+from drivecomm_vabus.states import PROFILE, STOP_WORDS
 from drivecomm_vabus.telegrams import BROADCAST
 
 if TYPE_CHECKING:
@@ -161,11 +162,11 @@ class VabusOperations:
 
     def _identify(self) -> Exchange[Mapping[str, str]]:
         try:
-            word = yield from self._motion.state_word()
+            words = yield from self._motion.look()
         except RefusedError:
             return {}
-        state = state_of(word)
-        return {"state": state.title if state else f"0x{word:04X}"}
+        state = PROFILE.state_of(words)
+        return {"state": state.name if state else f"0x{words[ONLY]:04X}"}
 
     def _write_dataset(self, wanted: Target, *, store: bool) -> int:
         dataset = wanted.dataset or 0

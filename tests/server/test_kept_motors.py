@@ -126,6 +126,13 @@ class TestWhileItBegins:
                 _ = [item async for item in served.kept.following("pump")]
             assert served.drive("pump").kept == ""
 
+    @awaited
+    async def test_one_that_is_only_started_is_kept_no_more_when_its_commander_is_answered(self, core):
+        async with core() as (served, control):
+            await keep(served, policy="hold")
+            assert served.drive("pump").kept == ""
+            await until(lambda: runs(control, "pump"))
+
 
 class TestWhileTheAuditIsWritten:
     @pytest.mark.parametrize("verb", ["keep", "start"])

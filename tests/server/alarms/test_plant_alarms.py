@@ -281,3 +281,10 @@ def test_a_drive_that_was_taken_out_of_the_plant(running, eventually):
 def test_a_secret_that_is_missing_is_told_at_the_start(tmp_path):
     with pytest.raises(UsageError, match="there is no secret @mail"):
         PlantAlarms(AlarmPlant(), [rule(deliver=("@mail",))], file=tmp_path / "a", write_event=print, environment={})
+
+
+def test_the_folder_of_the_file_is_made(tmp_path, hook):
+    found = Running(tmp_path / "not yet" / "alarms.json", rule(deliver=(f"webhook:{hook.url}",)), state=pump("F1"))
+    found.end()
+    assert json.loads((tmp_path / "not yet" / "alarms.json").read_text())["alarms"]
+    assert not any("would not survive" in text for text in found.texts)
