@@ -7,6 +7,7 @@ from .files import (
 )
 from .machine import ProfileMachine as ProfileMachine
 from .mistakes import mistakes_in as mistakes_in
+from .orders import OrderMachine as OrderMachine
 from .profile import (
     ONLY as ONLY,
     Condition as Condition,

@@ -20,7 +20,8 @@ class ModbusOptions:
     passes for it. wide_functions: 32 bits are read and written by functions 64H and 65H (Bonfiglioli) instead of two
     registers. max_registers: how many one telegram reads at most, 1 for one parameter at a time. bridged_registers: how
     many that nobody asked for may lie between two that are read together; only for drives that answer for registers
-    which they do not have. reply_delay_s: how soon a virtual drive answers.
+    which they do not have. state_timeout_s: how long a drive has to obey a start, which is taken back otherwise.
+    reply_delay_s: how soon a virtual drive answers.
     """
 
     register_base: int = 0
@@ -30,6 +31,7 @@ class ModbusOptions:
     wide_functions: bool = False
     max_registers: int = 16
     bridged_registers: int = 0
+    state_timeout_s: float = 3.0
     reply_delay_s: float = 0.005
 
     def __post_init__(self) -> None:
@@ -39,6 +41,6 @@ class ModbusOptions:
             raise UsageError(f"word_order {self.word_order!r} is neither 'high' nor 'low'")
         if not 1 <= self.max_registers <= MOST_REGISTERS_READ:
             raise UsageError(f"max_registers of {self.max_registers} is not 1 to {MOST_REGISTERS_READ}")
-        for name in ("register_base", "coil_base", "bridged_registers", "reply_delay_s"):
+        for name in ("register_base", "coil_base", "bridged_registers", "state_timeout_s", "reply_delay_s"):
             if getattr(self, name) < 0:
                 raise UsageError(f"{name} of {getattr(self, name)} is negative")

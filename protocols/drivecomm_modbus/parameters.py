@@ -43,25 +43,38 @@ class Place:
     start: int
     part: str = ""
 
+    @classmethod
+    def named(cls, name: str) -> Place:
+        """Return the whole register, or the coil, that has this name."""
+        kind = name[0] if name[0] in "icd" else ""
+        return cls(kind, int(name.removeprefix(kind)))
+
+    @property
+    def name(self) -> str:
+        """The register, or the coil, in one word; the same for all of its parts."""
+        return f"{self.kind}{self.start}"
+
     @property
     def is_bit(self) -> bool:
         """Whether it is a coil or a discrete input."""
         return self.kind in ("c", "d")
 
+    @property
+    def bits(self) -> tuple[int, int]:
+        """The mask of this part of a register, and how far up it is."""
+        if not self.part.isdigit():
+            return {"low": (0xFF, 0), "high": (0xFF, 8), "": (0xFFFF, 0)}[self.part]
+        return 1, int(self.part)
+
     def cut(self, word: int) -> int:
         """Return this part of a register."""
-        if not self.part:
-            return word
-        if self.part in ("low", "high"):
-            return word >> 8 if self.part == "high" else word & 0xFF
-        return word >> int(self.part) & 1
+        mask, shift = self.bits
+        return word >> shift & mask
 
     def put(self, word: int, value: int) -> int:
         """Return a register with this part set."""
-        mask, shift = {"low": (0xFF, 0), "high": (0xFF00, 8), "": (0xFFFF, 0)}.get(self.part, (0, 0))
-        if not mask:
-            mask, shift = 1 << int(self.part), int(self.part)
-        return word & ~mask | value << shift & mask
+        mask, shift = self.bits
+        return word & ~(mask << shift) | (value & mask) << shift
 
 
 def place_of(address: str, options: ModbusOptions) -> Place:
@@ -96,16 +109,14 @@ class Target:
     name: str
 
     @property
-    def spots(self) -> frozenset[tuple[str, int]]:
-        """The registers, or the coil, by kind and wire address."""
-        return frozenset(
-            (self.place.kind, self.place.start + offset) for offset in range(1 if self.wide else self.size)
-        )
-
-    @property
     def end(self) -> int:
         """The first register, or coil, after it."""
         return self.place.start + (1 if self.wide else self.size)
+
+    @property
+    def spots(self) -> tuple[str, ...]:
+        """The registers, or the coil, by name."""
+        return tuple(f"{self.place.kind}{start}" for start in range(self.place.start, self.end))
 
     def raw_of(self, words: Sequence[int]) -> int | str:
         """Return the unsigned number, or the text, that these registers hold."""
@@ -127,13 +138,12 @@ class Target:
 
     def reading(self, raw: int | str) -> Reading:
         """Return what a raw value means."""
-        info = self.info
+        value: Value
+        info, note, value = self.info, "", raw
+        factor = info.factor if info else Decimal(1)
         if info is None and not self.type:
             note = "no model: the bare number"
-            return Reading(parameter=self.address, value=raw, raw=raw, name=self.name, note=note)
-        value: Value = raw
-        note, factor = "", info.factor if info else Decimal(1)
-        if self.type == "f32" and isinstance(raw, int):
+        elif self.type == "f32" and isinstance(raw, int):
             (number,) = unpack(">f", raw.to_bytes(4, "big"))
             value = Decimal(f"{number:.7g}") * factor
             if not value.is_finite():
@@ -142,15 +152,14 @@ class Target:
             value = scaled(_signed(raw, self.type), factor)
         if info is not None and info.sure == "unconfirmed":
             note = note or f"unconfirmed: {info.source or 'no source'}"
-        text = info.values.get(int(value), "") if info and isinstance(value, int) else ""
         return Reading(
             parameter=self.address,
             value=value,
             raw=raw,
             unit=info.unit if info else "",
-            type=self.type or "u16",
+            type=self.type or ("u16" if info else ""),
             name=self.name or (info.name if info else ""),
-            text=text,
+            text=info.values.get(int(value), "") if info and isinstance(value, int) else "",
             note=note,
         )
 
@@ -164,9 +173,7 @@ class Target:
             return value.rstrip("\0 ")
         number, info = exact(value, self.address), self.info
         factor, unit = (info.factor, info.unit) if info else (Decimal(1), "")
-        if info is not None and (
-            (info.minimum is not None and number < info.minimum) or (info.maximum is not None and number > info.maximum)
-        ):
+        if info is not None and not info.allows(number):
             raise ValueRefusedError(
                 f"{number} for {self.address} is not {info.minimum} to {info.maximum} {unit}".rstrip()
             )
@@ -209,3 +216,24 @@ def target(parameter: str, model: Model | None, options: ModbusOptions, type: st
         info=info,
         name=info.name if info and parameter == info.name else "",
     )
+
+
+def blocks_of(wanted: Sequence[Target], options: ModbusOptions) -> list[list[int]]:
+    """Return which of these one telegram reads, by their places in the list: neighbours, as many as a drive allows."""
+    blocks: list[list[int]] = []
+    start = end = 0
+    for number in sorted(range(len(wanted)), key=lambda each: (wanted[each].place.kind, wanted[each].place.start)):
+        each, before = wanted[number], wanted[blocks[-1][-1]] if blocks else None
+        if (
+            before is not None
+            and not (each.wide or before.wide)
+            and each.place.kind == before.place.kind
+            and each.place.start - end <= options.bridged_registers
+            and each.end - start <= options.max_registers
+        ):
+            blocks[-1].append(number)
+            end = max(end, each.end)
+        else:
+            blocks.append([number])
+            start, end = each.place.start, each.end
+    return blocks

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.profiles import OrderMachine
 from drivecomm.protocol import Command, Damaged, Framed, LineSettings, Motor, VirtualReply
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.codec import DriveCodec
-from drivecomm_modbus.commands import Commands
 from drivecomm_modbus.control import control_of
 from drivecomm_modbus.memory import Memory
 from drivecomm_modbus.messages import Reply, Request
@@ -19,12 +19,6 @@ if TYPE_CHECKING:
     from drivecomm_modbus.parameters import Target
 
 _KINDS = {1: "c", 2: "d", 3: "", 4: "i", 5: "c", 6: "", 0x0F: "c", 0x10: "", 0x64: "", 0x65: "", 0x17: ""}
-_MOTOR_STOPS = {
-    "stop": Command.RAMP_STOP,
-    "coast": Command.OFF,
-    "quick": Command.QUICK_STOP,
-    "dc_brake": Command.DC_BRAKE,
-}
 _UNKNOWN_FUNCTION, _UNKNOWN_ADDRESS, _INVALID, _FAILED = 1, 2, 3, 4
 
 
@@ -44,15 +38,12 @@ class VirtualModbusDrive:
         self.gap_s = 0.050
         self.motor = Motor()
         self._model, self._options = model, options
-        self._control = control_of(model, options)
-        self.memory = Memory(model, options, self._control, self.motor)
-        self._commands = Commands(self._control)
-        self._references = [
-            address for address in (self._control.reference_percent, self._control.reference_hz) if address
-        ]
-        self._reverse = False
+        control = self._control = control_of(model, options)
+        self.memory = Memory(model, options, control)
+        self._references = [each for each in (control.reference_percent, control.reference_hz) if each]
+        self._machine = OrderMachine(control.profile, self.motor, self._reference_hz)
+        self._machine.power_up(self.memory.words)
         self._heard_at = 0.0
-        self._commands.power_up(self.memory.words)
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a telegram: silence for what is broken or not for this drive, an exception for what is refused."""
@@ -89,12 +80,13 @@ class VirtualModbusDrive:
         self.motor.reset(now)
         self.motor.warning = False
         self.memory.power_cycle()
-        self._commands.power_up(self.memory.words)
+        self._machine.power_up(self.memory.words)
 
     def _live(self, now: float) -> None:
         self.motor.advance(now)
         self._watch(now)
-        self.memory.show()
+        self.memory.show(self.motor)
+        self.memory.words.update(self._machine.status_words(self._control.status))
 
     def _watch(self, now: float) -> None:
         """Do what the watchdog says once the master has been silent for longer than its time."""
@@ -163,29 +155,31 @@ class VirtualModbusDrive:
 
     def _fetch(self, kind: str, start: int, count: int) -> tuple[int, ...]:
         try:
-            return tuple(self.memory.words[kind, place] for place in range(start, start + count))
+            return tuple(self.memory.words[f"{kind}{place}"] for place in range(start, start + count))
         except KeyError:
             raise _Refusal(_UNKNOWN_ADDRESS) from None
 
     def _write(self, kind: str, start: int, values: tuple[int, ...], now: float) -> None:
         memory, control = self.memory, self._control
-        volatile = control.volatile_offset and (kind, start) not in memory.words
+        volatile = control.volatile_offset and f"{kind}{start}" not in memory.words
         start -= control.volatile_offset if volatile else 0
-        places = [(kind, start + offset) for offset in range(len(values))]
+        places = [f"{kind}{start + offset}" for offset in range(len(values))]
         if any(place not in memory.words for place in places):
             raise _Refusal(_UNKNOWN_ADDRESS)
         before = dict(memory.words)
         memory.words.update(zip(places, values, strict=True))
-        touched = [each for each in memory.targets.values() if not each.spots.isdisjoint(places)]
-        code = next((code for each in touched if (code := self._objection(each))), 0)
-        if code:
+        touched = [each for each in memory.targets.values() if not set(places).isdisjoint(each.spots)]
+        if code := next((code for each in touched if (code := self._objection(each))), 0):
             memory.words = before
             raise _Refusal(code)
         only_ram = volatile or any(each.info is not None and each.info.storage == "volatile" for each in touched)
         if self._stores(places, volatile=bool(only_ram)):
-            for place in places:
-                memory.keep(*place)
-        self._obey(places, {each.address for each in touched}, now)
+            memory.keep(places)
+        for reference in {each.address for each in touched}.intersection(self._references):
+            self._references.insert(0, self._references.pop(self._references.index(reference)))
+            if self.motor.command is Command.RUN:
+                self._machine.act(now)
+        self._machine.written(places, memory.words, now)
 
     def _objection(self, touched: Target) -> int:
         """Return the exception with which a write that has just been made is refused, 0 where it is not."""
@@ -197,40 +191,21 @@ class VirtualModbusDrive:
         if info.access == "rw*" and self.motor.running:
             return _FAILED
         value = touched.reading(self.memory.fetch(touched)).value
-        if isinstance(value, str):
-            return 0
-        too_low = info.minimum is not None and value < info.minimum
-        return _INVALID if too_low or (info.maximum is not None and value > info.maximum) else 0
+        return 0 if isinstance(value, str) or info.allows(value) else _INVALID
 
-    def _stores(self, places: list[tuple[str, int]], *, volatile: bool) -> bool:
+    def _stores(self, places: list[str], *, volatile: bool) -> bool:
         """Return whether a write goes to EEPROM, and take all over where this one is the order to."""
-        words, steps = self.memory.words, self._control.steps
-        if any((step.place.kind, step.place.start) in places for step in steps.get("store_after", ())):
+        words, storing = self.memory.words, self._control.storing
+        if any(step.place in places for step in storing.get("store_after", ())):
             self.memory.keep_all()
-        if volatile or "store_before" not in steps:
+        if volatile or "store_before" not in storing:
             return not volatile and self._control.plain_write == "stored"
-        return all(step.holds(words[step.place.kind, step.place.start]) for step in steps["store_before"])
-
-    def _obey(self, places: list[tuple[str, int]], touched: set[str], now: float) -> None:
-        motor = self.motor
-        for reference in touched.intersection(self._references):
-            self._references.insert(0, self._references.pop(self._references.index(reference)))
-            if motor.command is Command.RUN:
-                motor.run(self._reference_hz(), now)
-        for command in self._commands.heard(places, self.memory.words):
-            if command == "reset":
-                motor.reset(now)
-            elif command in _MOTOR_STOPS:
-                motor.stop(_MOTOR_STOPS[command], now)
-            else:
-                self._reverse = command == "start_reverse"
-                motor.run(self._reference_hz(), now)
+        return all(words[step.place] & step.mask == step.word & step.mask for step in storing["store_before"])
 
     def _reference_hz(self) -> float:
-        """Return the reference that was written last, with the direction that was commanded."""
+        """Return the reference that was written last."""
         if not self._references:
             return 0.0
         wanted = self.memory.targets[self._references[0]]
         value = float(wanted.reading(self.memory.fetch(wanted)).value)
-        hz = value * self.motor.maximum_hz / 100 if wanted.address == self._control.reference_percent else value
-        return -hz if self._reverse else hz
+        return value * self.motor.maximum_hz / 100 if wanted.address == self._control.reference_percent else value
