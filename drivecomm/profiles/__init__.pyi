@@ -7,6 +7,13 @@ from .files import (
 )
 from .machine import ProfileMachine as ProfileMachine
 from .mistakes import mistakes_in as mistakes_in
+from .order_tables import (
+    ORDERS as ORDERS,
+    TRIPPED as TRIPPED,
+    profile_of_orders as profile_of_orders,
+    status_of as status_of,
+    steps_of as steps_of,
+)
 from .orders import OrderMachine as OrderMachine
 from .profile import (
     ONLY as ONLY,

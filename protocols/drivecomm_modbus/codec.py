@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import Intent
-from drivecomm.protocol.schema import Written, message_of
+from drivecomm.protocol.schema import Written, crc16, message_of
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.messages import Reply, Request
 from drivecomm_modbus.telegrams import (
@@ -15,7 +15,6 @@ from drivecomm_modbus.telegrams import (
     EXCEPTION,
     REPLIES,
     REQUESTS,
-    crc16,
     identification_reply,
     wrong,
 )

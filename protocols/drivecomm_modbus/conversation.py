@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import RefusedError
+from drivecomm.profiles import TRIPPED
 from drivecomm.protocol import Ask, Tell
 from drivecomm_modbus import functions as fn
-from drivecomm_modbus.control import TRIPPED
 from drivecomm_modbus.messages import Request
 from drivecomm_modbus.parameters import Place, target
 from drivecomm_modbus.telegrams import BROADCAST
@@ -46,7 +46,7 @@ class Conversation:
     def raw(self, wanted: Target) -> Exchange[int | str]:
         """Read what the registers of a parameter hold."""
         if not wanted.wide:
-            return wanted.raw_of((yield from self.words(wanted.place, wanted.size, wanted.address)))
+            return wanted.raw_of((yield from self.words(wanted.place, wanted.format.size, wanted.address)))
         request = Request(address=self._address, function=fn.READ_LONG, start=wanted.place.start)
         reply = yield from self._answered(Ask(message=request, nameless=True), wanted.address)
         return int(reply.value or 0)

@@ -189,7 +189,7 @@ class ModbusOperations:
             place = Place(place.kind, place.start + control.volatile_offset)
         # What is to be done at once may not be done twice.
         once = wanted.info is not None and wanted.info.kind == "command" and place == wanted.place
-        words = wanted.words_of(raw)
+        words = wanted.format.words_of(raw)
         yield from drive.write(place, words, wanted.address, wide=wanted.wide, attempts=1 if once else None)
         for step in control.storing.get("store_after", ()) if store else ():
             yield from drive.write(Place.named(step.place), (step.word,), step.place)

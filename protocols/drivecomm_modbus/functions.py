@@ -12,22 +12,10 @@ READ_LONG, WRITE_LONG = 0x64, 0x65
 """Bonfiglioli's own: 32 bits in one telegram (Modbus/TCP manual ACU 10/13, p. 35, 36)."""
 
 NAMES = {
-    READ_COILS: "read_coils",
-    READ_INPUTS: "read_inputs",
-    READ_REGISTERS: "read_registers",
-    READ_INPUT_REGISTERS: "read_input_registers",
-    WRITE_COIL: "write_coil",
-    WRITE_REGISTER: "write_register",
-    DIAGNOSTICS: "diagnostics",
-    EVENT_COUNTER: "event_counter",
-    WRITE_COILS: "write_coils",
-    WRITE_REGISTERS: "write_registers",
-    REPORT_ID: "report_id",
-    READ_WRITE: "read_write_registers",
-    IDENTIFICATION: "identification",
-    READ_LONG: "read_long",
-    WRITE_LONG: "write_long",
-}
+    0x01: "read_coils", 0x02: "read_inputs", 0x03: "read_registers", 0x04: "read_input_registers", 0x05: "write_coil",
+    0x06: "write_register", 0x08: "diagnostics", 0x0B: "event_counter", 0x0F: "write_coils", 0x10: "write_registers",
+    0x11: "report_id", 0x17: "read_write_registers", 0x2B: "identification", 0x64: "read_long", 0x65: "write_long",
+}  # fmt: skip
 
 BROADCASTS = (WRITE_COIL, WRITE_REGISTER, WRITE_COILS, WRITE_REGISTERS, WRITE_LONG)
 """What can be said to all drives at once: nothing that asks for a reply."""

@@ -39,7 +39,7 @@ class Memory:
             return
         if isinstance(info.start, str):
             self.put(wanted, info.start)
-        elif wanted.type == "f32":
+        elif wanted.format.type == "f32":
             self.put(wanted, wanted.raw_for(info.start))
         else:
             self.put(wanted, int(info.start / info.factor) & 0xFFFFFFFF)
@@ -64,7 +64,7 @@ class Memory:
         elif wanted.wide:
             self.words[place.name] = int(raw)
         else:
-            self.words.update(zip(wanted.spots, wanted.words_of(raw), strict=True))
+            self.words.update(zip(wanted.spots, wanted.format.words_of(raw), strict=True))
 
     def show(self, motor: Motor) -> None:
         """Put what the motor does into the registers that tell it."""

@@ -8,27 +8,18 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from decimal import Decimal
-from struct import pack, unpack
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import NotSupported, ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.protocol import Reading, exact, scaled, unscaled
+from drivecomm.errors import NotSupported, ParameterAddressError, UsageError
+from drivecomm.protocol import WORD_TYPES, WordFormat
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.protocol import Model, ParameterInfo, Value
+    from drivecomm.protocol import Model, ParameterInfo, Reading, Value
     from drivecomm_modbus.options import ModbusOptions
 
 _ADDRESS = re.compile(r"([icd]?)(0x[0-9A-Fa-f]{1,6}|[0-9]{1,7})(?:\.(low|high|[0-9]|1[0-5]))?", re.ASCII)
-_RANGES = {
-    "u16": range(0x10000),
-    "s16": range(-0x8000, 0x8000),
-    "u32": range(0x100000000),
-    "s32": range(-0x80000000, 0x80000000),
-}
-TYPES = (*_RANGES, "f32", "string")
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,16 +85,11 @@ def place_of(address: str, options: ModbusOptions) -> Place:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """A parameter to be read or written.
-
-    size: registers, or 1 for a coil. low_first: the order of two registers. wide: 32 bits under one address.
-    """
+    """A parameter to be read or written. wide: 32 bits under one address. name: the one that was asked for."""
 
     address: str
     place: Place
-    type: str
-    size: int
-    low_first: bool
+    format: WordFormat
     wide: bool
     info: ParameterInfo | None
     name: str
@@ -111,7 +97,7 @@ class Target:
     @property
     def end(self) -> int:
         """The first register, or coil, after it."""
-        return self.place.start + (1 if self.wide else self.size)
+        return self.place.start + (1 if self.wide else self.format.size)
 
     @property
     def spots(self) -> tuple[str, ...]:
@@ -120,75 +106,17 @@ class Target:
 
     def raw_of(self, words: Sequence[int]) -> int | str:
         """Return the unsigned number, or the text, that these registers hold."""
-        if self.type == "string":
-            return pack(f">{len(words)}H", *words).decode("latin-1").rstrip("\0 ")
-        if self.size == 1:
-            return self.place.cut(words[0])
-        high, low = reversed(words) if self.low_first else words
-        return high << 16 | low
-
-    def words_of(self, raw: int | str) -> tuple[int, ...]:
-        """Return the registers that hold this."""
-        if isinstance(raw, str):
-            return unpack(f">{self.size}H", raw.encode("latin-1").ljust(2 * self.size, b" "))
-        if self.size == 1:
-            return (raw & 0xFFFF,)
-        words = raw >> 16 & 0xFFFF, raw & 0xFFFF
-        return words[::-1] if self.low_first else words
+        return self.place.cut(words[0]) if self.place.part else self.format.raw_of(words)
 
     def reading(self, raw: int | str) -> Reading:
         """Return what a raw value means."""
-        value: Value
-        info, note, value = self.info, "", raw
-        factor = info.factor if info else Decimal(1)
-        if info is None and not self.type:
-            note = "no model: the bare number"
-        elif self.type == "f32" and isinstance(raw, int):
-            (number,) = unpack(">f", raw.to_bytes(4, "big"))
-            value = Decimal(f"{number:.7g}") * factor
-            if not value.is_finite():
-                value, note = raw, "no number: the bare pattern of a float"
-        elif isinstance(raw, int):
-            value = scaled(_signed(raw, self.type), factor)
-        if info is not None and info.sure == "unconfirmed":
-            note = note or f"unconfirmed: {info.source or 'no source'}"
-        return Reading(
-            parameter=self.address,
-            value=value,
-            raw=raw,
-            unit=info.unit if info else "",
-            type=self.type or ("u16" if info else ""),
-            name=self.name or (info.name if info else ""),
-            text=info.values.get(int(value), "") if info and isinstance(value, int) else "",
-            note=note,
-        )
+        return self.format.reading(raw, self.address, self.info, self.name)
 
     def raw_for(self, value: Value | float, *, rounded: bool = False) -> int | str:
         """Return what is to be written. rounded: to the nearest step. Raises ValueRefusedError for a misfit."""
         if self.place.part or self.place.kind in ("i", "d"):
             raise NotSupported(f"{self.address} can only be read; whole registers and coils are written")
-        if self.type == "string":
-            if not isinstance(value, str) or len(value) > 2 * self.size or not value.isascii():
-                raise ValueRefusedError(f"{value!r} for {self.address} is no text of {2 * self.size} characters")
-            return value.rstrip("\0 ")
-        number, info = exact(value, self.address), self.info
-        factor, unit = (info.factor, info.unit) if info else (Decimal(1), "")
-        if info is not None and not info.allows(number):
-            raise ValueRefusedError(
-                f"{number} for {self.address} is not {info.minimum} to {info.maximum} {unit}".rstrip()
-            )
-        if self.type == "f32":
-            return int.from_bytes(pack(">f", float(number / factor)), "big")
-        raw = int((number / factor).to_integral_value()) if rounded else unscaled(number, factor, self.address, unit)
-        allowed = range(2) if self.place.is_bit else _RANGES[self.type or "u16"]
-        if raw not in allowed:
-            raise ValueRefusedError(f"{number} for {self.address} does not fit {self.type or 'u16'}")
-        return raw & (0xFFFFFFFF if self.size == 2 else 0xFFFF)
-
-
-def _signed(raw: int, type: str) -> int:
-    bits = {"s16": 16, "s32": 32}.get(type, 0)
-    return raw - (1 << bits) if bits and raw >> (bits - 1) else raw
+        return self.format.raw_for(value, self.address, self.info, rounded=rounded)
 
 
 def target(parameter: str, model: Model | None, options: ModbusOptions, type: str = "") -> Target:
@@ -199,19 +127,17 @@ def target(parameter: str, model: Model | None, options: ModbusOptions, type: st
         # The same register may be written in another way: 8448 is 0x2100.
         info = next((each for each in model.parameters.values() if place_of(each.address, options) == place), None)
     kind = type or (info.type if info else "")
-    if kind and kind not in TYPES:
-        raise UsageError(f"{kind!r} is no type of a Modbus parameter; types are {', '.join(TYPES)}")
+    if kind and kind not in WORD_TYPES:
+        raise UsageError(f"{kind!r} is no type of a Modbus parameter; types are {', '.join(WORD_TYPES)}")
     extra = info.extra if info else {}
-    order = extra.get("word_order", options.word_order)
+    low_first = extra.get("word_order", options.word_order) == "low"
     size = (int(extra.get("characters", 2)) + 1) // 2 if kind == "string" else 2 if kind.endswith("32") else 1
     base = options.coil_base if place.is_bit else options.register_base
     part = f".{place.part}" if place.part else ""
     return Target(
         address=info.address if info else f"{place.kind}{place.start + base}{part}",
         place=place,
-        type=kind,
-        size=size,
-        low_first=order == "low",
+        format=WordFormat(type=kind, size=size, low_first=low_first, allowed=range(2) if place.is_bit else None),
         wide=kind.endswith("32") and not place.kind and options.wide_functions,
         info=info,
         name=info.name if info and parameter == info.name else "",

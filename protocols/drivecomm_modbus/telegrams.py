@@ -13,39 +13,35 @@ a late reply, since a reply to a read repeats nothing of the request but its len
 from __future__ import annotations
 
 from functools import cache
-from struct import pack, unpack
 from typing import TYPE_CHECKING, Any
 
 from construct import this
 
 from drivecomm.errors import TelegramError
-from drivecomm.protocol.schema import Check, Form, Leaf, characters, choice, unsigned
+from drivecomm.protocol.schema import (
+    Check,
+    Form,
+    Leaf,
+    bits_as,
+    bits_in,
+    characters,
+    choice,
+    crc16,
+    numbers,
+    unsigned,
+    words_as,
+    words_in,
+)
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.messages import Reply, Request
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
 ADDRESSES = range(1, 248)
 BROADCAST = 0
 _MEI = 14
-
-
-def _crc_of_byte(byte: int) -> int:
-    for _ in range(8):
-        byte = byte >> 1 ^ (0xA001 if byte & 1 else 0)
-    return byte
-
-
-_CRC = tuple(map(_crc_of_byte, range(256)))
-
-
-def crc16(covered: bytes) -> bytes:
-    """Return the two check characters of a telegram."""
-    crc = 0xFFFF
-    for byte in covered:
-        crc = crc >> 8 ^ _CRC[(crc ^ byte) & 0xFF]
-    return bytes((crc & 0xFF, crc >> 8))
+_MOST_BYTES = 251
 
 
 def wrong(field: str, text: str) -> TelegramError:
@@ -65,75 +61,47 @@ def _number(size: int, allowed: range, meaning: str) -> Leaf:
     return Leaf(size, parse, lambda value: checked(value).to_bytes(size, "big"), meaning=meaning)
 
 
-def _words(data: str) -> tuple[int, ...]:
-    return unpack(f">{len(data) // 2}H", data.encode("latin-1"))
-
-
-def _bits(data: str) -> tuple[int, ...]:
-    return tuple(byte >> bit & 1 for byte in data.encode("latin-1") for bit in range(8))
-
-
-def _whole(values: object, highest: int, name: str = "values") -> Sequence[int]:
-    if values is None:
-        raise wrong(name, "they are missing")
-    if not isinstance(values, tuple) or any(type(each) is not int or not 0 <= each <= highest for each in values):
-        raise wrong(name, f"{values!r} is no list of numbers from 0 to {highest}")
-    return values
-
-
-def _packed_words(values: object) -> str:
-    words = _whole(values, 0xFFFF)
-    return pack(f">{len(words)}H", *words).decode("latin-1")
-
-
-def _packed_bits(values: object) -> str:
-    bits = _whole(values, 1)
-    data = bytearray((len(bits) + 7) // 8)
-    for place, bit in enumerate(bits):
-        data[place // 8] |= bit << place % 8
-    return data.decode("latin-1")
-
-
 def _written_bits(quantity: int, size: int, content: str) -> tuple[int, ...]:
     """Return the coils that are written; Hitachi rounds the byte count up to an even number."""
     needed = (quantity + 7) // 8
     if size not in (needed, needed + needed % 2):
         raise wrong("byte_count", f"{size} bytes do not hold {quantity} coils")
-    return _bits(content)[:quantity]
+    return bits_in(content)[:quantity]
 
 
 def _written_words(quantity: int, size: int, content: str) -> tuple[int, ...]:
     if size != 2 * quantity:
         raise wrong("byte_count", f"{size} bytes do not hold {quantity} registers")
-    return _words(content)
+    return words_in(content)
 
 
 def _read_words(size: int, content: str) -> tuple[int, ...]:
     if size % 2 or not 0 < size <= 2 * fn.MOST_REGISTERS_READ:
         raise wrong("byte_count", f"{size} bytes are no registers")
-    return _words(content)
+    return words_in(content)
 
 
 def _read_bits(size: int, content: str) -> tuple[int, ...]:
     if not 0 < size <= fn.MOST_BITS_READ // 8:
         raise wrong("byte_count", f"{size} bytes are not what can be asked for")
-    return _bits(content)
+    return bits_in(content)
 
 
-def _sized(pack_values: Callable[[object], str], most: int) -> Callable[[Any], tuple[int, str]]:
+def _sized(packed: Callable[[object], str], most: int, step: int = 1) -> Callable[[Any], tuple[int, str]]:
+    """Return what writes the values of a reply, with their byte count. step: they come in multiples of it."""
+
     def written(message: Reply) -> tuple[int, str]:
-        values = message.values
-        data = pack_values(values)
-        if not values or len(values) > most or (pack_values is _packed_bits and len(values) % 8):
-            raise wrong("values", f"{len(values or ())} of them are no reply to any request")
+        data, count = packed(message.values), len(message.values or ())
+        if not 0 < count <= most or count % step:
+            raise wrong("values", f"{count} of them are no reply to any request")
         return len(data), data
 
     return written
 
 
-def _counted(pack_values: Callable[[object], str]) -> Callable[[Any], tuple[int, int, str]]:
+def _counted(packed: Callable[[object], str]) -> Callable[[Any], tuple[int, int, str]]:
     def written(message: Request) -> tuple[int, int, str]:
-        data = pack_values(message.values)
+        data = packed(message.values)
         return len(message.values or ()), len(data) & 0xFF, data
 
     return written
@@ -154,9 +122,6 @@ def _bytes_of_data(message: Reply) -> tuple[int, str]:
     return len(data), data.decode("latin-1")
 
 
-_MOST_BYTES = 251
-
-
 def _objects(number: int, objects: str) -> tuple[tuple[int, ...], tuple[str, ...]]:
     numbers, texts, place = [], [], 0
     while place + 2 <= len(objects):
@@ -170,12 +135,12 @@ def _objects(number: int, objects: str) -> tuple[tuple[int, ...], tuple[str, ...
 
 
 def _packed_objects(message: Reply) -> str:
-    numbers, texts = _whole(message.object_ids, 0xFF, "object_ids"), message.texts
-    if not isinstance(texts, tuple) or len(texts) != len(numbers) or not all(isinstance(each, str) for each in texts):
+    ids, texts = numbers(message.object_ids, 0xFF, "object_ids"), message.texts
+    if not isinstance(texts, tuple) or len(texts) != len(ids) or not all(isinstance(each, str) for each in texts):
         raise wrong("texts", "there is not one text for each of object_ids")
     try:
         encoded = [each.encode("latin-1") for each in texts]
-        data = b"".join(bytes((number, len(each))) + each for number, each in zip(numbers, encoded, strict=True))
+        data = b"".join(bytes((number, len(each))) + each for number, each in zip(ids, encoded, strict=True))
     except ValueError:
         raise wrong("texts", "a text is too long, or is not made of ISO 8859-1") from None
     return data.decode("latin-1")
@@ -189,6 +154,9 @@ _SUB_FUNCTION = "sub_function" / unsigned(2, "sub-function")
 _SIZE = "size" / unsigned(1, "byte count")
 _CONTENT = "content" / characters(this.size, lowest=0, highest=0xFF, meaning="data")
 _MEI_TYPE = "mei" / choice({bytes([_MEI]): _MEI}, "0E: read device identification")
+_WRITE_START = "write_start" / unsigned(2, "first register to write")
+_OBJECT = "object_id" / unsigned(1, "first object")
+_STATUS, _EVENTS = "status" / unsigned(2, "FFFF busy, 0 idle"), "event_count" / unsigned(2, "events")
 _READ_CODE = "read_code" / _number(1, range(1, 5), "1 basic, 2 regular, 3 extended, 4 one object")
 
 
@@ -227,105 +195,48 @@ def _form(
     )
 
 
-def _of(*forms: tuple[str, Form[Any], Sequence[int]]) -> Mapping[int, Form[Any]]:
-    return {code: form for _, form, codes in forms for code in codes}
+_SOME = (_SIZE, _CONTENT)
+_BITS, _WORDS = {"values": _read_bits}, {"values": _read_words}
+_COILS = {"reads": {"values": _written_bits}, "writes": {"quantity size content": _counted(bits_as)}}
+_REGISTERS = {"reads": {"values": _written_words}, "writes": {"quantity size content": _counted(words_as)}}
+_Forms = dict[str, tuple[tuple[int, ...], tuple[Any, ...], dict[str, Any]]]
 
-
-def _requests() -> list[tuple[str, Form[Any], Sequence[int]]]:
-    table: list[tuple[str, Sequence[int], tuple[Any, ...], Any, Any]] = [
-        ("Read bits", (1, 2), (_START, _count(fn.MOST_BITS_READ)), None, None),
-        ("Read registers", (3, 4), (_START, _count(fn.MOST_REGISTERS_READ)), None, None),
-        ("Write a coil", (5,), (_START, _COIL), None, None),
-        ("Write a register", (6,), (_START, _VALUE), None, None),
-        ("Diagnostics", (8,), (_SUB_FUNCTION, _VALUE), None, None),
-        ("Event counter, report id", (0x0B, 0x11), (), None, None),
-        (
-            "Write coils",
-            (0x0F,),
-            (_START, _count(fn.MOST_BITS_WRITTEN, "quantity"), _SIZE, _CONTENT),
-            {"values": _written_bits},
-            {"quantity size content": _counted(_packed_bits)},
-        ),
-        (
-            "Write registers",
-            (0x10,),
-            (_START, _count(fn.MOST_REGISTERS_WRITTEN, "quantity"), _SIZE, _CONTENT),
-            {"values": _written_words},
-            {"quantity size content": _counted(_packed_words)},
-        ),
-        (
-            "Read and write registers",
-            (0x17,),
-            (
-                _START,
-                _count(fn.MOST_REGISTERS_READ),
-                "write_start" / unsigned(2, "first register to write"),
-                _count(fn.MOST_WRITTEN_WITH_A_READ, "quantity"),
-                _SIZE,
-                _CONTENT,
-            ),
-            {"values": _written_words},
-            {"quantity size content": _counted(_packed_words)},
-        ),
-        (
-            "Read identification",
-            (0x2B,),
-            (_MEI_TYPE, _READ_CODE, "object_id" / unsigned(1, "first object")),
-            None,
-            {"mei": _mei},
-        ),
-        ("Read 32 bits", (0x64,), (_START,), None, None),
-        ("Write 32 bits", (0x65,), (_START, _LONG_VALUE), None, None),
-    ]
-    return [
-        (title, _form(Request, codes, *leaves, reads=reads, writes=writes), codes)
-        for title, codes, leaves, reads, writes in table
-    ]
-
-
-def _replies() -> list[tuple[str, Form[Any], Sequence[int]]]:
-    bits, words = _sized(_packed_bits, fn.MOST_BITS_READ), _sized(_packed_words, fn.MOST_REGISTERS_READ)
-    table: list[tuple[str, Sequence[int], tuple[Any, ...], Any, Any]] = [
-        (
-            "Bits, drive",
-            (1, 2),
-            (_SIZE, _CONTENT),
-            {"values": _read_bits},
-            {"size content": bits},
-        ),
-        (
-            "Registers, drive",
-            (3, 4, 0x17),
-            (_SIZE, _CONTENT),
-            {"values": _read_words},
-            {"size content": words},
-        ),
-        ("Coil written, drive", (5,), (_START, _COIL), None, None),
-        ("Register written, drive", (6,), (_START, _VALUE), None, None),
-        ("Diagnostics, drive", (8,), (_SUB_FUNCTION, _VALUE), None, None),
-        (
-            "Event counter, drive",
-            (0x0B,),
-            ("status" / unsigned(2, "FFFF busy, 0 idle"), "event_count" / unsigned(2, "events")),
-            None,
-            None,
-        ),
-        ("Coils written, drive", (0x0F,), (_START, _count(fn.MOST_BITS_WRITTEN)), None, None),
-        ("Registers written, drive", (0x10,), (_START, _count(fn.MOST_REGISTERS_WRITTEN)), None, None),
-        (
-            "Id, drive",
-            (0x11,),
-            (_SIZE, _CONTENT),
-            {"data": _hexadecimal},
-            {"size content": _bytes_of_data},
-        ),
-        ("32 bits, drive", (0x64,), (_LONG_VALUE,), None, None),
-        ("32 bits written, drive", (0x65,), (_START, _LONG_VALUE), None, None),
-    ]
-    return [
-        (title, _form(Reply, codes, *leaves, reads=reads, writes=writes), codes)
-        for title, codes, leaves, reads, writes in table
-    ]
+# By title: the functions, the leaves between function and CRC, and how fields of the message are made of them.
+_REQUESTS: _Forms = {
+    "Read bits": ((1, 2), (_START, _count(fn.MOST_BITS_READ)), {}),
+    "Read registers": ((3, 4), (_START, _count(fn.MOST_REGISTERS_READ)), {}),
+    "Write a coil": ((5,), (_START, _COIL), {}),
+    "Write a register": ((6,), (_START, _VALUE), {}),
+    "Diagnostics": ((8,), (_SUB_FUNCTION, _VALUE), {}),
+    "Event counter, report id": ((0x0B, 0x11), (), {}),
+    "Write coils": ((0x0F,), (_START, _count(fn.MOST_BITS_WRITTEN, "quantity"), *_SOME), _COILS),
+    "Write registers": ((0x10,), (_START, _count(fn.MOST_REGISTERS_WRITTEN, "quantity"), *_SOME), _REGISTERS),
+    "Read and write registers": (
+        (0x17,),
+        (_START, _count(fn.MOST_REGISTERS_READ), _WRITE_START, _count(fn.MOST_WRITTEN_WITH_A_READ, "quantity"), *_SOME),
+        _REGISTERS,
+    ),
+    "Read identification": ((0x2B,), (_MEI_TYPE, _READ_CODE, _OBJECT), {"writes": {"mei": _mei}}),
+    "Read 32 bits": ((0x64,), (_START,), {}),
+    "Write 32 bits": ((0x65,), (_START, _LONG_VALUE), {}),
+}
+_REPLIES: _Forms = {
+    "Bits, drive": (
+        (1, 2), _SOME, {"reads": _BITS, "writes": {"size content": _sized(bits_as, fn.MOST_BITS_READ, step=8)}},
+    ),
+    "Registers, drive": (
+        (3, 4, 0x17), _SOME, {"reads": _WORDS, "writes": {"size content": _sized(words_as, fn.MOST_REGISTERS_READ)}},
+    ),
+    "Coil written, drive": ((5,), (_START, _COIL), {}),
+    "Register written, drive": ((6,), (_START, _VALUE), {}),
+    "Diagnostics, drive": ((8,), (_SUB_FUNCTION, _VALUE), {}),
+    "Event counter, drive": ((0x0B,), (_STATUS, _EVENTS), {}),
+    "Coils written, drive": ((0x0F,), (_START, _count(fn.MOST_BITS_WRITTEN)), {}),
+    "Registers written, drive": ((0x10,), (_START, _count(fn.MOST_REGISTERS_WRITTEN)), {}),
+    "Id, drive": ((0x11,), _SOME, {"reads": {"data": _hexadecimal}, "writes": {"size content": _bytes_of_data}}),
+    "32 bits, drive": ((0x64,), (_LONG_VALUE,), {}),
+    "32 bits written, drive": ((0x65,), (_START, _LONG_VALUE), {}),
+}  # fmt: skip
 
 
 @cache
@@ -346,14 +257,16 @@ def identification_reply(size: int) -> Form[Any]:
     )
 
 
-_TITLED_REQUESTS, _TITLED_REPLIES = _requests(), _replies()
-REQUESTS, REPLIES = _of(*_TITLED_REQUESTS), _of(*_TITLED_REPLIES)
-EXCEPTION = _form(
-    Reply, range(1, 128), "exception" / _number(1, range(1, 256), "why, 1 to 255"), bit_7=0x80
-)  # fmt: skip
+def _made(kind: type[Any], table: _Forms) -> dict[str, tuple[tuple[int, ...], Form[Any]]]:
+    return {title: (codes, _form(kind, codes, *leaves, **fields)) for title, (codes, leaves, fields) in table.items()}
+
+
+_TITLED = [_made(Request, _REQUESTS), _made(Reply, _REPLIES)]
+REQUESTS, REPLIES = ({code: form for codes, form in made.values() for code in codes} for made in _TITLED)
+EXCEPTION = _form(Reply, range(1, 128), "exception" / _number(1, range(1, 256), "why, 1 to 255"), bit_7=0x80)
 
 
 def titled_forms() -> dict[str, Form[Any]]:
     """Return the forms of all telegrams by title; of identifications, one of the many lengths."""
-    forms = {title: form for title, form, _ in (*_TITLED_REQUESTS, *_TITLED_REPLIES)}
+    forms = {title: form for made in _TITLED for title, (_, form) in made.items()}
     return {**forms, "Identification, drive": identification_reply(45), "Exception, drive": EXCEPTION}

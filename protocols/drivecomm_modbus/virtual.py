@@ -68,7 +68,7 @@ class VirtualModbusDrive:
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what a parameter holds, as if at the keypad."""
         wanted = self.memory.known(parameter)
-        self.memory.put(wanted, raw if wanted.type == "string" else int(raw))
+        self.memory.put(wanted, raw if wanted.format.type == "string" else int(raw))
 
     def trip(self, code: int, now: float) -> None:
         """Trip with a fault."""

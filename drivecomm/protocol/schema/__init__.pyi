@@ -18,3 +18,11 @@ from .leaves import (
     unsigned as unsigned,
     xor_byte as xor_byte,
 )
+from .registers import (
+    bits_as as bits_as,
+    bits_in as bits_in,
+    crc16 as crc16,
+    numbers as numbers,
+    words_as as words_as,
+    words_in as words_in,
+)
