@@ -26,3 +26,5 @@ from .profile import (
     Transition as Transition,
     Words as Words,
 )
+from .register_machine import RegisterMachine as RegisterMachine, RegisterRefusal as RegisterRefusal
+from .registers import Place as Place, Target as Target, blocks_of as blocks_of

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from drivecomm.errors import UsageError
-from drivecomm.profiles import ORDERS, ControlProfile, profile_of_orders, status_of, steps_of
+from drivecomm.profiles import ORDERS, ControlProfile, Place, profile_of_orders, status_of, steps_of
 from drivecomm_modbus.functions import EXCEPTIONS
-from drivecomm_modbus.parameters import Place, place_of
+from drivecomm_modbus.parameters import place_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

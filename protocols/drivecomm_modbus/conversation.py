@@ -5,22 +5,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import RefusedError
-from drivecomm.profiles import TRIPPED
+from drivecomm.profiles import TRIPPED, Place
 from drivecomm.protocol import Ask, Tell
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.messages import Request
-from drivecomm_modbus.parameters import Place, target
+from drivecomm_modbus.parameters import target
 from drivecomm_modbus.telegrams import BROADCAST
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.profiles import Step, Words
+    from drivecomm.profiles import Step, Target, Words
     from drivecomm.protocol import Exchange, Model
     from drivecomm_modbus.control import Control
     from drivecomm_modbus.messages import Reply
     from drivecomm_modbus.options import ModbusOptions
-    from drivecomm_modbus.parameters import Target
 
 _READS = {"": fn.READ_REGISTERS, "i": fn.READ_INPUT_REGISTERS, "c": fn.READ_COILS, "d": fn.READ_INPUTS}
 

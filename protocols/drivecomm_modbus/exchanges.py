@@ -5,21 +5,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, RefusedError, ReplyError, StateError
-from drivecomm.profiles import Commander
+from drivecomm.profiles import Commander, Place, blocks_of
 from drivecomm.protocol import Ask, Capabilities, Stop
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.control import control_of
 from drivecomm_modbus.conversation import Conversation
 from drivecomm_modbus.messages import Request
-from drivecomm_modbus.parameters import Place, blocks_of, target
+from drivecomm_modbus.parameters import target
 from drivecomm_modbus.telegrams import BROADCAST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from drivecomm.profiles import Target
     from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Value
     from drivecomm_modbus.options import ModbusOptions
-    from drivecomm_modbus.parameters import Target
 
 _OBJECTS = {0: "vendor", 1: "product", 2: "software"}
 
@@ -62,7 +62,8 @@ class ModbusOperations:
 
     def blocks(self, parameters: Sequence[str]) -> list[list[int]]:
         """Return which of these parameters one telegram reads: neighbours, as many as the drive allows."""
-        return blocks_of([target(each, self._model, self._options) for each in parameters], self._options)
+        wanted = [target(each, self._model, self._options) for each in parameters]
+        return blocks_of(wanted, most=self._options.max_registers, bridged=self._options.bridged_registers)
 
     def read_many(self, parameters: Sequence[str]) -> Exchange[list[Reading]]:
         """Read parameters that are near each other by one telegram; their refusal is of all of them."""
