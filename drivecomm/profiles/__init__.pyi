@@ -1,4 +1,4 @@
-from .commander import Carrier as Carrier, Commander as Commander
+from .commander import Carrier as Carrier, Commander as Commander, check_needs as check_needs
 from .files import (
     KEYS as KEYS,
     control_profile as control_profile,
@@ -27,4 +27,4 @@ from .profile import (
     Words as Words,
 )
 from .register_machine import RegisterMachine as RegisterMachine, RegisterRefusal as RegisterRefusal
-from .registers import Place as Place, Target as Target, blocks_of as blocks_of
+from .registers import Place as Place, Target as Target, blocks_of as blocks_of, span_of as span_of

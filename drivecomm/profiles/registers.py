@@ -89,6 +89,10 @@ class Target:
             return words[0]
         return self.place.cut(words[0]) if self.place.part else self.format.raw_of(words)
 
+    def raw_in(self, words: Sequence[int], first: Place) -> int | str:
+        """Return what this parameter holds in registers that were read from a place on."""
+        return self.raw_of(words[self.place.start - first.start : self.end - first.start])
+
     def words_for(self, raw: int | str, before: int) -> tuple[int, ...]:
         """Return the registers that hold this. before: what the first one held, of which this may be a part."""
         if self.place.part:
@@ -104,6 +108,12 @@ class Target:
         if self.place.part or self.place.kind in ("i", "d"):
             raise NotSupported(f"{self.address} can only be read; whole registers and coils are written")
         return self.format.raw_for(value, self.address, self.info, rounded=rounded)
+
+
+def span_of(wanted: Sequence[Target]) -> tuple[Place, int]:
+    """Return from where on so many registers hold all of these."""
+    first = min((each.place for each in wanted), key=lambda place: place.start)
+    return Place(first.kind, first.start), max(each.end for each in wanted) - first.start
 
 
 def blocks_of(wanted: Sequence[Target], *, most: int, bridged: int) -> list[list[int]]:

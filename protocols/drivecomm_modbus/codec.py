@@ -6,18 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import Intent
-from drivecomm.protocol.schema import Written, crc16, message_of
+from drivecomm.protocol.schema import Written, crc16, message_of, wrong_field
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.messages import Reply, Request
-from drivecomm_modbus.telegrams import (
-    ADDRESSES,
-    BROADCAST,
-    EXCEPTION,
-    REPLIES,
-    REQUESTS,
-    identification_reply,
-    wrong,
-)
+from drivecomm_modbus.telegrams import ADDRESSES, BROADCAST, EXCEPTION, REPLIES, REQUESTS, identification_reply
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -63,7 +55,7 @@ class ModbusCodec:
             return message
         if crc16(data[:-2]) != data[-2:]:
             raise TelegramError("checksum", f"CRC {data[-2:].hex(' ').upper()} is wrong")
-        raise wrong("function", f"{data[1]:02X} is none that is known")
+        raise wrong_field("function", f"{data[1]:02X} is none that is known")
 
     def encode(self, message: Message) -> bytes:
         """Return the bytes of one telegram."""
@@ -74,20 +66,20 @@ class ModbusCodec:
         direction: Direction = "request" if isinstance(message, Request) else "reply"
         function, refused = message.function, direction == "reply" and message.exception is not None
         if type(function) is not int:
-            raise wrong("function", f"{function!r} is no number")
+            raise wrong_field("function", f"{function!r} is no number")
         form = _form_of(function, refused, 0, direction)
         if function == fn.IDENTIFICATION and direction == "reply" and not refused:
             texts = message.texts if isinstance(message.texts, tuple) else ()
             form = identification_reply(sum(2 + len(each) for each in texts if isinstance(each, str)))
         if form is None:
-            raise wrong("function", f"{function} is none that is known; with an exception, any can be refused")
+            raise wrong_field("function", f"{function} is none that is known; with an exception, any can be refused")
         data = form.build(message)
         if len(data) > 256:
             raise TelegramError("length", f"{len(data)} bytes; a telegram has 256 at most")
         return data
 
 
-class DriveCodec:
+class DriveCodec(ModbusCodec):
     """The telegrams as a drive on a two-wire line hears them: beyond requests, the replies of others, as replies.
 
     Nothing in a telegram tells them apart. The reply to a write would pass for the beginning of a long request, and
@@ -96,12 +88,9 @@ class DriveCodec:
 
     alike = "modbus drive"
 
-    def __init__(self) -> None:
-        self._codec = ModbusCodec()
-
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
-        needed = self._codec.measure(head, direction)
+        needed = super().measure(head, direction)
         if direction == "request" and needed and len(head) > _SHORTEST["request"]:
             reply = length_of(head, "reply")
             if 0 < reply <= len(head) and reply != needed and crc16(head[: reply - 2]) == head[reply - 2 : reply]:
@@ -111,15 +100,11 @@ class DriveCodec:
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram. Raises TelegramError."""
         try:
-            return self._codec.decode(data, direction)
+            return super().decode(data, direction)
         except TelegramError as error:
             if direction == "reply" or error.category != "length":
                 raise
-            return self._codec.decode(data, "reply")
-
-    def encode(self, message: Message) -> bytes:
-        """Return the bytes of one telegram."""
-        return self._codec.encode(message)
+            return super().decode(data, "reply")
 
 
 def length_of(head: bytes, direction: Direction) -> int:
@@ -175,7 +160,9 @@ def mismatch(request: Message, reply: Message) -> str:
             return name
     if reply.exception is not None:
         return ""
-    if reply.values is not None and len(reply.values) != _values_asked_for(request):
+    # Bits come in whole bytes.
+    step, count = 8 if request.function in (fn.READ_COILS, fn.READ_INPUTS) else 1, request.count or 0
+    if reply.values is not None and len(reply.values) != -(-count // step) * step:
         return "byte_count"
     for name in ("start", "value", "count", "sub_function", "read_code"):
         asked, answered = getattr(request, name), getattr(reply, name)
@@ -185,11 +172,6 @@ def mismatch(request: Message, reply: Message) -> str:
         if answered is not None and asked is not None and asked != answered and not only_asked:
             return name
     return ""
-
-
-def _values_asked_for(request: Request) -> int:
-    count = request.count or 0
-    return (count + 7) // 8 * 8 if request.function in (fn.READ_COILS, fn.READ_INPUTS) else count
 
 
 def intent(message: Message) -> Intent:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import RefusedError
+from drivecomm.errors import NotSupported, RefusedError
 from drivecomm.profiles import TRIPPED, Place
 from drivecomm.protocol import Ask, Tell
 from drivecomm_modbus import functions as fn
@@ -31,8 +31,14 @@ class Conversation:
         self._address, self._options, self._control = address, options, control
         self._fault_code = target(control.fault_code, model, options) if control.fault_code else None
 
+    def must_be_one(self) -> None:
+        """Raise NotSupported for what is not for all drives at once."""
+        if self._address == BROADCAST:
+            raise NotSupported("that is for one drive; all drives of a series can only be stopped")
+
     def asking(self, place: Place, count: int, attempts: int | None = None) -> Ask:
         """Return the request for some registers from a place on."""
+        self.must_be_one()
         message = Request(address=self._address, function=_READS[place.kind], start=place.start, count=count)
         # The reply names nothing of the request: a late one would pass for the next.
         return Ask(message=message, attempts=attempts, nameless=True)
@@ -98,15 +104,14 @@ class Conversation:
         return self.look()
 
     def _writing(self, place: Place, words: Sequence[int], *, wide: bool) -> Request:
-        single = self._options.write_function == fn.WRITE_REGISTER and len(words) == 1
-        address, start, values = self._address, place.start, tuple(words)
+        address, start = self._address, place.start
         if wide:
             return Request(address=address, function=fn.WRITE_LONG, start=start, value=words[0] << 16 | words[1])
-        if single:
+        if self._options.write_function == fn.WRITE_REGISTER and len(words) == 1:
             function = fn.WRITE_COIL if place.is_bit else fn.WRITE_REGISTER
             return Request(address=address, function=function, start=start, value=words[0])
         function = fn.WRITE_COILS if place.is_bit else fn.WRITE_REGISTERS
-        return Request(address=address, function=function, start=start, values=values)
+        return Request(address=address, function=function, start=start, values=tuple(words))
 
     def _answered(self, ask: Ask, called: str) -> Exchange[Reply]:
         reply: Reply = yield ask

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import NotSupported, RefusedError, ReplyError, StateError
-from drivecomm.profiles import Commander, Place, blocks_of
+from drivecomm.errors import NotSupported, RefusedError, ReplyError
+from drivecomm.profiles import Commander, Place, blocks_of, check_needs, span_of
 from drivecomm.protocol import Ask, Capabilities, Stop
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.control import control_of
@@ -54,7 +54,6 @@ class ModbusOperations:
     def read(self, parameter: str, *, type: str = "") -> Exchange[Reading]:
         """Read a parameter. type: u16, s16, u32, s32, f32 instead of what the model says."""
         wanted = target(parameter, self._model, self._options, type)
-        self._must_be_one_drive("reading")
         return self._reading(wanted)
 
     def _reading(self, wanted: Target) -> Exchange[Reading]:
@@ -67,20 +66,14 @@ class ModbusOperations:
 
     def read_many(self, parameters: Sequence[str]) -> Exchange[list[Reading]]:
         """Read parameters that are near each other by one telegram; their refusal is of all of them."""
-        self._must_be_one_drive("reading")
         wanted = [target(each, self._model, self._options) for each in parameters]
-        first = min((each.place for each in wanted), key=lambda place: place.start)
-        count = max(each.end for each in wanted) - first.start
-        called = f"{wanted[0].address} to {wanted[-1].address}"
-        words = yield from self._drive.words(Place(first.kind, first.start), count, called)
-        return [
-            each.reading(each.raw_of(words[each.place.start - first.start : each.end - first.start])) for each in wanted
-        ]
+        first, count = span_of(wanted)
+        words = yield from self._drive.words(first, count, f"{wanted[0].address} to {wanted[-1].address}")
+        return [each.reading(each.raw_in(words, first)) for each in wanted]
 
     def write(self, parameter: str, value: Value | float, *, store: bool = False, type: str = "") -> Exchange[None]:
         """Write a parameter; the drive only confirms it."""
         wanted = target(parameter, self._model, self._options, type)
-        self._must_be_one_drive("writing")
         return self._write(wanted, wanted.raw_for(value), store=store)
 
     def address_of(self, parameter: str, **options: Any) -> str:
@@ -89,32 +82,21 @@ class ModbusOperations:
 
     def status(self) -> Exchange[DriveStatus]:
         """Read the status registers; that commands nothing."""
-        self._must_be_one_drive("a status")
         if not self._control.status:
             raise NotSupported("Modbus has no status word of its own; name the drive's model")
         profile, seen = self._control.profile, (yield from self._drive.look())
-        status = profile.status(seen, running=bool(profile.says("running", seen)) and not profile.says("fault", seen))
-        if not status.fault:
-            return status
-        code = yield from self._drive.fault_code()
+        running, code = bool(profile.says("running", seen)), None
+        if profile.says("fault", seen):
+            running, code = False, (yield from self._drive.fault_code())
         text = self._model.faults.get(code, "") if self._model and code is not None else ""
-        return profile.status(seen, running=False, fault_code=code, fault_text=text)
+        return profile.status(seen, running=running, fault_code=code, fault_text=text)
 
     def start(self, *, reverse: bool = False) -> Exchange[None]:
         """Start, unless the drive has a fault or is not set up to obey."""
         profile = self._control.profile
+        self._drive.must_be_one()
         self._must_have("start reverse" if reverse else "start", profile.start_reverse if reverse else profile.start)
-        self._must_be_one_drive("a start")
-        return self._commander.start(reverse=reverse, prepare=self._check_needs())
-
-    def _check_needs(self) -> Exchange[None]:
-        for address, allowed in self._control.needs.items():
-            found = yield from self.read(address)
-            if found.raw not in allowed:
-                raise StateError(
-                    f"{found.name or address} is {found}, and the drive obeys the bus only with "
-                    f"{' or '.join(map(str, allowed))}; set it first"
-                )
+        return self._commander.start(reverse=reverse, prepare=check_needs(self._control.needs, self.read))
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop in a way that the series has."""
@@ -124,7 +106,7 @@ class ModbusOperations:
     def reset(self) -> Exchange[None]:
         """Acknowledge a fault; where there is none, nothing is sent that could stop a running motor."""
         self._must_have("reset", self._control.profile.reset)
-        self._must_be_one_drive("a reset")
+        self._drive.must_be_one()
         return self._commander.reset()
 
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
@@ -137,12 +119,11 @@ class ModbusOperations:
 
     def probe(self) -> Exchange[None]:
         """Read one register once; a refusal comes from a drive, too."""
-        self._must_be_one_drive("a probe")
         yield self._drive.asking(self._control.probe, 1, attempts=1)
 
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read what the model says identifies the drive; without one, the standard identification or function 11H."""
-        self._must_be_one_drive("an identification")
+        self._drive.must_be_one()
         found = {}
         for name, address in self._control.identity.items():
             try:
@@ -172,6 +153,7 @@ class ModbusOperations:
         return {_OBJECTS.get(number, f"object {number}"): text.strip() for number, text in pairs}
 
     def _write(self, wanted: Target, raw: int | str, *, store: bool) -> Exchange[None]:
+        self._drive.must_be_one()
         control, info = self._control, wanted.info
         plain = info is not None and (info.kind == "command" or info.storage == "volatile")
         if store and (plain or not control.can_store):
@@ -198,7 +180,6 @@ class ModbusOperations:
     def _set_reference(self, address: str, value: Value | float, unit: str, *, rounded: bool) -> Exchange[None]:
         if not address:
             raise NotSupported(f"this drive takes no reference in {unit} over Modbus, as far as its model says")
-        self._must_be_one_drive("a reference")
         wanted = target(address, self._model, self._options)
         return self._write(wanted, wanted.raw_for(value, rounded=rounded), store=False)
 
@@ -207,7 +188,3 @@ class ModbusOperations:
             raise NotSupported(f"Modbus has no {command} of its own; name the drive's model")
         if not steps:
             raise NotSupported(f"model {self._model.name} has no {command} over Modbus")
-
-    def _must_be_one_drive(self, what: str) -> None:
-        if self._address == BROADCAST:
-            raise NotSupported(f"{what} is for one drive; all drives of a series can only be stopped")

@@ -26,11 +26,7 @@ MOST_BITS_READ, MOST_REGISTERS_READ = 2000, 125
 MOST_BITS_WRITTEN, MOST_REGISTERS_WRITTEN, MOST_WRITTEN_WITH_A_READ = 1968, 123, 121
 
 EXCEPTIONS = {
-    1: "unknown function",
-    2: "unknown address",
-    3: "invalid value",
-    4: "the drive failed to do it",
-    5: "accepted, still working on it",
-    6: "busy",
-}
+    1: "unknown function", 2: "unknown address", 3: "invalid value", 4: "the drive failed to do it",
+    5: "accepted, still working on it", 6: "busy",
+}  # fmt: skip
 """Codes of the standard; the model of a series has those of its maker."""

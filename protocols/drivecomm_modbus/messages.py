@@ -12,8 +12,8 @@ from drivecomm_modbus.functions import NAMES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
-    """What the master sends. write_start: of the written part of function 17, whose data are `values`."""
+class Telegram:
+    """What requests and replies have in common."""
 
     address: int
     function: int
@@ -21,10 +21,8 @@ class Request:
     count: int | None = None
     value: int | None = None
     values: tuple[int, ...] | None = None
-    write_start: int | None = None
     sub_function: int | None = None
     read_code: int | None = None
-    object_id: int | None = None
 
     @property
     def kind(self) -> str:
@@ -33,21 +31,21 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reply:
+class Request(Telegram):
+    """What the master sends. write_start: of the written part of function 17, whose data are `values`."""
+
+    write_start: int | None = None
+    object_id: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reply(Telegram):
     """What a drive answers. exception: why it refuses the function. data: of function 11, as hexadecimal text."""
 
-    address: int
-    function: int
     exception: int | None = None
-    start: int | None = None
-    count: int | None = None
-    value: int | None = None
-    values: tuple[int, ...] | None = None
-    sub_function: int | None = None
     status: int | None = None
     event_count: int | None = None
     data: str | None = None
-    read_code: int | None = None
     conformity: int | None = None
     more_follows: int | None = None
     next_object: int | None = None

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from drivecomm.errors import UsageError
-from drivecomm_modbus.functions import MOST_REGISTERS_READ, WRITE_REGISTER, WRITE_REGISTERS
+from drivecomm_modbus.functions import MOST_REGISTERS_READ
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,7 +27,7 @@ class ModbusOptions:
     register_base: int = 0
     coil_base: int = 0
     word_order: Literal["high", "low"] = "high"
-    write_function: int = WRITE_REGISTERS
+    write_function: Literal[6, 16] = 16
     wide_functions: bool = False
     max_registers: int = 16
     bridged_registers: int = 0
@@ -35,10 +35,6 @@ class ModbusOptions:
     reply_delay_s: float = 0.005
 
     def __post_init__(self) -> None:
-        if self.write_function not in (WRITE_REGISTER, WRITE_REGISTERS):
-            raise UsageError(f"write_function of {self.write_function} is neither 6 nor 16")
-        if self.word_order not in ("high", "low"):
-            raise UsageError(f"word_order {self.word_order!r} is neither 'high' nor 'low'")
         if not 1 <= self.max_registers <= MOST_REGISTERS_READ:
             raise UsageError(f"max_registers of {self.max_registers} is not 1 to {MOST_REGISTERS_READ}")
         for name in ("register_base", "coil_base", "bridged_registers", "state_timeout_s", "reply_delay_s"):

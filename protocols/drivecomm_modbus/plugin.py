@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_modbus.codec import ModbusCodec, blind_spots, intent, message_from, mismatch
 from drivecomm_modbus.control import KEYS
@@ -11,18 +9,6 @@ from drivecomm_modbus.exchanges import ModbusOperations
 from drivecomm_modbus.options import ModbusOptions
 from drivecomm_modbus.telegrams import ADDRESSES, BROADCAST, titled_forms
 from drivecomm_modbus.virtual import VirtualModbusDrive
-
-if TYPE_CHECKING:
-    from drivecomm.protocol import Model, VirtualDrive
-
-
-def _codec(_options: ModbusOptions) -> ModbusCodec:
-    return ModbusCodec()
-
-
-def _virtual(address: int, options: ModbusOptions, model: Model) -> VirtualDrive:
-    return VirtualModbusDrive(address, options, model)
-
 
 protocol = Protocol(
     name="modbus",
@@ -51,11 +37,11 @@ protocol = Protocol(
     default_model="danfoss-fc",
     broadcast_address=BROADCAST,
     options=ModbusOptions,
-    codec=_codec,
+    codec=lambda _options: ModbusCodec(),
     message=message_from,
     mismatch=mismatch,
     operations=ModbusOperations,
-    virtual=_virtual,
+    virtual=VirtualModbusDrive,
     blind_spots=blind_spots,
     forms=titled_forms,
     parameter_examples=("16130", "0x2103", "40001", "i2103", "c65", "0x2100.low"),
