@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import pytest
 
 import drivecomm
-from drivecomm.errors import RefusedError
+from drivecomm.errors import RefusedError, StateError
 from drivecomm.virtual import Server, parse_listen, virtual_drive
 
 pymodbus = pytest.importorskip("pymodbus", reason="pymodbus is not installed; it comes with the extra bench")
@@ -101,14 +101,19 @@ def test_pymodbus_sets_coils_and_32_bit_values_of_a_virtual_danfoss():
 
 def test_the_library_commands_a_drive_of_pymodbus():
     with foreign_drive() as place, drivecomm.open_bus(place) as bus:
-        drive = bus.drive("modbus", 1, model="gs2")
+        drive = bus.drive("modbus", 1, model="gs2", state_timeout_s=0.2)
+        plain = bus.drive("modbus", 1)
         drive.set_reference(hz=25)
+        with pytest.raises(StateError, match="taken back"):
+            drive.start()
+        assert drive.read("0x091B").value == 0
+        # Now it says that it runs.
+        plain.write("0x2101", 3)
         drive.start(reverse=True)
         assert [drive.read(address).value for address in ("0x091B", "0x091C")] == [1, 1]
         assert str(drive.read("0x091A")) == "25.0 Hz"
         drive.stop()
         assert drive.read("0x091B").value == 0
-        plain = bus.drive("modbus", 1)
         plain.write("0x0100", 0x12345678, type="u32")
         assert [plain.read(address).value for address in ("0x0100", "0x0101")] == [0x1234, 0x5678]
         with pytest.raises(RefusedError, match="code 2: unknown address"):
