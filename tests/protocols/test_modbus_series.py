@@ -241,3 +241,42 @@ def test_ways_to_stop_that_a_series_has_not_are_refused():
     with bus, pytest.raises(NotSupported):
         bus.drive("modbus", 1, model="delta").stop(Stop.QUICK)
     assert sent == []
+
+
+def operations_of(name, address):
+    model, plugin = load_model("drivecomm_modbus", "modbus", name), installed["modbus"]
+    own = {key: value for key, value in model.options.items() if hasattr(plugin.options(), key)}
+    return plugin.operations(address, plugin.options(**own), model)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_but_a_stop_is_for_all_drives(name):
+    everybody = operations_of(name, 0)
+    for verb in (everybody.start, everybody.reset, everybody.status, everybody.probe, everybody.identify):
+        with pytest.raises(NotSupported, match="all drives of a series can only be stopped"):
+            next(verb())
+    assert next(everybody.stop()).message.address == 0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_stop_is_urgent_and_repeated_and_a_start_is_neither(name):
+    drive = operations_of(name, 1)
+    stop = next(drive.stop())
+    assert stop.urgent
+    assert stop.attempts is None
+    assert stop.acts
+
+
+def test_a_write_that_wears_the_eeprom_is_asked_for(mill):
+    text = mill.read_text(encoding="utf-8")
+    stored = text.replace('plain_write = "volatile"', 'plain_write = "stored"').replace(
+        'store_after = [["40099", 0xA5]]\n', ""
+    )
+    mill.write_text(stored, encoding="utf-8")
+    _, _, bus, sent = one(mill)
+    with bus:
+        drive = bus.drive("modbus", 1, model=mill)
+        with pytest.raises(NotSupported, match="write with store=True"):
+            drive.write("ramp", "7.25")
+        assert sent == []
+        drive.write("ramp", "7.25", store=True)
