@@ -14,10 +14,10 @@ from drivecomm.errors import NotSupported, ReplyError, StateError
 from drivecomm.protocol import Pause
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.profiles.profile import Condition, ControlProfile, Step, Words
-    from drivecomm.protocol import Exchange, Stop
+    from drivecomm.protocol import Exchange, Reading, Stop
 
 _POLL_S = 0.05
 
@@ -168,3 +168,17 @@ class _NotReachedError(Exception):
 
 def _any_holds(conditions: Sequence[Condition], seen: Words) -> bool:
     return any(condition.holds(seen) for condition in conditions)
+
+
+def check_needs(needs: Mapping[str, Sequence[object]], read: Callable[[str], Exchange[Reading]]) -> Exchange[None]:
+    """Raise StateError unless parameters hold what a drive needs to obey; they are read, and never written.
+
+    needs: the raw values that are right, by address.
+    """
+    for address, allowed in needs.items():
+        found = yield from read(address)
+        if found.raw not in allowed:
+            raise StateError(
+                f"{found.name or address} is {found}, and the drive obeys the bus only with "
+                f"{' or '.join(map(str, allowed))}; set it first"
+            )

@@ -142,6 +142,9 @@ class ControlProfile:
         """Return the names of the bits that are set in a status word."""
         return tuple(name for bit, name in self.flags.items() if word >> bit & 1)
 
+    def _said(self, words: Words) -> tuple[str, ...]:
+        return tuple(bit for bit in self.bits if self.says(bit, words))
+
     def commands(self, word: int) -> bool:
         """Whether a drive obeys a control word at all."""
         return word & self.valid == self.valid
@@ -162,6 +165,6 @@ class ControlProfile:
             "running": means in (DriveState.RUNNING, DriveState.STOPPING) if running is None else running,
             "fault": means is DriveState.FAULT if fault is None else fault,
             **{name: self.says(name, words) for name in ("warning", "at_reference", "reverse", "remote")},
-            "flags": (*titled, *self.flags_of(word)),
+            "flags": (*titled, *(self.flags_of(word) if self.flags else self._said(words))),
         }
         return DriveStatus(word=word, state=means, **{**said, **further})

@@ -5,6 +5,7 @@ from .contract import (
     Memory as Memory,
     Operations as Operations,
     Protocol as Protocol,
+    ReadsMany as ReadsMany,
     VirtualDrive as VirtualDrive,
     VirtualReply as VirtualReply,
 )
@@ -72,3 +73,4 @@ from .registry import (
 )
 from .status import DriveState as DriveState, DriveStatus as DriveStatus, Stop as Stop
 from .telegram import Direction as Direction, Message as Message, Telegram as Telegram, fields_of as fields_of
+from .word_format import WORD_TYPES as WORD_TYPES, WordFormat as WordFormat
