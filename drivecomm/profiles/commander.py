@@ -68,7 +68,7 @@ class Commander:
         prepare: what is done before the first word, once it is known that nothing speaks against a start.
         """
         profile = self._profile
-        steps = profile.start_reverse if reverse and profile.start_reverse else profile.start
+        steps = profile.start_towards(reverse=reverse)
         seen = yield from self._carrier.look()
         yield from self._check_start(seen)
         if prepare is not None:

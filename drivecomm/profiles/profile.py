@@ -7,7 +7,7 @@ in the words of the protocol. Where there is only one, it has no name.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias
 
 from drivecomm.protocol import DriveState, DriveStatus, Stop
@@ -103,7 +103,8 @@ class ControlProfile:
     valid: bits without which a control word commands nothing, 0 where every one commands. idle: a word that commands
     nothing, None where there is none. reverse: bits that turn the motor backwards, 0 where the sign of the reference
     does, or `start_reverse`. full: what 100 % is in reference and actual value. runs: what is so of each control word
-    that lets a motor run. bits: when it is that a `DriveStatus` says so. flags: names of bits of the status word.
+    that lets a motor run. named_states: whether the manuals name the states, so that a status shows them by name. bits:
+    when it is that a `DriveStatus` says so. flags: names of bits of the status word.
     """
 
     name: str
@@ -120,6 +121,7 @@ class ControlProfile:
     reset: tuple[Step, ...] = ()
     refusals: tuple[Refusal, ...] = ()
     states: tuple[State, ...] = ()
+    named_states: bool = False
     bits: Mapping[str, tuple[Condition, ...]] = field(default_factory=dict)
     flags: Mapping[int, str] = field(default_factory=dict)
     transitions: tuple[Transition, ...] = ()
@@ -128,6 +130,13 @@ class ControlProfile:
     def take_back(self) -> tuple[Step, ...]:
         """What a start is taken back by that was not obeyed: the gentlest stop."""
         return next((self.stops[how] for how in Stop if how in self.stops), ())
+
+    def start_towards(self, *, reverse: bool) -> tuple[Step, ...]:
+        """Return how the motor is started in a direction: only what lets it run tells which."""
+        if not reverse:
+            return self.start
+        turned = (replace(step, word=step.word | self.reverse * self.lets_run(step.word)) for step in self.start)
+        return self.start_reverse or tuple(turned)
 
     def state_of(self, words: Words) -> State | None:
         """Return the state that status words mean, None for one that no manual lists."""
@@ -157,7 +166,7 @@ class ControlProfile:
         running = self.says("running", words)
         fault = self.says("fault", words)
         word = next(iter(words.values()))
-        titled = (state.name if state else "unlisted state",) if self.transitions else ()
+        titled = (state.name if state else "unlisted state",) if self.named_states else ()
         said: dict[str, Any] = {
             "running": means in (DriveState.RUNNING, DriveState.STOPPING) if running is None else running,
             "fault": means is DriveState.FAULT if fault is None else fault,

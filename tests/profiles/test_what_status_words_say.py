@@ -34,6 +34,14 @@ FC = {
     "xxxx 0xxx x0xx 0011": DriveState.NOT_READY,
     "xxxx 0xxx x0xx 0000": DriveState.NOT_READY,
 }
+VLT_3500 = {
+    "xxxx xxxx xxxx 1xxx": DriveState.FAULT,
+    "xxxx 1xxx xx0x 0xxx": DriveState.RUNNING,
+    "xxxx 1xxx xx1x 0xxx": DriveState.STOPPING,
+    "xxxx 0xxx x0xx 0x11": DriveState.READY,
+    "xxxx 0xxx x1xx 0x11": DriveState.NOT_READY,
+    "xxxx 0xxx x0xx 0x00": DriveState.NOT_READY,
+}
 
 
 def words(pattern):
@@ -58,6 +66,17 @@ def test_states_of_profidrive(pattern, state):
 @pytest.mark.parametrize(("pattern", "state"), FC.items())
 def test_states_of_the_fc_profile(pattern, state):
     assert {control_profile("danfoss-fc").status({"": word}).state for word in words(pattern)} == {state}
+
+
+@pytest.mark.parametrize(("pattern", "state"), VLT_3500.items())
+def test_states_of_vlt_3500(pattern, state):
+    assert {control_profile("vlt3500").status({"": word}).state for word in words(pattern)} == {state}
+
+
+@pytest.mark.parametrize("name", ["vlt3500", "danfoss-fc"])
+def test_flags_are_the_bits_where_no_manual_names_the_states(name):
+    profile = control_profile(name)
+    assert all(profile.status({"": 1 << bit}).flags == (profile.flags[bit],) for bit in range(16))
 
 
 def test_a_pattern_that_no_manual_lists_is_no_state():
