@@ -1,6 +1,6 @@
 """Control profiles as TOML: those that come with drivecomm, and what one may say.
 
-    name = "drivecom"           extends = "...", to begin with all that another one says
+    name = "drivecom"           extends = "...", to begin with all that another one says; [bits] and [flags] one by one
     title = ""  source = ""     valid = 0x0400  idle = 0  reverse = 0x8000  full = 16384
     runs = { mask = 0, value = 0 }   what is so of each control word that lets a motor run
     [[start]]                   one step each: word, and unless, until, repeats, pause_s, mask, place
@@ -179,7 +179,9 @@ def _content(name: str) -> Table:
     below = own.content.get("extends")
     if not isinstance(below, str):
         return own
-    content = {**_content(below).content, **own.content}
+    base = _content(below).content
+    single = {key: {**base.get(key, {}), **own.content.get(key, {})} for key in ("bits", "flags")}
+    content = {**base, **own.content, **single}
     return Table({key: value for key, value in content.items() if key != "extends"}, f"control profile {name}")
 
 

@@ -138,6 +138,28 @@ class ControlProfile:
         turned = (replace(step, word=step.word | self.reverse * self.lets_run(step.word)) for step in self.start)
         return self.start_reverse or tuple(turned)
 
+    def state(self, name: str) -> State:
+        """Return the state with a name."""
+        return next(state for state in self.states if state.name == name)
+
+    def next_state(self, state: State, word: int, before: int) -> State:
+        """Return the state that a control word leads to, over as many others as it leads through.
+
+        before: the control word that came before.
+        """
+        for _ in self.states:
+            found = next((each for each in self.transitions if each.leads_on(state.name, word, before)), None)
+            if found is None:
+                break
+            # An edge leads on once.
+            state, before = self.state(found.goal), word
+        return state
+
+    def asks(self, word: int) -> MotorDoes:
+        """Return what a control word asks of a motor that runs; what only an edge does, it does not ask."""
+        running = next(state for state in self.states if state.motor == "run")
+        return self.next_state(running, word, word).motor
+
     def state_of(self, words: Words) -> State | None:
         """Return the state that status words mean, None for one that no manual lists."""
         return next((state for state in self.states if state.known_by.holds(words)), None)

@@ -13,6 +13,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
 from drivecomm.errors import AddressError, RefusedError, UnexpectedReplyError
+from drivecomm.profiles import control_profile
 from drivecomm.protocol import Ask, Exchange, Tell
 from drivecomm_danfoss_fc import words
 from drivecomm_danfoss_fc.faultcodes import fault_text
@@ -47,6 +48,7 @@ class Conversation:
             raise AddressError(f"address {address} does not exist in address format 1-31; addresses are 1 to 31")
         self.broadcast = address == BROADCAST
         self.profidrive = options.profile == "profidrive"
+        self.profile = control_profile("danfoss-profidrive" if self.profidrive else "danfoss-fc")
         self.memory = memory
         self._address = None if self.broadcast else address
         self._kept_read = lru_cache(_KEPT, typed=True)(self._new_read)
@@ -55,7 +57,7 @@ class Conversation:
     @property
     def runs(self) -> bool:
         """Whether the word that was commanded lets the motor run."""
-        return self._lets_run(self.memory.word)
+        return self.profile.lets_run(self.memory.word)
 
     def look(self, *, attempts: int | None = None) -> Exchange[ProcessReply]:
         """Ask for status word and actual value with a word that the drive ignores."""
@@ -78,7 +80,7 @@ class Conversation:
 
     def _process(self, word: int, ask: Ask) -> Exchange[ProcessReply]:
         """Send a process block to one drive and return its reply, which says nothing of what it answers."""
-        runs, valid = self._lets_run(word), words.has(word, words.VALID_BIT)
+        runs, valid = self.profile.lets_run(word), self.profile.commands(word)
         urgent = ask.command == "new" and not runs
         # Whatever does not let the motor run may be sent at any age.
         command = ("new" if not runs else ask.command) if valid else ""
@@ -87,12 +89,11 @@ class Conversation:
         return reply
 
     def _block(self, word: int) -> ProcessRequest:
-        valid = words.has(word, words.VALID_BIT)
         return ProcessRequest(
             address_format=self._format,
             address=self._address,
             control_word=word,
-            reference=self.memory.reference if valid else 0,
+            reference=self.memory.reference if self.profile.commands(word) else 0,
         )
 
     def tell_all(self, word: int) -> Exchange[None]:
@@ -160,11 +161,8 @@ class Conversation:
             reference=0,
         )
 
-    def _lets_run(self, word: int) -> bool:
-        return words.lets_run(word, profidrive=self.profidrive)
-
     def _notice(self, reply: Reply) -> None:
-        self.memory.see(reply.status_word, profidrive=self.profidrive)
+        self.memory.see(reply.status_word, self.profile)
 
 
 def answered(reply: Answer, expected: frozenset[int], parameter: str) -> None:

@@ -6,7 +6,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, RefusedError, UnexpectedReplyError, ValueRefusedError
-from drivecomm.protocol import Capabilities, DriveState, DriveStatus, Stop, exact
+from drivecomm.profiles import ONLY
+from drivecomm.protocol import Capabilities, Stop, exact
 from drivecomm_danfoss_fc import access, describing, words
 from drivecomm_danfoss_fc.conversation import Conversation
 from drivecomm_danfoss_fc.memory import DanfossFcMemory
@@ -19,7 +20,6 @@ from drivecomm_danfoss_fc.motion import (
     fc_profile_only,
     one_of,
     reference_for,
-    stop_words,
 )
 from drivecomm_danfoss_fc.options import span
 from drivecomm_danfoss_fc.parameters import target
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from decimal import Decimal
 
-    from drivecomm.protocol import Exchange, Model, ParameterInfo, Reading, Value
+    from drivecomm.protocol import DriveStatus, Exchange, Model, ParameterInfo, Reading, Value
     from drivecomm_danfoss_fc.options import DanfossFcOptions
 
 # A poll plan asks for the same parameters again and again; more of them than this are not kept in mind.
@@ -97,7 +97,7 @@ class DanfossFcOperations:
         reference_maximum_hz.
         """
         return Capabilities(
-            stops=frozenset(stop_words(profidrive=self._talk.profidrive)),
+            stops=frozenset(self._talk.profile.stops),
             reverse=True,
             reference_percent=True,
             reference_hz=self._range is not None,
@@ -180,14 +180,14 @@ class DanfossFcOperations:
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop: 043C (ramp), 0474 (coast), 046C (quick stop) or 0478 (DC brake)."""
-        known = stop_words(profidrive=self._talk.profidrive)
+        known = self._talk.profile.stops
         if how not in known:
             raise NotSupported(
                 f"the PROFIdrive control word cannot stop by {how.value}; it can by ramp, coast and quick"
             )
         if self._talk.broadcast:
-            return self._talk.tell_all(known[how])
-        return self._motion.stop(known[how])
+            return self._talk.tell_all(known[how][-1].word)
+        return self._motion.stop(how)
 
     def reset(self) -> Exchange[None]:
         """Acknowledge a trip with 043C, 04BC, 043C; a drive that has not tripped is left alone."""
@@ -303,24 +303,16 @@ class DanfossFcOperations:
 
     def _status(self) -> Exchange[DriveStatus]:
         word, actual = yield from self._motion.status_word()
-        profidrive = self._talk.profidrive
-        fault = words.tripped(word, profidrive=profidrive)
-        code = (yield from self._fault_code()) if fault else None
+        seen = {ONLY: word}
+        code = (yield from self._fault_code()) if self._talk.profile.says("fault", seen) else None
         percent = _plain(actual * PERCENT_PER_STEP)
-        return DriveStatus(
-            word=word,
-            state=_state_of(word, fault=fault),
-            running=words.has(word, words.RUNNING),
-            fault=fault,
-            warning=words.has(word, words.WARNING),
-            at_reference=words.has(word, words.AT_REFERENCE),
+        return self._talk.profile.status(
+            seen,
             reverse=actual < 0 if actual else None,
-            remote=words.has(word, words.BUS_CONTROL),
             fault_code=code,
             fault_text=self._model.faults.get(code, "") if self._model and code is not None else "",
             actual_percent=percent if self._options.actual_scaling == "reference" else None,
             actual_hz=self._frequency(percent),
-            flags=words.flags_of(word, profidrive=profidrive),
         )
 
     def _frequency(self, percent: Decimal) -> Decimal | None:
@@ -386,12 +378,3 @@ def _plain(number: Decimal) -> Decimal:
     """Return a number without the zeros behind it."""
     whole = number.to_integral_value()
     return whole if whole == number else number.normalize()
-
-
-def _state_of(word: int, *, fault: bool) -> DriveState:
-    if fault:
-        return DriveState.FAULT
-    if words.has(word, words.RUNNING):
-        return DriveState.RUNNING
-    ready = all(words.has(word, bit) for bit in (words.CONTROL_READY, words.DRIVE_READY, words.ENABLED))
-    return DriveState.READY if ready else DriveState.NOT_READY

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+from drivecomm.profiles import ONLY
 from drivecomm_danfoss_fc import words
+
+if TYPE_CHECKING:
+    from drivecomm.profiles import ControlProfile
 
 
 class DanfossFcMemory:
@@ -36,7 +42,7 @@ class DanfossFcMemory:
         """Take note of a control word that is commanded."""
         self.word, self.obeyed, self.owed = word, False, False
 
-    def see(self, status: int, *, profidrive: bool) -> None:
+    def see(self, status: int, profile: ControlProfile) -> None:
         """Take note of a status word: what it contradicts holds no longer.
 
         A reply shows the drive before the command of the same request took effect (VLT 5000 Design Guide p. 95), so a
@@ -44,10 +50,10 @@ class DanfossFcMemory:
         """
         if not self.word:
             return
-        runs = words.lets_run(self.word, profidrive=profidrive)
-        if runs and words.tripped(status, profidrive=profidrive):
+        runs = profile.lets_run(self.word)
+        if runs and profile.says("fault", {ONLY: status}):
             # Whoever resets it would start the motor, as long as the drive keeps the word that made it run.
-            self.command((words.PROFIDRIVE_STANDSTILL if profidrive else words.RAMP_STOP) | self.functions)
+            self.command(profile.reset[0].word | self.functions)
             self.obeyed = self.owed = True
         elif words.has(status, words.RUNNING) == runs:
             self.obeyed = True

@@ -73,7 +73,7 @@ def test_states_of_vlt_3500(pattern, state):
     assert {control_profile("vlt3500").status({"": word}).state for word in words(pattern)} == {state}
 
 
-@pytest.mark.parametrize("name", ["vlt3500", "danfoss-fc"])
+@pytest.mark.parametrize("name", ["vlt3500", "danfoss-fc", "danfoss-profidrive"])
 def test_flags_are_the_bits_where_no_manual_names_the_states(name):
     profile = control_profile(name)
     assert all(profile.status({"": 1 << bit}).flags == (profile.flags[bit],) for bit in range(16))
