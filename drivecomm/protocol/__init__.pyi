@@ -1,3 +1,4 @@
+from .answering import needs_answer as needs_answer
 from .argument_types import is_duration as is_duration, is_whole as is_whole, misfit as misfit
 from .contract import (
     Capabilities as Capabilities,
