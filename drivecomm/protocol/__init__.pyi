@@ -63,6 +63,7 @@ from .options import (
     resolve_options as resolve_options,
 )
 from .reading import Reading as Reading, Value as Value, exact as exact, scaled as scaled, unscaled as unscaled
+from .refusal import Refusal as Refusal, looked_into as looked_into
 from .registry import (
     Protocols as Protocols,
     decode as decode,
