@@ -9,16 +9,24 @@ from drivecomm.protocol import Command, DriveState
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.profiles.profile import ControlProfile
+    from drivecomm.profiles.profile import ControlProfile, MotorDoes
     from drivecomm.protocol import Motor
 
-_MOTOR = {
+_STOPS = {
     "off": Command.OFF,
     "ramp": Command.RAMP_STOP,
     "quick": Command.QUICK_STOP,
     "dc_brake": Command.DC_BRAKE,
     "hold": Command.HOLD,
 }
+
+
+def have_do(motor: Motor, does: MotorDoes, hz: Callable[[], float], now: float) -> None:
+    """Have a motor do what a state says. hz: what it shall turn at if it runs, signed."""
+    if does == "run":
+        motor.run(hz(), now)
+    else:
+        motor.stop(_STOPS[does], now)
 
 
 class ProfileMachine:
@@ -60,11 +68,7 @@ class ProfileMachine:
 
     def act(self, now: float) -> None:
         """Have the motor do what the state says, with the reference as it is now."""
-        does = self.state.motor
-        if does == "run":
-            self.motor.run(self._wanted_hz(self.word), now)
-        else:
-            self.motor.stop(_MOTOR[does], now)
+        have_do(self.motor, self.state.motor, lambda: self._wanted_hz(self.word), now)
 
     def trip(self, code: int, now: float) -> None:
         """Switch the output off until a reset."""

@@ -173,6 +173,10 @@ class ControlProfile:
         """Return the names of the bits that are set in a status word."""
         return tuple(name for bit, name in self.flags.items() if word >> bit & 1)
 
+    def word_of(self, says: Mapping[str, bool]) -> int:
+        """Return the status word whose bits with these names are so; the others are 0."""
+        return sum(1 << bit for bit, name in self.flags.items() if says.get(name))
+
     def commands(self, word: int) -> bool:
         """Whether a drive obeys a control word at all."""
         return word & self.valid == self.valid

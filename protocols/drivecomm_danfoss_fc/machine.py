@@ -7,9 +7,10 @@ taken. The status word is asked for before a command is obeyed (VLT 5000 Design 
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING
 
-from drivecomm.profiles import control_profile
+from drivecomm.profiles import control_profile, have_do
 from drivecomm.protocol import Command
 from drivecomm_danfoss_fc import words
 from drivecomm_danfoss_fc.words import has
@@ -20,19 +21,15 @@ if TYPE_CHECKING:
     from drivecomm_danfoss_fc.options import DanfossFcOptions
     from drivecomm_danfoss_fc.store import Store
 
+_fc_asks = cache(control_profile("danfoss-fc").asks)
+_profidrive_asks = cache(control_profile("danfoss-profidrive").asks)
+
 CONTROL_WORD_TIMEOUT = 17
 """Alarm "control word timeout"; the number is general knowledge of the FC series."""
 
 _RPM = 67
 """Conversion index of a speed; the jogs of PROFIdrive are in rpm on FC drives and in Hz on VLT drives."""
 
-_STOPS = {
-    "off": Command.OFF,
-    "quick": Command.QUICK_STOP,
-    "dc_brake": Command.DC_BRAKE,
-    "ramp": Command.RAMP_STOP,
-    "hold": Command.HOLD,
-}
 _GATES = (
     ("gate_coast", words.COAST_BIT, True),
     ("gate_quick_stop", words.QUICK_STOP_BIT, True),
@@ -175,12 +172,9 @@ class Machine:
         if motor.fault:
             return
         asked = self._asked()
-        if asked in _STOPS:
-            motor.stop(_STOPS[asked], now)
-        elif self.profidrive and not self._on:
-            motor.stop(Command.RAMP_STOP, now)
-        else:
-            motor.run(self._directed(self._wanted_hz()), now)
+        if asked == "run" and self.profidrive and not self._on:
+            asked = "ramp"
+        have_do(motor, asked, lambda: self._directed(self._wanted_hz()), now)
 
     def _asked(self) -> MotorDoes:
         """Return what the word in force asks of the motor, with the bits gated that the bus has no say in."""
@@ -191,7 +185,7 @@ class Machine:
         for role, bit, level in self._gates:
             if not self._allowed(role) and not (profidrive and role == "gate_dc_brake"):
                 word = word | 1 << bit if level else word & ~(1 << bit)
-        return control_profile("danfoss-profidrive" if profidrive else "danfoss-fc").asks(word)
+        return _profidrive_asks(word) if profidrive else _fc_asks(word)
 
     def _wanted_hz(self) -> float:
         first, second = has(self.word, words.JOG_1_BIT), has(self.word, words.JOG_2_BIT)

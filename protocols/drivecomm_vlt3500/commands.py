@@ -17,19 +17,18 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NoReplyError, ReplyError, StateError
-from drivecomm.profiles import ONLY, Commander, control_profile
+from drivecomm.profiles import ONLY, Commander
 from drivecomm.protocol import Ask, Exchange, Stop, Tell
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.messages import Control, ControlReply
 from drivecomm_vlt3500.telegrams import BROADCAST
+from drivecomm_vlt3500.words import PROFILE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     from drivecomm.profiles import ControlProfile, Step, Words
     from drivecomm_vlt3500.options import VltOptions
-
-PROFILE = control_profile("vlt3500")
 
 _SETUP = words.SETUP_LOW | words.SETUP_HIGH
 _MOVING = words.START | words.JOG_1 | words.JOG_2
@@ -139,7 +138,8 @@ class Motion:
     def stop(self, how: Stop) -> Exchange[None]:
         """Stop, and make sure that the drive obeys."""
         yield from self._by(self._profile).stop(how)
-        if self._seen & words.RUNNING and not self._seen & words.BUS_CONTROL:
+        status = PROFILE.status({ONLY: self._seen})
+        if status.running and not status.remote:
             raise StateError(
                 f"the drive got the stop and does not report it: status word 0x{self._seen:04X}; in local operation it "
                 "does not obey the bus"
@@ -178,8 +178,8 @@ class Motion:
                 f"{verb} changes the last control word, and this program has none that the drive has confirmed; "
                 "start or stop the drive first"
             )
-        status = yield from self.status_word()
-        if word & _MOVING and not status & words.RUNNING:
+        seen = yield from self.look()
+        if word & _MOVING and not PROFILE.says("running", seen):
             raise StateError(f"{verb} would start the drive again, which has stopped meanwhile; use start")
         return word
 

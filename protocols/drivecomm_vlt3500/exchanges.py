@@ -14,10 +14,11 @@ from drivecomm.profiles import ONLY
 from drivecomm.protocol import Capabilities, DriveStatus, Exchange, Stop, Tell, exact, needs_answer
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.causes import cause_text
-from drivecomm_vlt3500.commands import PROFILE, Motion, VltMemory
+from drivecomm_vlt3500.commands import Motion, VltMemory
 from drivecomm_vlt3500.messages import Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.parameters import Target, data_for, reading_of, target
 from drivecomm_vlt3500.telegrams import BROADCAST
+from drivecomm_vlt3500.words import PROFILE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

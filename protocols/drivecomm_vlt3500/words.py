@@ -1,4 +1,4 @@
-"""Control word and status word: their bits. What is commanded by them, and in what order, says the profile.
+"""The profile of a VLT, and the bits of its control word that more than the profile looks at.
 
 Control word: VLT Series 3500 manual, printed page 87 (bits 0 to 4), page 91 (start); VLT 3000 manual MG.30.A7.02, page
 75, and VLT 2000 manual, page 37 (names of bits 5 to 15). Effects of bits 5, 7, 11, 12 and the order of the set-up bits
@@ -11,6 +11,10 @@ nothing; bit 10 alone (0x0400) is a command to stop in every way at once.
 
 from __future__ import annotations
 
+from drivecomm.profiles import control_profile
+
+PROFILE = control_profile("vlt3500")
+
 # Bits of the control word.
 ON1, ON2, ON3, NO_COAST, RAMP, RAMP_ENABLED, START, RESET = (1 << bit for bit in range(8))
 JOG_1, JOG_2, VALID, SLOW_DOWN, CATCH_UP, SETUP_LOW, SETUP_HIGH, REVERSE = (1 << bit for bit in range(8, 16))
@@ -18,26 +22,6 @@ JOG_1, JOG_2, VALID, SLOW_DOWN, CATCH_UP, SETUP_LOW, SETUP_HIGH, REVERSE = (1 <<
 IDLE = 0x0000
 IDLE_UNLIKE_ANY_STATUS = 0x000F
 """No status word has bits 0 to 3 all at 1: ready and tripped exclude each other."""
-
-# Bits of the status word.
-(
-    CONTROL_READY,
-    DRIVE_READY,
-    ENABLED,
-    TRIPPED,
-    OFF2_ACTIVE,
-    OFF3_ACTIVE,
-    START_NOT_POSSIBLE,
-    WARNING,
-    AT_REFERENCE,
-    BUS_CONTROL,
-    IN_RANGE,
-    RUNNING,
-    OVERLOAD,
-    VOLTAGE,
-    CURRENT,
-    TIMERS,
-) = (1 << bit for bit in range(16))
 
 
 def setup_bits(setup: int) -> int:

@@ -84,6 +84,18 @@ def test_each_stop_leaves_it_and_is_urgent(known, how):
 
 
 @by_name
+def test_a_quick_stop_is_quicker_than_a_ramp(known):
+    stands = {}
+    for how in (Stop.RAMP, Stop.QUICK):
+        drive = started(known)
+        drive.passes(5)
+        drive.carry_out(commander(drive).stop(how))
+        drive.passes(0.5)
+        stands[how] = not drive.motor.running
+    assert stands == {Stop.RAMP: False, Stop.QUICK: True}
+
+
+@by_name
 @pytest.mark.parametrize("how", list(Stop))
 def test_it_can_be_started_again_after_each_stop(known, how):
     if how in known.stops:
