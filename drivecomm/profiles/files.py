@@ -20,7 +20,7 @@ asked for, a list of them may stand, of which one must hold.
 from __future__ import annotations
 
 from functools import cache
-from importlib.resources import files
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError, meant
@@ -31,6 +31,7 @@ from drivecomm.tomlfile import CHOICE, LIST, NUMBER, TABLE, TABLES, TEXT, WHOLE,
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+_TABLES = Path(__file__).parent / "tables"
 _WHEN = Kind((int, str, dict, list), "the number of a bit, the name of a state, or { mask = 0, value = 0 }")
 _VALUES = ("valid", "idle", "reverse", "full")
 _BITS = ("running", "fault", "warning", "at_reference", "reverse", "remote")
@@ -53,7 +54,7 @@ _TRANSITION = {"from": LIST, "to": TEXT, "mask": WHOLE, "value": WHOLE, "rising"
 
 def control_profiles() -> tuple[str, ...]:
     """Return the names of the profiles that come with drivecomm."""
-    return tuple(sorted(each.name.removesuffix(".toml") for each in _folder().iterdir() if each.name.endswith(".toml")))
+    return tuple(sorted(each.stem for each in _TABLES.glob("*.toml")))
 
 
 @cache
@@ -175,7 +176,7 @@ def _content(name: str) -> Table:
     """Return the table of a profile, over that of the one that it extends."""
     if name not in control_profiles():
         raise UsageError(f"there is no control profile {name!r}; {meant(name, control_profiles(), 'there are')}")
-    own = read_toml(_folder() / f"{name}.toml", "a control profile", shown=f"control profile {name}")
+    own = read_toml(_TABLES / f"{name}.toml", "a control profile", shown=f"control profile {name}")
     below = own.content.get("extends")
     if not isinstance(below, str):
         return own
@@ -183,7 +184,3 @@ def _content(name: str) -> Table:
     single = {key: {**base.get(key, {}), **own.content.get(key, {})} for key in ("bits", "flags")}
     content = {**base, **own.content, **single}
     return Table({key: value for key, value in content.items() if key != "extends"}, f"control profile {name}")
-
-
-def _folder() -> Any:
-    return files("drivecomm.profiles") / "tables"

@@ -13,7 +13,6 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
 from drivecomm.errors import AddressError, RefusedError, UnexpectedReplyError
-from drivecomm.profiles import control_profile
 from drivecomm.protocol import Ask, Exchange, Tell
 from drivecomm_danfoss_fc import words
 from drivecomm_danfoss_fc.faultcodes import fault_text
@@ -28,6 +27,7 @@ from drivecomm_danfoss_fc.messages import (
 )
 
 if TYPE_CHECKING:
+    from drivecomm.profiles import ControlProfile
     from drivecomm_danfoss_fc.memory import DanfossFcMemory
     from drivecomm_danfoss_fc.messages import Reply
     from drivecomm_danfoss_fc.options import DanfossFcOptions
@@ -48,11 +48,15 @@ class Conversation:
             raise AddressError(f"address {address} does not exist in address format 1-31; addresses are 1 to 31")
         self.broadcast = address == BROADCAST
         self.profidrive = options.profile == "profidrive"
-        self.profile = control_profile("danfoss-profidrive" if self.profidrive else "danfoss-fc")
         self.memory = memory
         self._address = None if self.broadcast else address
         self._kept_read = lru_cache(_KEPT, typed=True)(self._new_read)
         self._format = options.address_format
+
+    @property
+    def profile(self) -> ControlProfile:
+        """The control profile; read from its file by who commands a drive, and not by who reads a parameter."""
+        return words.profile(profidrive=self.profidrive)
 
     @property
     def runs(self) -> bool:
@@ -80,7 +84,7 @@ class Conversation:
 
     def _process(self, word: int, ask: Ask) -> Exchange[ProcessReply]:
         """Send a process block to one drive and return its reply, which says nothing of what it answers."""
-        runs, valid = self.profile.lets_run(word), self.profile.commands(word)
+        runs, valid = self.profile.lets_run(word), words.has(word, words.VALID_BIT)
         urgent = ask.command == "new" and not runs
         # Whatever does not let the motor run may be sent at any age.
         command = ("new" if not runs else ask.command) if valid else ""
@@ -93,7 +97,7 @@ class Conversation:
             address_format=self._format,
             address=self._address,
             control_word=word,
-            reference=self.memory.reference if self.profile.commands(word) else 0,
+            reference=self.memory.reference if words.has(word, words.VALID_BIT) else 0,
         )
 
     def tell_all(self, word: int) -> Exchange[None]:
@@ -162,7 +166,7 @@ class Conversation:
         )
 
     def _notice(self, reply: Reply) -> None:
-        self.memory.see(reply.status_word, self.profile)
+        self.memory.see(reply.status_word, profidrive=self.profidrive)
 
 
 def answered(reply: Answer, expected: frozenset[int], parameter: str) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
+from drivecomm import profiles
 from drivecomm.errors import NotSupported, RefusedError, UnexpectedReplyError, ValueRefusedError
-from drivecomm.profiles import ONLY
 from drivecomm.protocol import Capabilities, Stop, exact, needs_answer
 from drivecomm_danfoss_fc import access, describing, words
 from drivecomm_danfoss_fc.conversation import BROADCAST, Conversation
@@ -173,7 +173,7 @@ class DanfossFcOperations:
     def status(self) -> Exchange[DriveStatus]:
         """Read status word and actual value with a process block, and the fault code if the drive has tripped."""
         word, actual = yield from self._motion.status_word()
-        seen = {ONLY: word}
+        seen = {profiles.ONLY: word}
         code = (yield from self._fault_code()) if self._talk.profile.says("fault", seen) else None
         percent = _plain(actual * PERCENT_PER_STEP)
         return self._talk.profile.status(

@@ -10,7 +10,7 @@ import math
 from functools import cache
 from typing import TYPE_CHECKING
 
-from drivecomm.profiles import control_profile, have_do
+from drivecomm.profiles import have_do
 from drivecomm.protocol import Command
 from drivecomm_danfoss_fc import words
 from drivecomm_danfoss_fc.words import has
@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Motor
     from drivecomm_danfoss_fc.options import DanfossFcOptions
     from drivecomm_danfoss_fc.store import Store
-
-_fc_asks = cache(control_profile("danfoss-fc").asks)
-_profidrive_asks = cache(control_profile("danfoss-profidrive").asks)
 
 CONTROL_WORD_TIMEOUT = 17
 """Alarm "control word timeout"; the number is general knowledge of the FC series."""
@@ -56,6 +53,7 @@ class Machine:
         self._store = store
         self._options = options
         self._fc_profile = store.fact("profile", "fc_value", 0)
+        self._asks = [cache(words.profile(profidrive=each).asks) for each in (False, True)]
         self._gates = [gate for gate in _GATES if store.has(gate[0])]
         self.power_up()
 
@@ -185,7 +183,7 @@ class Machine:
         for role, bit, level in self._gates:
             if not self._allowed(role) and not (profidrive and role == "gate_dc_brake"):
                 word = word | 1 << bit if level else word & ~(1 << bit)
-        return _profidrive_asks(word) if profidrive else _fc_asks(word)
+        return self._asks[profidrive](word)
 
     def _wanted_hz(self) -> float:
         first, second = has(self.word, words.JOG_1_BIT), has(self.word, words.JOG_2_BIT)

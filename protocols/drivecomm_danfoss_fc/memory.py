@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from drivecomm.profiles import ONLY
+from drivecomm import profiles
 from drivecomm_danfoss_fc import words
-
-if TYPE_CHECKING:
-    from drivecomm.profiles import ControlProfile
 
 
 class DanfossFcMemory:
@@ -42,7 +37,7 @@ class DanfossFcMemory:
         """Take note of a control word that is commanded."""
         self.word, self.obeyed, self.owed = word, False, False
 
-    def see(self, status: int, profile: ControlProfile) -> None:
+    def see(self, status: int, *, profidrive: bool) -> None:
         """Take note of a status word: what it contradicts holds no longer.
 
         A reply shows the drive before the command of the same request took effect (VLT 5000 Design Guide p. 95), so a
@@ -50,8 +45,9 @@ class DanfossFcMemory:
         """
         if not self.word:
             return
+        profile = words.profile(profidrive=profidrive)
         runs = profile.lets_run(self.word)
-        if runs and profile.says("fault", {ONLY: status}):
+        if runs and profile.says("fault", {profiles.ONLY: status}):
             # Whoever resets it would start the motor, as long as the drive keeps the word that made it run.
             self.command(profile.reset[0].word | self.functions)
             self.obeyed = self.owed = True

@@ -10,12 +10,12 @@ from contextlib import suppress
 from decimal import ROUND_HALF_EVEN, Decimal
 from typing import TYPE_CHECKING
 
+from drivecomm import profiles
 from drivecomm.errors import CommandTooOldError, NotSupported, StateError, UsageError, ValueRefusedError
-from drivecomm.profiles import ONLY, Commander
 from drivecomm_danfoss_fc import words
 
 if TYPE_CHECKING:
-    from drivecomm.profiles import Step, Words
+    from drivecomm.profiles import Commander, Step, Words
     from drivecomm.protocol import Exchange, Stop
     from drivecomm_danfoss_fc.conversation import Conversation
     from drivecomm_danfoss_fc.messages import ProcessReply
@@ -58,7 +58,7 @@ class Motion:
         self._memory = talk.memory
         self._control_word_pnu = control_word_pnu
         self._reference_pnu = reference_pnu
-        self._commander = Commander(talk.profile, self, state_timeout_s=state_timeout_s)
+        self._state_timeout_s = state_timeout_s
         # The status word of the last reply to a look or a command.
         self._seen = 0
 
@@ -107,7 +107,7 @@ class Motion:
 
     def stop(self, how: Stop) -> Exchange[None]:
         """Stop, each function as it is."""
-        yield from self._commander.stop(how)
+        yield from self._commander().stop(how)
         if not words.has(self._seen, words.BUS_CONTROL):
             raise StateError(
                 "the drive is in local operation, where bus commands have no effect; stop it at its keypad"
@@ -116,7 +116,7 @@ class Motion:
     def reset(self) -> Exchange[None]:
         """Acknowledge a trip with a rising edge of bit 7, between two words without it; nothing without a trip."""
         try:
-            yield from self._commander.reset()
+            yield from self._commander().reset()
         except StateError as error:
             if self._talk.profidrive or not words.has(self._seen, words.TRIP_LOCK):
                 raise
@@ -137,9 +137,12 @@ class Motion:
         """Send the word again: the reply to the first one shows the drive before that took effect."""
         return self._shown((yield from self._talk.command(self._talk.stop_word(step.word))))
 
+    def _commander(self) -> Commander:
+        return profiles.Commander(self._talk.profile, self, state_timeout_s=self._state_timeout_s)
+
     def _shown(self, reply: ProcessReply) -> Words:
         self._seen = reply.status_word
-        return {ONLY: reply.status_word}
+        return {profiles.ONLY: reply.status_word}
 
     def set_reference(self, steps: int) -> Exchange[None]:
         """Send the reference with the control word that holds, and remember it for all that follow.
@@ -240,10 +243,10 @@ class Motion:
 
     def _ready_to_start(self) -> Exchange[bool]:
         """Make sure that the drive can start; returns whether its motor runs already."""
-        return bool(self._talk.profile.says("running", (yield from self._commander.check_start())))
+        return bool(self._talk.profile.says("running", (yield from self._commander().check_start())))
 
     def _look(self) -> Exchange[int]:
-        return (yield from self.look())[ONLY]
+        return (yield from self.look())[profiles.ONLY]
 
     def _running_word(self, verb: str) -> Exchange[int]:
         """Return the word that was commanded, if the motor runs by it."""

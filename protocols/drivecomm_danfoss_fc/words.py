@@ -8,6 +8,13 @@ A word without bit 10 is ignored by the drive as a whole: that is how parameters
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+from drivecomm import profiles
+
+if TYPE_CHECKING:
+    from drivecomm.profiles import ControlProfile
+
 IGNORED = 0x0000
 
 DC_BRAKE_BIT, COAST_BIT, QUICK_STOP_BIT, HOLD_BIT, START_BIT = 2, 3, 4, 5, 6
@@ -31,6 +38,11 @@ HUNDRED_PERCENT = 16384
 
 CONTROL_READY, DRIVE_READY, ENABLED, TRIP = 0, 1, 2, 3
 FAULT_WITHOUT_TRIP, TRIP_LOCK, WARNING, AT_REFERENCE, BUS_CONTROL, IN_LIMITS, RUNNING = 4, 6, 7, 8, 9, 10, 11
+
+
+def profile(*, profidrive: bool) -> ControlProfile:
+    """Return the control profile; read from its file by who commands a drive, and not by who reads a parameter."""
+    return profiles.control_profile("danfoss-profidrive" if profidrive else "danfoss-fc")
 
 
 def has(word: int, bit: int) -> bool:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
+from drivecomm import profiles
 from drivecomm.errors import NotSupported, ParameterAddressError, RefusedError, UsageError
-from drivecomm.profiles import ONLY
 from drivecomm.protocol import Capabilities, Stop, needs_answer
 from drivecomm_vabus import states
 from drivecomm_vabus.conversation import Conversation
@@ -14,7 +14,7 @@ from drivecomm_vabus.memory import VabusMemory
 from drivecomm_vabus.motion import Motion
 from drivecomm_vabus.parameters import Target, characters_for, reading_of, target
 from drivecomm_vabus.references import References
-from drivecomm_vabus.states import PROFILE, STOP_WORDS
+from drivecomm_vabus.states import profile
 from drivecomm_vabus.telegrams import BROADCAST
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ class VabusOperations:
         stop is 0000 then, and how the motor runs down is up to the drive. So it is for all drives at once, who cannot
         be asked.
         """
-        if how not in STOP_WORDS:
+        if how not in profile().stops:
             raise NotSupported(f"a VABus drive cannot stop by {how.value}; it can by ramp, coast and quick")
         return self._motion.stop_all() if self._address == BROADCAST else self._motion.stop(how)
 
@@ -157,8 +157,8 @@ class VabusOperations:
             words = yield from self._motion.look()
         except RefusedError:
             return {}
-        state = PROFILE.state_of(words)
-        return {"state": state.name if state else f"0x{words[ONLY]:04X}"}
+        state = profile().state_of(words)
+        return {"state": state.name if state else f"0x{words[profiles.ONLY]:04X}"}
 
     # Conversations
 
@@ -183,4 +183,4 @@ class VabusOperations:
 
     @property
     def _stops(self) -> Collection[Stop]:
-        return (Stop.COAST,) if self._address == BROADCAST else tuple(STOP_WORDS)
+        return (Stop.COAST,) if self._address == BROADCAST else tuple(profile().stops)

@@ -12,15 +12,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from drivecomm import profiles
 from drivecomm.errors import RefusedError, ReplyError, StateError, UnexpectedReplyError
-from drivecomm.profiles import ONLY, Commander
 from drivecomm_vabus import states
-from drivecomm_vabus.states import PROFILE, STOP_WORDS
+from drivecomm_vabus.states import profile
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from drivecomm.profiles import Step, Words
+    from drivecomm.profiles import Commander, Step, Words
     from drivecomm.protocol import DriveStatus, Exchange, Model, Stop
     from drivecomm_vabus.conversation import Conversation
     from drivecomm_vabus.memory import VabusMemory
@@ -43,13 +43,7 @@ class Motion:
         self._references = references
         self._memory = memory
         self._model = model
-        self._commander = Commander(
-            PROFILE,
-            self,
-            state_timeout_s=state_timeout_s,
-            advice="the hardware enable and parameter 412 (1 = state machine)",
-            fault_code=self._fault_code,
-        )
+        self._state_timeout_s = state_timeout_s
 
     def state_word(self) -> Exchange[int]:
         """Read parameter 411."""
@@ -57,7 +51,7 @@ class Motion:
 
     def look(self) -> Exchange[Words]:
         """Return the state word."""
-        return {ONLY: (yield from self.state_word())}
+        return {profiles.ONLY: (yield from self.state_word())}
 
     def again(self, _step: Step) -> Exchange[Words]:
         """Return the state word."""
@@ -72,17 +66,26 @@ class Motion:
     def status(self) -> Exchange[DriveStatus]:
         """Read the state word, and the fault code if it says fault."""
         words = yield from self.look()
-        known = PROFILE.status(words)
+        known = profile().status(words)
         if not known.fault:
             return known
         code = yield from self._fault_code()
         text = self._model.faults.get(code, "") if self._model and code is not None else ""
-        return PROFILE.status(words, fault_code=code, fault_text=text)
+        return profile().status(words, fault_code=code, fault_text=text)
 
     def start(self, *, reverse: bool) -> Exchange[None]:
         """Give the references the sign of this direction, and walk to "operation enabled", each state awaited."""
-        yield from self._commander.start(prepare=self._prepared(reverse=reverse))
+        yield from self._commander().start(prepare=self._prepared(reverse=reverse))
         self._memory.runs = True
+
+    def _commander(self) -> Commander:
+        return profiles.Commander(
+            profile(),
+            self,
+            state_timeout_s=self._state_timeout_s,
+            advice="the hardware enable and parameter 412 (1 = state machine)",
+            fault_code=self._fault_code,
+        )
 
     def _prepared(self, *, reverse: bool) -> Exchange[None]:
         modes = yield from self._talk.held(states.LOCAL_REMOTE, "uint", "412")
@@ -99,7 +102,7 @@ class Motion:
         So 412 is asked for first, unless the word is 0000 anyway. Where an earlier request is still open, which keeps
         that question waiting, a word that starts nothing in any mode goes out at once.
         """
-        word = STOP_WORDS[how]
+        word = profile().stops[how][-1].word
         started_here, self._memory.runs = self._memory.runs, False
         told = self._memory.maybe_locked
         if told:
@@ -128,7 +131,7 @@ class Motion:
     def reset(self) -> Exchange[None]:
         """Acknowledge a fault with a rising edge of bit 7; does nothing on a drive without a fault."""
         try:
-            yield from self._commander.reset()
+            yield from self._commander().reset()
         except StateError as error:
             raise StateError(f"{error}; a fault can be acknowledged only 15 s after it occurred") from None
 

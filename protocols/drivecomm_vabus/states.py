@@ -5,10 +5,13 @@ Agile Modbus manual VEC 691 p. 70; ACT/ACU Modbus manual VEC 383 p. 72.
 
 from __future__ import annotations
 
-from drivecomm.profiles import control_profile
+from typing import TYPE_CHECKING
 
-PROFILE = control_profile("drivecom")
-STOP_WORDS = {how: steps[-1].word for how, steps in PROFILE.stops.items()}
+from drivecomm import profiles
+
+if TYPE_CHECKING:
+    from drivecomm.profiles import ControlProfile
+
 DISABLE_VOLTAGE = 0x0000
 VOLTAGE_BIT, WARNING_BIT, REMOTE_BIT, REACHED_BIT = 4, 7, 9, 10
 
@@ -19,3 +22,8 @@ CURRENT_FAULT = 260
 
 STATE_MACHINE = 1
 """Parameter 412: the control word commands; with 2 its bits 0 to 5 are contacts, other values are in no page."""
+
+
+def profile() -> ControlProfile:
+    """Return the control profile; read from its file by who commands a drive, and not by who reads a parameter."""
+    return profiles.control_profile("drivecom")

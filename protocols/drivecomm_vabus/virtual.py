@@ -18,7 +18,6 @@ from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, Refusal, Vi
 from drivecomm_vabus import states
 from drivecomm_vabus.errorcodes import CHECKSUM_ERROR, ERROR_REGISTER, SYNTAX_ERROR, SYSTEM_BUS_UNREACHABLE
 from drivecomm_vabus.parameters import target
-from drivecomm_vabus.states import PROFILE
 from drivecomm_vabus.store import Store
 from drivecomm_vabus.telegrams import (
     BROADCAST,
@@ -62,7 +61,7 @@ class VirtualVabusDrive:
         self.locked = False
         self._model = model
         self._options = options
-        self._machine = ProfileMachine(PROFILE, self.motor, lambda _: self._reference_hz())
+        self._machine = ProfileMachine(states.profile(), self.motor, lambda _: self._reference_hz())
         self._tripped_at = 0.0
         self._spoken_to_at: float | None = None
         self._behind_at = 0.0

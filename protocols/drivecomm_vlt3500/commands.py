@@ -14,20 +14,21 @@ something else.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from drivecomm import profiles
 from drivecomm.errors import NoReplyError, ReplyError, StateError
-from drivecomm.profiles import ONLY, Commander
 from drivecomm.protocol import Ask, Exchange, Stop, Tell
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.messages import Control, ControlReply
 from drivecomm_vlt3500.telegrams import BROADCAST
-from drivecomm_vlt3500.words import PROFILE
+from drivecomm_vlt3500.words import profile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
-    from drivecomm.profiles import ControlProfile, Step, Words
+    from drivecomm.profiles import Commander, ControlProfile, Step, Words
     from drivecomm_vlt3500.options import VltOptions
 
 _SETUP = words.SETUP_LOW | words.SETUP_HIGH
@@ -62,8 +63,13 @@ class Motion:
         self._memory = memory
         # The status word of the last reply; nobody answers a broadcast.
         self._seen = 0
-        stops = {how: steps for how, steps in PROFILE.stops.items() if how is not Stop.DC_BRAKE or options.dc_brake}
-        self._profile = replace(PROFILE, stops=stops)
+
+    @cached_property
+    def _profile(self) -> ControlProfile:
+        known, dc_brake = profile(), self._options.dc_brake
+        return replace(
+            known, stops={how: steps for how, steps in known.stops.items() if how is not Stop.DC_BRAKE or dc_brake}
+        )
 
     @property
     def stops(self) -> Collection[Stop]:
@@ -114,12 +120,12 @@ class Motion:
 
     def look(self) -> Exchange[Words]:
         """Return the status word."""
-        return {ONLY: (yield from self.status_word())}
+        return {profiles.ONLY: (yield from self.status_word())}
 
     def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:
         """Send a word in the set-up that is selected; its reply shows the status."""
         word, attempts = step.word | self._memory.setup, None if step.repeats else 1
-        return {ONLY: (yield from self.command(word, attempts=attempts, urgent=urgent))}
+        return {profiles.ONLY: (yield from self.command(word, attempts=attempts, urgent=urgent))}
 
     def again(self, _step: Step) -> Exchange[Words]:
         """Return the status word: no command is sent again."""
@@ -138,7 +144,7 @@ class Motion:
     def stop(self, how: Stop) -> Exchange[None]:
         """Stop, and make sure that the drive obeys."""
         yield from self._by(self._profile).stop(how)
-        status = PROFILE.status({ONLY: self._seen})
+        status = profile().status({profiles.ONLY: self._seen})
         if status.running and not status.remote:
             raise StateError(
                 f"the drive got the stop and does not report it: status word 0x{self._seen:04X}; in local operation it "
@@ -179,13 +185,13 @@ class Motion:
                 "start or stop the drive first"
             )
         seen = yield from self.look()
-        if word & _MOVING and not PROFILE.says("running", seen):
+        if word & _MOVING and not profile().says("running", seen):
             raise StateError(f"{verb} would start the drive again, which has stopped meanwhile; use start")
         return word
 
-    def _by(self, profile: ControlProfile) -> Commander:
-        return Commander(
-            profile,
+    def _by(self, known: ControlProfile) -> Commander:
+        return profiles.Commander(
+            known,
             self,
             state_timeout_s=self._options.state_timeout_s,
             advice="its digital inputs and parameters 503 to 510",

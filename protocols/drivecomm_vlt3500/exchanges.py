@@ -9,8 +9,8 @@ from decimal import Decimal, localcontext
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
+from drivecomm import profiles
 from drivecomm.errors import NotSupported, RefusedError, StateError, UsageError, ValueRefusedError
-from drivecomm.profiles import ONLY
 from drivecomm.protocol import Capabilities, DriveStatus, Exchange, Stop, Tell, exact, needs_answer
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.causes import cause_text
@@ -18,7 +18,7 @@ from drivecomm_vlt3500.commands import Motion, VltMemory
 from drivecomm_vlt3500.messages import Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.parameters import Target, data_for, reading_of, target
 from drivecomm_vlt3500.telegrams import BROADCAST
-from drivecomm_vlt3500.words import PROFILE
+from drivecomm_vlt3500.words import profile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -123,10 +123,10 @@ class VltOperations:
         """Ask for the status word with a C telegram that commands nothing."""
         seen = yield from self._motion.look()
         code = None
-        if PROFILE.says("fault", seen) and self._options.fault_parameter:
+        if profile().says("fault", seen) and self._options.fault_parameter:
             code = yield from self._fault_code()
         texts = self._model.faults if self._model else {}
-        return PROFILE.status(seen, fault_code=code, fault_text=texts.get(code, "") if code is not None else "")
+        return profile().status(seen, fault_code=code, fault_text=texts.get(code, "") if code is not None else "")
 
     @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
@@ -185,7 +185,7 @@ class VltOperations:
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read the state and, where the drive numbers its read-outs as VLT 2000 does, its software version."""
         status = yield from self._motion.status_word()
-        known = {"state": ", ".join(PROFILE.flags_of(status))}
+        known = {"state": ", ".join(profile().flags_of(status))}
         try:
             version = yield from self._read_target(target(SOFTWARE_VERSION, None))
         except RefusedError:
@@ -287,7 +287,7 @@ class VltOperations:
         return found.value if isinstance(found.value, int) else None
 
     def _any_word(self, word: int, mask: int) -> Exchange[DriveStatus]:
-        return PROFILE.status({ONLY: (yield from self._motion.command(word, mask=mask, attempts=1))})
+        return profile().status({profiles.ONLY: (yield from self._motion.command(word, mask=mask, attempts=1))})
 
     def _percent_of(self, hz: Decimal) -> Decimal:
         highest, lowest = self._options.frequency("maximum_hz"), self._options.frequency("minimum_hz")

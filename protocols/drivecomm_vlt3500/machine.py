@@ -10,18 +10,16 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING
 
-from drivecomm.profiles import ONLY, have_do
+from drivecomm import profiles
 from drivecomm.protocol import Command
 from drivecomm_vlt3500 import words
-from drivecomm_vlt3500.words import PROFILE
+from drivecomm_vlt3500.words import profile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from drivecomm.protocol import Motor
     from drivecomm_vlt3500.store import Store
-
-_asks = cache(PROFILE.asks)
 
 _INHIBIT = 11
 _STEP_PERCENT = 1.0
@@ -48,6 +46,7 @@ class Machine:
         self._dc_brake = dc_brake
         self._offset = 0.0
         self._alarm = 0
+        self._asks = cache(profile().asks)
         self.inhibited = self._has_inhibit()
 
     def power_up(self, now: float) -> None:
@@ -100,7 +99,7 @@ class Machine:
         ready = self.word & _ALL_OFF == _ALL_OFF and not tripped
         in_range, over_current, bad_voltage = self._in_range(), self._over_current(), self._bad_voltage()
         hot = motor.temperature_c > _HOT_C
-        return PROFILE.word_of(
+        return profile().word_of(
             {
                 "control ready": ready,
                 "drive ready": ready,
@@ -135,7 +134,7 @@ class Machine:
             (9,): lambda: motor.dc_link_v,
             (10,): lambda: motor.temperature_c,
             (11,): lambda: motor.temperature_c,
-            (15,): lambda: 1 if PROFILE.says("warning", {ONLY: self.status()}) else 0,
+            (15,): lambda: 1 if profile().says("warning", {profiles.ONLY: self.status()}) else 0,
             (16,): lambda: self.word,
             (17,): self.status,
             (18,): lambda: self._alarm,
@@ -148,7 +147,7 @@ class Machine:
         motor.ramp_up_s, motor.ramp_down_s = store.number(215, 5.0), store.number(216, 5.0)
         motor.quick_ramp_s = store.number(218, 1.0)
         jog = self._jog_hz()
-        does = _asks(self.word | words.START if jog else self.word)
+        does = self._asks(self.word | words.START if jog else self.word)
         if motor.fault or self.overloaded:
             does = "off"
         elif does == "dc_brake" and not (self._dc_brake or store.number(514) == 1):
@@ -157,7 +156,7 @@ class Machine:
             does = "ramp"
         if does == "ramp":
             self._offset = 0.0
-        have_do(motor, does, lambda: self._signed(jog or self._reference_hz()), now)
+        profiles.have_do(motor, does, lambda: self._signed(jog or self._reference_hz()), now)
 
     def _signed(self, hz: float) -> float:
         return -hz if self.word & words.REVERSE else hz

@@ -11,9 +11,12 @@ nothing; bit 10 alone (0x0400) is a command to stop in every way at once.
 
 from __future__ import annotations
 
-from drivecomm.profiles import control_profile
+from typing import TYPE_CHECKING
 
-PROFILE = control_profile("vlt3500")
+from drivecomm import profiles
+
+if TYPE_CHECKING:
+    from drivecomm.profiles import ControlProfile
 
 # Bits of the control word.
 ON1, ON2, ON3, NO_COAST, RAMP, RAMP_ENABLED, START, RESET = (1 << bit for bit in range(8))
@@ -22,6 +25,11 @@ JOG_1, JOG_2, VALID, SLOW_DOWN, CATCH_UP, SETUP_LOW, SETUP_HIGH, REVERSE = (1 <<
 IDLE = 0x0000
 IDLE_UNLIKE_ANY_STATUS = 0x000F
 """No status word has bits 0 to 3 all at 1: ready and tripped exclude each other."""
+
+
+def profile() -> ControlProfile:
+    """Return the control profile; read from its file by who commands a drive, and not by who reads a parameter."""
+    return profiles.control_profile("vlt3500")
 
 
 def setup_bits(setup: int) -> int:

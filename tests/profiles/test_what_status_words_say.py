@@ -19,7 +19,7 @@ DRIVECOM = {
 }
 PROFIDRIVE = {
     "xxxx xxxx x1xx 0xxx": DriveState.NOT_READY,
-    "xxxx xxxx x0xx 1xxx": DriveState.FAULT,
+    "xxxx xxxx xxxx 1xxx": DriveState.FAULT,
     "xxxx xxxx x0xx 0xx0": DriveState.NOT_READY,
     "xxxx xxxx x01x 0001": DriveState.READY,
     "xxxx xxxx x01x 0011": DriveState.READY,

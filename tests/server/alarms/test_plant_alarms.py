@@ -190,6 +190,7 @@ asyncio.run(PlantAlarms(plant, [watched], file=Path(sys.argv[1]), write_event=la
 """
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("does", ["hang", 200])
 def test_a_server_that_is_killed_while_it_tells_or_afterwards(running, hook, eventually, tmp_path, does):
     hook.does = does
