@@ -126,10 +126,13 @@ class Motion:
         """Ask for the status with a word that the drive ignores; a command that it contradicts is forgotten."""
         return self._shown((yield from self._talk.look()))
 
-    def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:  # noqa: ARG002 - what stops is urgent there anyway
-        """Send a word of a stop or a reset, with the functions; all but the edge is remembered before."""
+    def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:
+        """Send a word of a stop or a reset, with the functions.
+
+        It is remembered before, but of a reset only the first word: what then contradicts it holds.
+        """
         word = self._talk.stop_word(step.word)
-        if not words.has(word, words.RESET_BIT):
+        if urgent or step is self._talk.profile.reset[0]:
             self._memory.command(word)
         return self._shown((yield from self._talk.command(word, attempts=None if step.repeats else 1)))
 

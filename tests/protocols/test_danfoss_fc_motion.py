@@ -632,6 +632,14 @@ def test_what_the_drive_can_be_asked_to_do():
     assert capabilities.volatile_writes
 
 
+def test_a_reset_does_not_bring_back_a_command_that_its_status_contradicts():
+    """Somebody else has started the motor meanwhile: the word of the reset does not hold, and is not repeated."""
+    memory = DanfossFcMemory()
+    steps = [sent(0, status=TRIPPED), sent(0x043C, status=TRIPPED)]
+    play(operations(memory=memory).reset(), [*steps, sent(0x04BC, status=RUNNING), sent(0x043C, status=RUNNING)])
+    assert memory.word == 0
+
+
 def test_a_late_reply_to_a_start_confirms_no_stop():
     """Replies to process blocks all look alike."""
     virtual = virtual_drive("danfoss-fc", 3)
