@@ -35,6 +35,7 @@ from .framing import (
     Framer as Framer,
     Noise as Noise,
 )
+from .keeping import kept as kept
 from .line import (
     LINE_FACT_NAMES as LINE_FACT_NAMES,
     SETTING_NAMES as SETTING_NAMES,

@@ -9,11 +9,10 @@ says that the drive does what it was commanded, one that repeats the command.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
 from drivecomm.errors import AddressError, RefusedError, UnexpectedReplyError
-from drivecomm.protocol import Ask, Exchange, Tell
+from drivecomm.protocol import Ask, Exchange, Tell, kept
 from drivecomm_danfoss_fc import words
 from drivecomm_danfoss_fc.faultcodes import fault_text
 from drivecomm_danfoss_fc.messages import (
@@ -34,9 +33,6 @@ if TYPE_CHECKING:
 
 BROADCAST = 0
 
-# Requests that are kept, to be sent again; more than a poll plan has.
-_KEPT = 512
-
 Answer: TypeAlias = ParameterReply | TextReply
 
 
@@ -50,7 +46,7 @@ class Conversation:
         self.profidrive = options.profile == "profidrive"
         self.memory = memory
         self._address = None if self.broadcast else address
-        self._kept_read = lru_cache(_KEPT, typed=True)(self._new_read)
+        self._kept_read = kept(self._new_read)
         self._format = options.address_format
 
     @property

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
 from drivecomm.errors import NotSupported, RefusedError, UnexpectedReplyError, ValueRefusedError
-from drivecomm.protocol import Capabilities, Stop, exact, needs_answer
+from drivecomm.protocol import Capabilities, Stop, exact, kept, needs_answer
 from drivecomm_danfoss_fc import access, describing, words
 from drivecomm_danfoss_fc.conversation import BROADCAST, Conversation
 from drivecomm_danfoss_fc.memory import DanfossFcMemory
@@ -30,9 +29,6 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import DriveStatus, Exchange, Model, ParameterInfo, Reading, Value
     from drivecomm_danfoss_fc.options import DanfossFcOptions
-
-# A poll plan asks for the same parameters again and again; more of them than this are not kept in mind.
-_KEPT = 512
 
 _NAME_PLATE = {
     "15-40": "FC type",
@@ -60,8 +56,7 @@ class DanfossFcOperations:
         self._options = options
         self._model = model
         self._talk = Conversation(address, options, memory or DanfossFcMemory())
-        # Model and options of a drive do not change, so that an address always means the same.
-        self._known = lru_cache(_KEPT)(lambda name, kind: target(name, model, options, type=kind))
+        self._known = kept(lambda name, kind: target(name, model, options, type=kind))
         self._types: dict[int, str] = {}
         self._motion = Motion(
             self._talk,

@@ -6,7 +6,7 @@ sections 3 to 9 and 13.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.protocol import Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
 from drivecomm_danfoss_fc import access
@@ -116,36 +116,21 @@ class VirtualDanfossFcDrive:
         return message.address == self.address and (message.address_format != FORMAT_31 or self.address < 32)
 
     def _reply(self, message: Request, status: int, actual: int) -> ProcessReply | ParameterReply | TextReply:
-        address = self.address
+        shared: dict[str, Any] = {
+            "address_format": message.address_format,
+            "address": self.address,
+            "status_word": status,
+            "main_actual": actual,
+        }
         if isinstance(message, ProcessRequest):
-            return ProcessReply(
-                address_format=message.address_format, address=address, status_word=status, main_actual=actual
-            )
+            return ProcessReply(**shared)
         try:
             ak, content = self._answer(message)
         except Refusal as refusal:
             ak, content = _REFUSED, refusal.code
         if isinstance(content, str):
-            return TextReply(
-                address_format=message.address_format,
-                address=address,
-                ak=ak,
-                pnu=message.pnu,
-                ind=message.ind,
-                text=content,
-                status_word=status,
-                main_actual=actual,
-            )
-        return ParameterReply(
-            address_format=message.address_format,
-            address=address,
-            ak=ak,
-            pnu=message.pnu,
-            ind=message.ind,
-            pwe=content,
-            status_word=status,
-            main_actual=actual,
-        )
+            return TextReply(**shared, ak=ak, pnu=message.pnu, ind=message.ind, text=content)
+        return ParameterReply(**shared, ak=ak, pnu=message.pnu, ind=message.ind, pwe=content)
 
     def _answer(self, message: ParameterRequest | TextRequest) -> tuple[int, int | str]:
         """Return response code and value or text. IND's high byte counts with AK 4 and 15 only. Raises Refusal."""

@@ -6,11 +6,21 @@ specification.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, RefusedError, UsageError, ValueRefusedError
-from drivecomm.protocol import Ask, Capabilities, DriveState, DriveStatus, Exchange, Stop, exact, needs_answer, unscaled
+from drivecomm.protocol import (
+    Ask,
+    Capabilities,
+    DriveState,
+    DriveStatus,
+    Exchange,
+    Stop,
+    exact,
+    kept,
+    needs_answer,
+    unscaled,
+)
 from drivecomm_fuji import words
 from drivecomm_fuji.asking import Asking, read_request
 from drivecomm_fuji.memory import FujiMemory
@@ -30,9 +40,6 @@ if TYPE_CHECKING:
 
 _NAME_PLATE = {"type code": "M23", "capacity code": "M24", "ROM version": "M25"}
 
-# A poll plan asks for the same functions again and again; more of them than this are not kept in mind.
-_KEPT = 512
-
 
 class FujiOperations:
     """The verbs of one Fuji inverter, or of all of them at station 99.
@@ -50,8 +57,7 @@ class FujiOperations:
         self._profile = options.generation
         self._model = model
         self._asking = Asking(address, options)
-        # Model and options of an inverter do not change, so that a function always means the same.
-        self._known = lru_cache(_KEPT)(lambda parameter: target(parameter, model, options))
+        self._known = kept(lambda parameter: target(parameter, model, options))
         self._memory = memory or FujiMemory()
         self._running = Running(address, self._asking, self._memory, reset_timeout_s=options.reset_timeout_s)
         self._references = References(address, options, self._asking)

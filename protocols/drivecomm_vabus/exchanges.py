@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
 from drivecomm.errors import NotSupported, ParameterAddressError, RefusedError, UsageError
-from drivecomm.protocol import Capabilities, Stop, needs_answer
+from drivecomm.protocol import Capabilities, Stop, kept, needs_answer
 from drivecomm_vabus import states
 from drivecomm_vabus.conversation import Conversation
 from drivecomm_vabus.memory import VabusMemory
@@ -22,9 +21,6 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Value as ParameterValue
     from drivecomm_vabus.options import VabusOptions
-
-# A poll plan asks for the same parameters again and again; more of them than this are not kept in mind.
-_KEPT = 512
 
 
 class VabusOperations:
@@ -43,8 +39,7 @@ class VabusOperations:
         self._motion = Motion(
             self._talk, self._references, self._memory, model, state_timeout_s=options.state_timeout_s
         )
-        # Model and options of a drive do not change, so that an address always means the same.
-        self._known = lru_cache(_KEPT)(lambda name, kind: target(name, model, kind, None))
+        self._known = kept(lambda name, kind: target(name, model, kind, None))
 
     @property
     def capabilities(self) -> Capabilities:

@@ -6,12 +6,11 @@ VLT Series 3500 manual, printed pages 85 to 92; VLT 3000 manual MG.30.A7.02, pag
 from __future__ import annotations
 
 from decimal import Decimal, localcontext
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
 from drivecomm.errors import NotSupported, RefusedError, StateError, UsageError, ValueRefusedError
-from drivecomm.protocol import Capabilities, DriveStatus, Exchange, Stop, Tell, exact, needs_answer
+from drivecomm.protocol import Capabilities, DriveStatus, Exchange, Stop, Tell, exact, kept, needs_answer
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.causes import cause_text
 from drivecomm_vlt3500.commands import Motion, VltMemory
@@ -25,9 +24,6 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Model, Reading, Value as ParameterValue
     from drivecomm_vlt3500.options import VltOptions
-
-# A poll plan asks for the same parameters again and again; more of them than this are not kept in mind.
-_KEPT = 512
 
 BUS_REFERENCE = "516"
 SOFTWARE_VERSION = "502[19]"
@@ -45,9 +41,8 @@ class VltOperations:
         self._options = options
         self._model = model
         self._motion = Motion(address, options, memory or VltMemory())
-        # Model and options of a drive do not change, so that an address always means the same.
-        self._known = lru_cache(_KEPT)(lambda parameter: target(parameter, model))
-        self._request = lru_cache(_KEPT, typed=True)(self._new_request)
+        self._known = kept(lambda parameter: target(parameter, model))
+        self._request = kept(self._new_request)
 
     @property
     def capabilities(self) -> Capabilities:
