@@ -5,7 +5,7 @@ from .files import (
     control_profile_from as control_profile_from,
     control_profiles as control_profiles,
 )
-from .machine import ProfileMachine as ProfileMachine
+from .machine import ProfileMachine as ProfileMachine, have_do as have_do
 from .mistakes import mistakes_in as mistakes_in
 from .order_tables import (
     ORDERS as ORDERS,

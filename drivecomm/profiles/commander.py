@@ -68,9 +68,8 @@ class Commander:
         prepare: what is done before the first word, once it is known that nothing speaks against a start.
         """
         profile = self._profile
-        steps = profile.start_reverse if reverse and profile.start_reverse else profile.start
-        seen = yield from self._carrier.look()
-        yield from self._check_start(seen)
+        steps = profile.start_towards(reverse=reverse)
+        seen = yield from self.check_start()
         if prepare is not None:
             yield from prepare
         for number, step in enumerate(steps):
@@ -90,13 +89,16 @@ class Commander:
                     raise
                 raise type(error)(f"{error}; the drive had been told to run before") from None
 
-    def _check_start(self, seen: Words) -> Exchange[None]:
+    def check_start(self) -> Exchange[Words]:
+        """Return the status words of a drive that can be started. Raises StateError where something forbids it."""
+        seen = yield from self._carrier.look()
         for refusal in self._profile.refusals:
             if any(condition.holds(seen) for condition in refusal.when):
                 code = ""
                 if self._fault_code is not None and self._profile.status(seen).fault:
                     code = f" (code {(yield from self._fault_code())})"
                 raise StateError(refusal.say.replace("{code}", code))
+        return seen
 
     def stop(self, how: Stop) -> Exchange[None]:
         """Stop the motor. Raises StateError where the drive does not say that it obeys."""

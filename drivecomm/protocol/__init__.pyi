@@ -1,3 +1,4 @@
+from .answering import needs_answer as needs_answer
 from .argument_types import is_duration as is_duration, is_whole as is_whole, misfit as misfit
 from .contract import (
     Capabilities as Capabilities,
@@ -35,6 +36,7 @@ from .framing import (
     Framer as Framer,
     Noise as Noise,
 )
+from .keeping import kept as kept
 from .line import (
     LINE_FACT_NAMES as LINE_FACT_NAMES,
     SETTING_NAMES as SETTING_NAMES,
@@ -63,6 +65,7 @@ from .options import (
     resolve_options as resolve_options,
 )
 from .reading import Reading as Reading, Value as Value, exact as exact, scaled as scaled, unscaled as unscaled
+from .refusal import Refusal as Refusal, looked_into as looked_into
 from .registry import (
     Protocols as Protocols,
     decode as decode,

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from drivecomm.errors import ValueRefusedError
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -55,8 +57,17 @@ class ParameterInfo:
     """Keys of this parameter that only its protocol knows, such as `datasets` or `conversion_index`."""
 
     def allows(self, physical: Decimal | float) -> bool:
-        """Whether a physical value is within the limits, as far as they are known."""
+        """Whether a value is within the limits, as far as they are known."""
         return (self.minimum is None or physical >= self.minimum) and (self.maximum is None or physical <= self.maximum)
+
+    def check(self, physical: Decimal) -> None:
+        """Raise ValueRefusedError for a value that is not within the limits."""
+        if not self.allows(physical):
+            low = "" if self.minimum is None else f"{self.minimum} "
+            high = "" if self.maximum is None else f" {self.maximum}"
+            raise ValueRefusedError(
+                f"{physical} for parameter {self.address} is outside {low}to{high} {self.unit}".rstrip()
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

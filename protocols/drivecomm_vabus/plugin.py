@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_vabus.exchanges import VabusOperations
 from drivecomm_vabus.memory import VabusMemory
@@ -21,16 +19,9 @@ from drivecomm_vabus.telegrams import (
 )
 from drivecomm_vabus.virtual import VirtualVabusDrive
 
-if TYPE_CHECKING:
-    from drivecomm.protocol import Model, VirtualDrive
-
 
 def _codec(options: VabusOptions) -> VabusCodec:
     return VabusCodec(options.type, lower_case_hex=options.lower_case_hex)
-
-
-def _virtual(address: int, options: VabusOptions, model: Model) -> VirtualDrive:
-    return VirtualVabusDrive(address, options, model)
 
 
 protocol = Protocol(
@@ -66,7 +57,7 @@ protocol = Protocol(
     mismatch=mismatch,
     operations=VabusOperations,
     memory=VabusMemory,
-    virtual=_virtual,
+    virtual=VirtualVabusDrive,
     blind_spots=blind_spots,
     forms=titled_forms,
     parameter_examples=("481", "520[2]", "C00"),
