@@ -8,8 +8,9 @@ import drivecomm
 import drivecomm_modbus
 from drivecomm.errors import NotSupported, ParameterAddressError, RefusedError, StateError, UsageError
 from drivecomm.models import check_model, load_model, model_names
-from drivecomm.protocol import DriveState, Stop, installed
+from drivecomm.protocol import DriveState, Stop, installed, resolve_options
 from drivecomm.virtual import VirtualLine, virtual_drive
+from drivecomm_modbus.control import control_of
 
 PACKAGE = Path(drivecomm_modbus.__file__).parent
 NAMES = model_names("drivecomm_modbus", "modbus")
@@ -280,3 +281,11 @@ def test_a_write_that_wears_the_eeprom_is_asked_for(mill):
             drive.write("ramp", "7.25")
         assert sent == []
         drive.write("ramp", "7.25", store=True)
+
+
+@pytest.mark.parametrize(("name", "place"), [("delta", 0x2119), ("gs2", 0x2101)])
+def test_a_drive_in_standby_has_obeyed_its_start(name, place):
+    model = load_model("drivecomm_modbus", "modbus", name)
+    start = control_of(model, resolve_options(installed["modbus"], model, {})[1]).profile.start[-1]
+    obeyed = [state for state in range(4) if any(each.holds({str(place): state}) for each in start.until)]
+    assert obeyed == [2, 3]
