@@ -47,6 +47,7 @@ MEASUREMENTS = (
     "tuned_drives",
     "listening",
     "neighbour",
+    "blocks",
     "dead_drives",
     "scan_time",
     "forecast_accuracy",

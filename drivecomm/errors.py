@@ -2,7 +2,7 @@
 
 DriveCommError                      exit code 1
 ├── UsageError                  2   the caller: a wrong name, address, value or file
-│   ├── UnknownProtocolError        `drive("modbus", 1)` with no such plug-in installed
+│   ├── UnknownProtocolError        `drive("profibus", 1)` with no such plug-in installed
 │   ├── ProtocolLoadError           a plug-in is installed and cannot be imported
 │   ├── AddressError                VABus node 31, FC address 127
 │   ├── ParameterAddressError       "48x" is no parameter address

@@ -215,7 +215,7 @@ def test_decode_with_options():
 @pytest.mark.parametrize(
     ("call", "error", "what"),
     [
-        (lambda: drivecomm.decode("modbus", b"", direction="reply"), UnknownProtocolError, "modbus"),
+        (lambda: drivecomm.decode("profibus", b"", direction="reply"), UnknownProtocolError, "profibus"),
         (lambda: drivecomm.decode("vabus", b"\x04", direction="up"), UsageError, "'request' or 'reply', not 'up'"),
         (lambda: drivecomm.decode("vabus", b"\x04", direction="request", colour=1), UsageError, "no option 'colour'"),
         (lambda: drivecomm.encode("vabus", {}, direction="request", colour=1), UsageError, "no option 'colour'"),

@@ -8,7 +8,7 @@ from .async_bus import (
 from .bus import Broadcast as Broadcast, Bus as Bus, Drive as Drive, open_bus as open_bus
 from .exchanges import Exchanges as Exchanges
 from .faces import Job as Job, Sent as Sent
-from .keeping import keep as keep, keep_async as keep_async
+from .keeping import WatchdogKeeper as WatchdogKeeper, keep as keep, keep_async as keep_async
 from .likely_settings import LineChoices as LineChoices, likely_settings as likely_settings
 from .opening import LineOptions as LineOptions, port_opener as port_opener
 from .priority_lock import PriorityLock as PriorityLock, Rank as Rank, Turn as Turn

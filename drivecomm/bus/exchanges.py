@@ -65,6 +65,16 @@ class Exchanges:
         if self._model is not None and info is not None and "r" not in info.access:
             raise NotSupported(f"{info.address} can only be written, says model {self._model.name}")
 
+    def address_of(self, parameter: str) -> str:
+        """Return what `read` of the protocol takes for a parameter: its address where it is named by a common name."""
+        common = self._common_name(parameter)
+        return common.address if common else parameter
+
+    def told(self, parameter: str, reading: Reading) -> Reading:
+        """Return a reading as it is told to who has asked for it by this name."""
+        common = self._common_name(parameter)
+        return common.told(reading) if common else reading
+
     def to_write(self, parameter: str, value: Value | float, options: Mapping[str, Any]) -> Exchange[Reading | None]:
         """Write a parameter, named as for `read`; by a common name, the value is in the unit of the quantity."""
         self._must_name(parameter)

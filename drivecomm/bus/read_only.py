@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from drivecomm.bus.exchanges import COMMON_VERBS
 from drivecomm.errors import ReadOnlyError
-from drivecomm.protocol import Pause, Stop, with_each_command
+from drivecomm.protocol import Pause, ReadsMany, Stop, with_each_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -47,6 +47,8 @@ class ReadOnly:
         self.status = operations.status
         self.probe = operations.probe
         self.identify = operations.identify
+        if isinstance(operations, ReadsMany):
+            self.blocks, self.read_many = operations.blocks, operations.read_many
         self.write = self._refused
         self.start = self._refused
         self.reset = self._refused

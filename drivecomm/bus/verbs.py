@@ -8,12 +8,14 @@ from drivecomm.bus.exchanges import Exchanges
 from drivecomm.bus.faces import Job, Verb
 from drivecomm.bus.priority_lock import Rank
 from drivecomm.bus.read_only import ReadOnly
+from drivecomm.bus.reading_many import ManyReads
 from drivecomm.errors import UsageError
 from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
+    from drivecomm.errors import DriveCommError
     from drivecomm.link import CommandCall, Peer
     from drivecomm.protocol import Capabilities, DriveStatus, Exchange, LineFacts, Model, Operations, Reading, Value
 
@@ -28,6 +30,9 @@ class VerbsBus(Protocol):
 
     def watched(self, peer: Peer, silence_s: float | None) -> None:
         """Take note how long a drive's watchdog waits; None when it is off, or not known."""
+
+    def wall_time(self) -> float:
+        """Return the time in seconds since 1970; on a virtual line since its start."""
 
     def storing(self, peer: Peer, parameter: str) -> None:
         """Count a write that may end in EEPROM. Raises UsageError for one too many within an hour."""
@@ -129,6 +134,36 @@ class DriveVerbs(PeerVerbs[B]):
     def to_poll(self, parameter: str, **options: Any) -> Job[Reading]:
         """Return the job of `polled`, for who has the bus carry it out; sends nothing."""
         return _new(Job, (self._peer, self._exchanges.to_read(parameter, options), Rank.POLL, None, False))
+
+    @Verb
+    def read_many(self, /, parameters: Sequence[str]) -> Job[list[Reading | DriveCommError]]:
+        """Read parameters, in as few telegrams as the protocol and the drive allow; results are in the order given.
+
+        In place of a parameter that the drive refuses is the error that `read` would raise. Each reading has the time
+        of its own telegram. What fails for all of them is raised: a drive that does not answer, a parameter that can
+        never be read.
+        """
+        return Job(self._peer, self._many.to_read_many(parameters))
+
+    @Verb
+    def polled_many(self, /, parameters: Sequence[str]) -> Job[list[Reading]]:
+        """Read parameters that `blocks` has put together, when nobody else wants the line.
+
+        A drive refuses all of them or none.
+        """
+        return self.to_poll_many(parameters)
+
+    def to_poll_many(self, parameters: Sequence[str]) -> Job[list[Reading]]:
+        """Return the job of `polled_many`, for who has the bus carry it out; sends nothing."""
+        return Job(self._peer, self._many.to_read_block(parameters), Rank.POLL)
+
+    def blocks(self, parameters: Sequence[str]) -> list[list[int]]:
+        """Return which of these parameters one telegram each reads, by their places in the list; sends nothing."""
+        return self._many.blocks(parameters)
+
+    @property
+    def _many(self) -> ManyReads:
+        return ManyReads(self._exchanges, self._bus.wall_time)
 
     def check_read(self, parameter: str, **options: Any) -> None:
         """Raise UsageError for what `read` could never read on this drive; sends nothing."""

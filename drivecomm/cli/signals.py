@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from threading import Event, Timer
 from typing import TYPE_CHECKING, Any
 
@@ -67,10 +67,42 @@ def restore() -> None:
     _take(signal.SIG_DFL)
 
 
+class SignalledEvent(Event):
+    """An event that a signal handler may set at any moment.
+
+    `Event.set` takes a lock, for which a handler would wait for ever where it interrupts whoever has it: a wait, or
+    another set, of the same thread. Once set, it stays so.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._happened = False
+        self._gate = _thread.allocate_lock()
+        self._gate.acquire()
+
+    def is_set(self) -> bool:
+        """Whether it was set."""
+        return self._happened
+
+    def set(self) -> None:
+        """Set it, and let all go on who wait for it; waits for nobody."""
+        self._happened = True
+        # Somebody else, or this thread where it was interrupted, may have opened it.
+        with suppress(RuntimeError):
+            self._gate.release()
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait until it is set, so many seconds at most; returns whether it is."""
+        if not self._happened and self._gate.acquire(timeout=-1 if timeout is None else max(0.0, timeout)):
+            # One after the other.
+            self.set()
+        return self._happened
+
+
 @contextmanager
 def until_stopped() -> Iterator[Event]:
     """Yield an event that signals set; they do nothing else within the block: for what must not be interrupted."""
-    stop = Event()
+    stop = SignalledEvent()
 
     def tell(number: int, _: object) -> None:
         _remember(number)

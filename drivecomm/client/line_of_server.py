@@ -27,7 +27,7 @@ _WAY_S = 5.0
 _VALID_S = 10
 
 
-READING = frozenset({"read", "polled", "status", "identify", "probe", "watched"})
+READING = frozenset({"read", "read_many", "polled", "polled_many", "status", "identify", "probe", "watched"})
 """Verbs that command nothing: they may be sent twice, and need no right to command the drive."""
 
 

@@ -138,4 +138,6 @@ def _can_be_sent(value: object) -> bool:
 
     if isinstance(value, float):
         return isfinite(value)
+    if isinstance(value, list | tuple):
+        return all(map(_can_be_sent, value))
     return value is None or isinstance(value, str | int | Decimal | Enum)

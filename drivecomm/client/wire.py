@@ -70,6 +70,8 @@ def plain(value: Any) -> Any:
         return value.value
     if isinstance(value, bytes):
         return value.hex(" ").upper()
+    if isinstance(value, DriveCommError):
+        return error_content(value)
     if isinstance(value, Mapping):
         return {str(key): plain(each) for key, each in value.items()}
     if isinstance(value, set | frozenset):
@@ -125,8 +127,15 @@ def drive_options(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def result_of(content: Any) -> Any:
-    """Return what a verb has resulted in: a reading, a status, a parameter's data, or what is plain already."""
+    """Return what a verb has resulted in: a reading, a status, a parameter's data, several, or what is plain already.
+
+    An error stands in a list in place of a reading.
+    """
+    if isinstance(content, list):
+        return [result_of(each) for each in content]
     if isinstance(content, dict):
+        if "kind" in content and "exit_code" in content:
+            return error_of(content)
         if "raw" in content and "parameter" in content:
             return reading_of(content)
         if "word" in content and "state" in content:

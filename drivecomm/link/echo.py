@@ -36,6 +36,11 @@ class EchoFilter:
         self.missing = 0
         """How many bytes of the echo must still come before there can be anything else."""
 
+    @property
+    def is_over(self) -> bool:
+        """Whether no echo of what was sent last can still come: it came whole, or there is none on this port."""
+        return not self.looking or not self._sent
+
     def sent(self, data: bytes) -> None:
         """Take note of what was sent just now; the echo of what was sent before may still come in front of it."""
         self._sent += data

@@ -74,7 +74,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: bytes | None = None) -
         for find in framer.flush() if quiet else framer.feed(came):
             if isinstance(find, Framed):
                 in_place = in_place_of_echo(find.data, place, echo.excused)
-                is_echo = in_place or find.data == data
+                is_echo = in_place or (find.data == data and not (ask.mirrored and echo.is_over))
                 reason = "echo" if is_echo else peer.mismatch(ask.message, find.message)
                 if not reason:
                     if line.echo.looking and line.echo.answered(alone=not place):

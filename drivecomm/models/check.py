@@ -17,7 +17,7 @@ from drivecomm.errors import FileFormatError, ProtocolLoadError, UnknownProtocol
 from drivecomm.models.files import ModelFile, assembled, base_of, open_model_file, parameter_of
 from drivecomm.models.rules import Given, broken_rules
 from drivecomm.models.schema import Mistake, mistakes_in
-from drivecomm.models.trials import failed_trials, wrong_keys, wrong_options
+from drivecomm.models.trials import failed_trials, wrong_control_keys, wrong_keys, wrong_options
 from drivecomm.protocol import installed
 from drivecomm.tomlfile import no_such_file
 
@@ -96,6 +96,8 @@ def _mistakes(file: ModelFile, plugin: Protocol | None) -> Iterator[Mistake]:
         if number not in refused_parameters
     ]
     yield from wrong_keys(entries, known)
+    control = content.get("control", {})
+    yield from wrong_control_keys(control if isinstance(control, dict) else {}, known)
     if any(not mistake.table and mistake.key == "extends" for mistake in refused):
         return
     try:

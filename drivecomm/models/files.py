@@ -145,6 +145,7 @@ def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
         link_loss=content.get("link_loss", base.link_loss if base else ""),
         # A rule is about one series, so it is not taken over.
         identified_by=_frozen(content.get("identified_by", {})),
+        control=with_base("control", _frozen(content.get("control", {}))),
     )
 
 

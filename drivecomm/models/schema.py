@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 FORMAT = 1
-TABLES = ("options", "quantities", "watchdog", "identified_by", "faults", "warnings")
+TABLES = ("options", "quantities", "watchdog", "identified_by", "faults", "warnings", "control")
 """The tables of a model file, beside its parameters."""
 
 TEXTS = ("name", "title", "extends", "source", "link_loss")

@@ -68,6 +68,15 @@ def wrong_keys(entries: Sequence[tuple[int, Mapping[str, Any]]], plugin: Protoco
             yield Mistake(table="parameter", number=number, key=key, text=unknown_key(key, sorted(known)))
 
 
+def wrong_control_keys(control: Mapping[str, Any], plugin: Protocol) -> Iterator[Mistake]:
+    """Yield the keys of [control] that this protocol does not know; most protocols know none."""
+    for key in sorted(set(control) - plugin.control_keys):
+        remedy = (
+            unknown_key(key, sorted(plugin.control_keys)) if plugin.control_keys else f"{plugin.name} has no such table"
+        )
+        yield Mistake(table="control", key=key, text=remedy)
+
+
 def failed_trials(own: Sequence[tuple[int, ParameterInfo]], model: Model, plugin: Protocol) -> Iterator[Mistake]:
     """Yield the parameters that cannot be asked for, start values that no drive can take, and a drive not to be made.
 

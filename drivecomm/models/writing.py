@@ -43,6 +43,7 @@ def model_text(model: Model) -> str:
         "identified_by": model.identified_by,
         "faults": model.faults,
         "warnings": model.warnings,
+        "control": model.control,
     }
     parts += [f"[{name}]\n{_lines(table.items())}" for name, table in tables.items() if table]
     parts += [f"[[parameter]]\n{_lines(_parameter(info))}" for info in model.parameters.values()]

@@ -1,9 +1,10 @@
 from .loops import poll as poll, poll_async as poll_async
-from .one_line import poll_bus as poll_bus
+from .one_line import in_blocks as in_blocks, poll_bus as poll_bus
 from .plan import Plan as Plan
 from .schedule import (
     FIRST_ROUND_S as FIRST_ROUND_S,
     PRIORITY_STEP_S as PRIORITY_STEP_S,
+    PollBlock as PollBlock,
     PollItem as PollItem,
     PollResult as PollResult,
     ResultQuality as ResultQuality,

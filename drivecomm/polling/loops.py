@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, UsageError, in_one_line, shortened
 from drivecomm.polling.one_line import D, Polling, poll_bus
-from drivecomm.polling.schedule import PollItem, PollResult, checked
+from drivecomm.polling.schedule import PollBlock, PollItem, PollResult, checked
 from drivecomm.protocol import is_duration
 
 if TYPE_CHECKING:
@@ -76,8 +76,17 @@ async def _poll_bus_async(
             except DriveCommError as error:
                 outcome = error
             yield polling.finished(due, outcome, bus.now())
-        elif isinstance(due, PollResult):
-            yield due
+        elif isinstance(due, PollBlock):
+            came: Sequence[Reading] | DriveCommError
+            try:
+                came = await due.drive.polled_many(due.parameters)
+            except DriveCommError as error:
+                came = error
+            for result in polling.block_finished(due, came, bus.now()):
+                yield result
+        elif isinstance(due, list):
+            for result in due:
+                yield result
         else:
             await bus.sleep_until(due)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 
 from drivecomm.errors import DriveCommError
 from drivecomm.polling.one_line import NAP_S, D, Polling, poll_bus
-from drivecomm.polling.schedule import PollItem, PollResult
+from drivecomm.polling.schedule import PollBlock, PollItem, PollResult
 from drivecomm.transport import Engine
 
 if TYPE_CHECKING:
@@ -180,7 +180,7 @@ class _PolledLine:
         self._served = served
         self._now = served.engine.now
         self._give = served.give
-        self._item: PollItem[Any] | None = None
+        self._item: PollItem[Any] | PollBlock[Any] | None = None
         self._asleep = False
         self._over = False
         self._at_it = False
@@ -197,10 +197,11 @@ class _PolledLine:
                     self._hold_up()
                     continue
                 due = self._polling.next(self._now())
-                if isinstance(due, PollItem):
+                if isinstance(due, PollItem | PollBlock):
                     self._read(due)
-                elif isinstance(due, PollResult):
-                    self._give(due)
+                elif isinstance(due, list):
+                    for result in due:
+                        self._give(result)
                 elif due is None:
                     self._end()
                 else:
@@ -218,10 +219,13 @@ class _PolledLine:
         """Let go of the line."""
         self._line.close()
 
-    def _read(self, item: PollItem[Any]) -> None:
+    def _read(self, item: PollItem[Any] | PollBlock[Any]) -> None:
         self._item = item
         try:
-            job = item.drive.to_poll(item.parameter, **item.options)
+            if isinstance(item, PollBlock):
+                job = item.drive.to_poll_many(item.parameters)
+            else:
+                job = item.drive.to_poll(item.parameter, **item.options)
         except DriveCommError as error:
             self._ended(None, error)
         else:
@@ -231,13 +235,16 @@ class _PolledLine:
         item, self._item = self._item, None
         if item is None:
             return
-        if error is None:
-            self._give(self._polling.finished(item, result, self._now()))
-        elif isinstance(error, DriveCommError):
-            # A bus that has been closed ends the plan.
-            self._give(self._polling.finished(item, error, self._polling.bus.now()))
-        else:
+        if error is not None and not isinstance(error, DriveCommError):
             raise error
+        # A bus that has been closed ends the plan.
+        now = self._now() if error is None else self._polling.bus.now()
+        outcome = result if error is None else error
+        if isinstance(item, PollItem):
+            self._give(self._polling.finished(item, outcome, now))
+        else:
+            for each in self._polling.block_finished(item, outcome, now):
+                self._give(each)
         self.go_on()
 
     def _hold_up(self) -> None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, runtime_checkable
 
 from drivecomm.errors import DriveCommError, LinkError
 from drivecomm.link import REOPEN_FIRST_S, Backoff
-from drivecomm.polling.schedule import PollItem, PollResult, Schedule
+from drivecomm.polling.schedule import PollBlock, PollItem, PollResult, Schedule
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
@@ -49,7 +49,39 @@ class PolledDrive(Protocol):
         """Read a parameter, letting everything else on the bus go first."""
 
 
+@runtime_checkable
+class BlockDrive(Protocol):
+    """What a drive has of which one telegram may read several parameters."""
+
+    def blocks(self, parameters: Sequence[str]) -> Sequence[Sequence[int]]:
+        """Return which of these parameters one telegram each reads, by their places in the list."""
+
+    def polled_many(self, parameters: Sequence[str]) -> Any:
+        """Read what `blocks` has put together, letting everything else on the bus go first."""
+
+    def to_poll_many(self, parameters: Sequence[str]) -> Any:
+        """Return the job of that."""
+
+
 D = TypeVar("D", bound=PolledDrive)
+
+
+def in_blocks(items: Sequence[PollItem[D]]) -> list[PollItem[D] | PollBlock[D]]:
+    """Put items together that one telegram can read: of one drive, equally often and urgent, without options."""
+    alike: dict[object, list[int]] = {}
+    for place, item in enumerate(items):
+        what = place if item.options else (id(item.drive), item.period_s, item.priority)
+        alike.setdefault(what, []).append(place)
+    turns: dict[int, PollItem[D] | PollBlock[D]] = {}
+    for places in alike.values():
+        drive = items[places[0]].drive
+        blocks: Sequence[Sequence[int]] = [[number] for number in range(len(places))]
+        if len(places) > 1 and isinstance(drive, BlockDrive):
+            blocks = drive.blocks([items[place].parameter for place in places])
+        for block in blocks:
+            own = tuple(items[places[number]] for number in sorted(block))
+            turns[places[min(block)]] = PollBlock(own) if len(own) > 1 else own[0]
+    return [turns[place] for place in sorted(turns)]
 
 
 class Polling(Generic[D]):
@@ -59,14 +91,14 @@ class Polling(Generic[D]):
         self.bus = items[0].drive.bus
         self._start_s = self.bus.now()
         self._duration_s = duration_s
-        self._schedule = Schedule(items, start_s=self._start_s, cycles=cycles)
+        self._schedule = Schedule(in_blocks(items), start_s=self._start_s, cycles=cycles)
         self._backoff = Backoff(REOPEN_FIRST_S, REOPEN_FIRST_S)
         self._down: LinkError | None = None
 
-    def next(self, now: float) -> PollItem[D] | PollResult | float | None:
-        """Return the item to read, or the time until which none is due; None when the plan is over.
+    def next(self, now: float) -> PollItem[D] | PollBlock[D] | list[PollResult] | float | None:
+        """Return what to read, or the time until which nothing is due; None when the plan is over.
 
-        now: on the bus's clock. While the line is down, an item is not worth trying and its result is returned instead.
+        now: on the bus's clock. While the line is down, nothing is worth trying and results are returned instead.
         """
         if now - self._start_s >= self._duration_s:
             return None
@@ -75,17 +107,31 @@ class Polling(Generic[D]):
             due_s = self._schedule.next_due()
             return None if due_s == math.inf or due_s - self._start_s >= self._duration_s else due_s
         if self._down is not None and now < self._backoff.over_at:
-            return self._schedule.finished(item, now, self._down, time_s=self.bus.wall_time())
+            time_s = self.bus.wall_time()
+            if isinstance(item, PollBlock):
+                return self._schedule.block_finished(item, now, self._down, time_s=time_s)
+            return [self._schedule.finished(item, now, self._down, time_s=time_s)]
         return item
 
     def finished(self, item: PollItem[D], outcome: Reading | DriveCommError, now: float) -> PollResult:
         """Return the result of an item that was read."""
         if not isinstance(outcome, DriveCommError):
             return self._schedule.finished(item, now, outcome, time_s=outcome.time_s)
-        if isinstance(outcome, LinkError):
-            self._down = outcome
-            self._backoff.failed(now)
+        self._failed(outcome, now)
         return self._schedule.finished(item, now, outcome, time_s=self.bus.wall_time())
+
+    def block_finished(
+        self, block: PollBlock[D], outcome: Sequence[Reading] | DriveCommError, now: float
+    ) -> list[PollResult]:
+        """Return the results of a block that was read; none where the drive refuses it and it is tried in parts."""
+        if isinstance(outcome, DriveCommError):
+            self._failed(outcome, now)
+        return self._schedule.block_finished(block, now, outcome, time_s=self.bus.wall_time())
+
+    def _failed(self, error: DriveCommError, now: float) -> None:
+        if isinstance(error, LinkError):
+            self._down = error
+            self._backoff.failed(now)
 
 
 def _never() -> bool:
@@ -106,7 +152,14 @@ def poll_bus(
             except DriveCommError as error:
                 outcome = error
             yield polling.finished(due, outcome, bus.now())
-        elif isinstance(due, PollResult):
-            yield due
+        elif isinstance(due, PollBlock):
+            came: Sequence[Reading] | DriveCommError
+            try:
+                came = due.drive.polled_many(due.parameters)
+            except DriveCommError as error:
+                came = error
+            yield from polling.block_finished(due, came, bus.now())
+        elif isinstance(due, list):
+            yield from due
         else:
             bus.sleep_until(min(due, bus.now() + NAP_S))

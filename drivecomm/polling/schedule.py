@@ -5,6 +5,8 @@ A `Schedule` is a queue by due time for the items of one line. Whoever carries i
     while (item := schedule.due(now)) is not None:
         ...read it...
         result = schedule.finished(item, now, reading, time_s=wall_time)
+
+What is due may be a block of items that one telegram reads; it goes back by `block_finished`.
 """
 
 from __future__ import annotations
@@ -13,9 +15,9 @@ import heapq
 import math
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Protocol, TypeAlias, TypeVar, cast
 
-from drivecomm.errors import DriveCommError, UsageError, in_one_line, shortened
+from drivecomm.errors import DriveCommError, RefusedError, UsageError, in_one_line, shortened
 from drivecomm.protocol import is_duration, is_whole
 
 if TYPE_CHECKING:
@@ -95,6 +97,33 @@ class PollItem(Generic[D]):
         return STALE_PERIODS * self.period_s or UNHURRIED_S
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PollBlock(Generic[D]):
+    """Items of one drive that are asked together, because one telegram reads them all; equally often and urgent."""
+
+    items: tuple[PollItem[D], ...]
+
+    @property
+    def drive(self) -> Any:
+        """The drive that is asked, one that has blocks."""
+        return self.items[0].drive
+
+    @property
+    def parameters(self) -> list[str]:
+        """What is read of it."""
+        return [item.parameter for item in self.items]
+
+    @property
+    def period_s(self) -> float:
+        """How often."""
+        return self.items[0].period_s
+
+    @property
+    def priority(self) -> int:
+        """What decides when it is overdue."""
+        return self.items[0].priority
+
+
 def items_of(groups: Iterable[PollGroup], drive: D, name: str = "") -> Iterator[PollItem[D]]:
     """Yield what is polled of a drive by the groups of its plant file. name: what results call it."""
     for group in groups:
@@ -142,9 +171,12 @@ class PollResult(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class _Entry(Generic[D]):
-    """An item in the queue. Its periods begin at anchor_s and are numbered from there; turn is the current one."""
+    """An item, or a block, in the queue. Its periods begin at anchor_s and are numbered from there; turn is its own.
 
-    item: PollItem[D]
+    members: of a block, which remember what each of its items gave.
+    """
+
+    item: PollItem[D] | PollBlock[D]
     place: int
     anchor_s: float
     due_s: float
@@ -154,6 +186,7 @@ class _Entry(Generic[D]):
     results: int = 0
     good: Reading | None = None
     good_s: float = 0.0
+    members: tuple[_Entry[D], ...] = ()
 
     @property
     def urgency(self) -> float:
@@ -170,20 +203,27 @@ class Schedule(Generic[D]):
     the same period are spread over it. start_s: now. cycles: how many results each item has before it is done.
     """
 
-    def __init__(self, items: Iterable[PollItem[D]], *, start_s: float, cycles: int | None = None) -> None:
-        plan = checked(items, cycles=cycles)
+    def __init__(
+        self, items: Iterable[PollItem[D] | PollBlock[D]], *, start_s: float, cycles: int | None = None
+    ) -> None:
+        plan = list(items)
+        checked(
+            [one for each in plan for one in (each.items if isinstance(each, PollBlock) else (each,))], cycles=cycles
+        )
         self._cycles = cycles
         together = Counter(item.period_s for item in plan)
         before: Counter[float] = Counter()
         # By the items' identities: their hash goes through all that they hold.
         self._entries: dict[int, _Entry[D]] = {}
-        for place, item in enumerate(plan):
+        place = 0
+        for item in plan:
             share = before[item.period_s] / together[item.period_s]
             before[item.period_s] += 1
             # A long period does not keep its reader waiting for a first value.
             first = start_s + share * min(item.period_s, FIRST_ROUND_S)
             anchor = start_s + share * item.period_s
-            self._entries[id(item)] = _Entry(item, place, anchor, first)
+            entry = self._entries[id(item)] = _entry(item, place, anchor, first)
+            place += len(entry.members) or 1
         self._waiting = [(entry.due_s, entry.place, entry) for entry in self._entries.values()]
         heapq.heapify(self._waiting)
         self._overdue: list[tuple[float, int, _Entry[D]]] = []
@@ -194,8 +234,8 @@ class Schedule(Generic[D]):
             return self._overdue[0][-1].due_s
         return self._waiting[0][0] if self._waiting else math.inf
 
-    def due(self, now: float) -> PollItem[D] | None:
-        """Return the item to ask now, None when nothing is due. It is out of the queue until it is `finished`."""
+    def due(self, now: float) -> PollItem[D] | PollBlock[D] | None:
+        """Return what to ask now, None when nothing is due. It is out of the queue until it is `finished`."""
         waiting, overdue = self._waiting, self._overdue
         if waiting and waiting[0][0] <= now:
             _, place, entry = heapq.heappop(waiting)
@@ -225,11 +265,56 @@ class Schedule(Generic[D]):
         rest_s = REST_S
         if not isinstance(outcome, DriveCommError):
             entry.good, entry.good_s, rest_s = outcome, now, 0.0
+        self._put_back(entry, now, rest_s)
+        return result
+
+    def block_finished(
+        self, block: PollBlock[D], now: float, outcome: Sequence[Reading] | DriveCommError, *, time_s: float
+    ) -> list[PollResult]:
+        """Take what came of a block, put it back into the queue, and return the results of its items.
+
+        A drive that refuses a block does not say which item it means: there are no results then, but the block is two
+        from now on, which are due at once. What the drive refuses ends up alone, and spoils no other.
+        """
+        entry = self._entries[id(block)]
+        if isinstance(outcome, RefusedError):
+            half = len(entry.members) // 2
+            self._split_off(entry, entry.members[:half])
+            self._split_off(entry, entry.members[half:])
+            return []
+        results = []
+        for number, member in enumerate(entry.members):
+            member.due_s, member.asked_s, member.missed = entry.due_s, entry.asked_s, entry.missed
+            came = outcome if isinstance(outcome, DriveCommError) else outcome[number]
+            results.append(_result(member, now, came, time_s))
+            if not isinstance(came, DriveCommError):
+                member.good, member.good_s = came, now
+        self._put_back(entry, now, REST_S if isinstance(outcome, DriveCommError) else 0.0)
+        return results
+
+    def _put_back(self, entry: _Entry[D], now: float, rest_s: float) -> None:
         entry.results += 1
         if self._cycles is None or entry.results < self._cycles:
             _move_on(entry, now, rest_s=rest_s)
             heapq.heappush(self._waiting, (entry.due_s, entry.place, entry))
-        return result
+
+    def _split_off(self, whole: _Entry[D], members: tuple[_Entry[D], ...]) -> None:
+        """Queue some items of a block for themselves, in the same turn."""
+        first = members[0]
+        part = first
+        if len(members) > 1:
+            items = tuple(each.item for each in members if isinstance(each.item, PollItem))
+            part = _Entry(PollBlock(items), first.place, whole.anchor_s, whole.due_s, members=members)
+        part.anchor_s, part.due_s, part.turn = whole.anchor_s, whole.due_s, whole.turn
+        part.missed, part.results = whole.missed, whole.results
+        self._entries[id(part.item)] = part
+        heapq.heappush(self._waiting, (part.due_s, part.place, part))
+
+
+def _entry(item: PollItem[D] | PollBlock[D], place: int, anchor_s: float, due_s: float) -> _Entry[D]:
+    members = item.items if isinstance(item, PollBlock) else ()
+    own = tuple(_Entry(each, place + number, anchor_s, due_s) for number, each in enumerate(members))
+    return _Entry(item, place, anchor_s, due_s, members=own)
 
 
 def checked(items: Iterable[PollItem[D]], *, cycles: int | None = None) -> Sequence[PollItem[D]]:
@@ -262,7 +347,7 @@ def _move_on(entry: _Entry[D], now: float, *, rest_s: float) -> None:
 
 
 def _result(entry: _Entry[D], now: float, outcome: Reading | DriveCommError, time_s: float) -> PollResult:
-    item, due_s, asked_s = entry.item, entry.due_s, entry.asked_s
+    item, due_s, asked_s = cast("PollItem[D]", entry.item), entry.due_s, entry.asked_s
     drive, late_s, took_s = item.name or item.drive.name, max(0.0, asked_s - due_s), now - asked_s
     if not isinstance(outcome, DriveCommError):
         # A NamedTuple's own constructor is a function of Python's.

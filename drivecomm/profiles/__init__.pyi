@@ -1,12 +1,20 @@
-from .commander import Carrier as Carrier, Commander as Commander
+from .commander import Carrier as Carrier, Commander as Commander, check_needs as check_needs
 from .files import (
     KEYS as KEYS,
     control_profile as control_profile,
     control_profile_from as control_profile_from,
     control_profiles as control_profiles,
 )
-from .machine import ProfileMachine as ProfileMachine
+from .machine import ProfileMachine as ProfileMachine, have_do as have_do
 from .mistakes import mistakes_in as mistakes_in
+from .order_tables import (
+    ORDERS as ORDERS,
+    TRIPPED as TRIPPED,
+    profile_of_orders as profile_of_orders,
+    status_of as status_of,
+    steps_of as steps_of,
+)
+from .orders import OrderMachine as OrderMachine
 from .profile import (
     ONLY as ONLY,
     Condition as Condition,
@@ -18,3 +26,5 @@ from .profile import (
     Transition as Transition,
     Words as Words,
 )
+from .register_machine import RegisterMachine as RegisterMachine, RegisterRefusal as RegisterRefusal
+from .registers import Place as Place, Target as Target, blocks_of as blocks_of, span_of as span_of

@@ -14,10 +14,10 @@ from drivecomm.errors import NotSupported, ReplyError, StateError
 from drivecomm.protocol import Pause
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.profiles.profile import Condition, ControlProfile, Step, Words
-    from drivecomm.protocol import Exchange, Stop
+    from drivecomm.protocol import Exchange, Reading, Stop
 
 _POLL_S = 0.05
 
@@ -68,9 +68,8 @@ class Commander:
         prepare: what is done before the first word, once it is known that nothing speaks against a start.
         """
         profile = self._profile
-        steps = profile.start_reverse if reverse and profile.start_reverse else profile.start
-        seen = yield from self._carrier.look()
-        yield from self._check_start(seen)
+        steps = profile.start_towards(reverse=reverse)
+        seen = yield from self.check_start()
         if prepare is not None:
             yield from prepare
         for number, step in enumerate(steps):
@@ -90,13 +89,16 @@ class Commander:
                     raise
                 raise type(error)(f"{error}; the drive had been told to run before") from None
 
-    def _check_start(self, seen: Words) -> Exchange[None]:
+    def check_start(self) -> Exchange[Words]:
+        """Return the status words of a drive that can be started. Raises StateError where something forbids it."""
+        seen = yield from self._carrier.look()
         for refusal in self._profile.refusals:
             if any(condition.holds(seen) for condition in refusal.when):
                 code = ""
                 if self._fault_code is not None and self._profile.status(seen).fault:
                     code = f" (code {(yield from self._fault_code())})"
                 raise StateError(refusal.say.replace("{code}", code))
+        return seen
 
     def stop(self, how: Stop) -> Exchange[None]:
         """Stop the motor. Raises StateError where the drive does not say that it obeys."""
@@ -168,3 +170,17 @@ class _NotReachedError(Exception):
 
 def _any_holds(conditions: Sequence[Condition], seen: Words) -> bool:
     return any(condition.holds(seen) for condition in conditions)
+
+
+def check_needs(needs: Mapping[str, Sequence[object]], read: Callable[[str], Exchange[Reading]]) -> Exchange[None]:
+    """Raise StateError unless parameters hold what a drive needs to obey; they are read, and never written.
+
+    needs: the raw values that are right, by address.
+    """
+    for address, allowed in needs.items():
+        found = yield from read(address)
+        if found.raw not in allowed:
+            raise StateError(
+                f"{found.name or address} is {found}, and the drive obeys the bus only with "
+                f"{' or '.join(map(str, allowed))}; set it first"
+            )

@@ -1,12 +1,13 @@
 """Control profiles as TOML: those that come with drivecomm, and what one may say.
 
-    name = "drivecom"           extends = "...", to begin with all that another one says
+    name = "drivecom"           extends = "...", to begin with all that another one says; [bits] and [flags] one by one
     title = ""  source = ""     valid = 0x0400  idle = 0  reverse = 0x8000  full = 16384
     runs = { mask = 0, value = 0 }   what is so of each control word that lets a motor run
     [[start]]                   one step each: word, and unless, until, repeats, pause_s, mask, place
     [stop]                      ramp, coast, quick, dc_brake: a list of such steps
     [[reset]]                   as of [[start]]
     [[refused]]                 when, say
+    named_states = false        whether a status shows the state by name, too
     [[state]]                   name, mask and value, means, shows, motor, stands; the first one that fits is it
     [[transition]]              from, to, and mask and value, or rising
     [bits]                      running, fault, warning, at_reference, reverse, remote: when that is so
@@ -32,13 +33,13 @@ if TYPE_CHECKING:
 
 _TABLES = Path(__file__).parent / "tables"
 _WHEN = Kind((int, str, dict, list), "the number of a bit, the name of a state, or { mask = 0, value = 0 }")
-_WORDS = ("valid", "idle", "reverse", "full")
+_VALUES = ("valid", "idle", "reverse", "full")
 _BITS = ("running", "fault", "warning", "at_reference", "reverse", "remote")
 _MOTOR = ("off", "run", "ramp", "quick", "dc_brake", "hold")
 KEYS = {
-    "name": TEXT, "extends": TEXT, "title": TEXT, "source": TEXT, **dict.fromkeys(_WORDS, WHOLE), "runs": _WHEN,
+    "name": TEXT, "extends": TEXT, "title": TEXT, "source": TEXT, **dict.fromkeys(_VALUES, WHOLE), "runs": _WHEN,
     "start": TABLES, "start_reverse": TABLES, "stop": TABLE, "reset": TABLES, "refused": TABLES, "state": TABLES,
-    "transition": TABLES, "bits": TABLE, "flags": TABLE,
+    "named_states": CHOICE, "transition": TABLES, "bits": TABLE, "flags": TABLE,
 }  # fmt: skip
 """What a control profile may say."""
 _STEP = {
@@ -71,7 +72,7 @@ def control_profile_from(table: Table) -> ControlProfile:
         name=given["name"],
         title=given.get("title", ""),
         source=given.get("source", ""),
-        **{key: given[key] for key in _WORDS if key in given},
+        **{key: given[key] for key in (*_VALUES, "named_states") if key in given},
         runs=next(iter(read.conditions(table, "runs")), None),
         start=read.steps(table.tables("start")),
         start_reverse=read.steps(table.tables("start_reverse")),
@@ -179,5 +180,7 @@ def _content(name: str) -> Table:
     below = own.content.get("extends")
     if not isinstance(below, str):
         return own
-    content = {**_content(below).content, **own.content}
+    base = _content(below).content
+    single = {key: {**base.get(key, {}), **own.content.get(key, {})} for key in ("bits", "flags")}
+    content = {**base, **own.content, **single}
     return Table({key: value for key, value in content.items() if key != "extends"}, f"control profile {name}")

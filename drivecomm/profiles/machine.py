@@ -9,16 +9,24 @@ from drivecomm.protocol import Command, DriveState
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.profiles.profile import ControlProfile, State
+    from drivecomm.profiles.profile import ControlProfile, MotorDoes
     from drivecomm.protocol import Motor
 
-_MOTOR = {
+_STOPS = {
     "off": Command.OFF,
     "ramp": Command.RAMP_STOP,
     "quick": Command.QUICK_STOP,
     "dc_brake": Command.DC_BRAKE,
     "hold": Command.HOLD,
 }
+
+
+def have_do(motor: Motor, does: MotorDoes, hz: Callable[[], float], now: float) -> None:
+    """Have a motor do what a state says. hz: what it shall turn at if it runs, signed."""
+    if does == "run":
+        motor.run(hz(), now)
+    else:
+        motor.stop(_STOPS[does], now)
 
 
 class ProfileMachine:
@@ -33,7 +41,6 @@ class ProfileMachine:
         self.motor = motor
         self.word = 0
         self._wanted_hz = wanted_hz
-        self._states = {state.name: state for state in profile.states}
         self._fault = next(state for state in reversed(profile.states) if state.means is DriveState.FAULT)
         self.state = profile.states[0]
 
@@ -45,7 +52,7 @@ class ProfileMachine:
 
     def enter(self, state: str, now: float) -> None:
         """Come to a state by something else than a control word."""
-        self.state = self._states[state]
+        self.state = self.profile.state(state)
         self.act(now)
 
     def control(self, word: int, now: float) -> None:
@@ -54,18 +61,14 @@ class ProfileMachine:
             return
         self.follow(now)
         before, self.word = self.word, word
-        self.state = self._next(word, before)
+        self.state = self.profile.next_state(self.state, word, before)
         if self.motor.fault and self.state.means is not DriveState.FAULT:
             self.motor.reset(now)
         self.act(now)
 
     def act(self, now: float) -> None:
         """Have the motor do what the state says, with the reference as it is now."""
-        does = self.state.motor
-        if does == "run":
-            self.motor.run(self._wanted_hz(self.word), now)
-        else:
-            self.motor.stop(_MOTOR[does], now)
+        have_do(self.motor, self.state.motor, lambda: self._wanted_hz(self.word), now)
 
     def trip(self, code: int, now: float) -> None:
         """Switch the output off until a reset."""
@@ -78,19 +81,8 @@ class ProfileMachine:
         if self.motor.fault:
             self.state = self._fault
         elif self.state.stands and not self.motor.running:
-            self.state = self._states[self.state.stands]
+            self.state = self.profile.state(self.state.stands)
 
     def status_word(self) -> int:
         """Return the bits of the status word that say the state; the others are the drive's own."""
         return self.state.shows
-
-    def _next(self, word: int, before: int) -> State:
-        """Return the state that a control word leads to, over as many others as it leads through."""
-        state = self.state
-        for _ in self._states:
-            found = next((each for each in self.profile.transitions if each.leads_on(state.name, word, before)), None)
-            if found is None:
-                break
-            # An edge leads on once.
-            state, before = self._states[found.goal], word
-        return state

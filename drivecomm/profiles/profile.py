@@ -7,7 +7,7 @@ in the words of the protocol. Where there is only one, it has no name.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias
 
 from drivecomm.protocol import DriveState, DriveStatus, Stop
@@ -103,7 +103,8 @@ class ControlProfile:
     valid: bits without which a control word commands nothing, 0 where every one commands. idle: a word that commands
     nothing, None where there is none. reverse: bits that turn the motor backwards, 0 where the sign of the reference
     does, or `start_reverse`. full: what 100 % is in reference and actual value. runs: what is so of each control word
-    that lets a motor run. bits: when it is that a `DriveStatus` says so. flags: names of bits of the status word.
+    that lets a motor run. named_states: whether the manuals name the states, so that a status shows them by name. bits:
+    when it is that a `DriveStatus` says so. flags: names of bits of the status word.
     """
 
     name: str
@@ -120,6 +121,7 @@ class ControlProfile:
     reset: tuple[Step, ...] = ()
     refusals: tuple[Refusal, ...] = ()
     states: tuple[State, ...] = ()
+    named_states: bool = False
     bits: Mapping[str, tuple[Condition, ...]] = field(default_factory=dict)
     flags: Mapping[int, str] = field(default_factory=dict)
     transitions: tuple[Transition, ...] = ()
@@ -128,6 +130,35 @@ class ControlProfile:
     def take_back(self) -> tuple[Step, ...]:
         """What a start is taken back by that was not obeyed: the gentlest stop."""
         return next((self.stops[how] for how in Stop if how in self.stops), ())
+
+    def start_towards(self, *, reverse: bool) -> tuple[Step, ...]:
+        """Return how the motor is started in a direction: only what lets it run tells which."""
+        if not reverse:
+            return self.start
+        turned = (replace(step, word=step.word | self.reverse * self.lets_run(step.word)) for step in self.start)
+        return self.start_reverse or tuple(turned)
+
+    def state(self, name: str) -> State:
+        """Return the state with a name."""
+        return next(state for state in self.states if state.name == name)
+
+    def next_state(self, state: State, word: int, before: int) -> State:
+        """Return the state that a control word leads to, over as many others as it leads through.
+
+        before: the control word that came before.
+        """
+        for _ in self.states:
+            found = next((each for each in self.transitions if each.leads_on(state.name, word, before)), None)
+            if found is None:
+                break
+            # An edge leads on once.
+            state, before = self.state(found.goal), word
+        return state
+
+    def asks(self, word: int) -> MotorDoes:
+        """Return what a control word asks of a motor that runs; what only an edge does, it does not ask."""
+        running = next(state for state in self.states if state.motor == "run")
+        return self.next_state(running, word, word).motor
 
     def state_of(self, words: Words) -> State | None:
         """Return the state that status words mean, None for one that no manual lists."""
@@ -141,6 +172,13 @@ class ControlProfile:
     def flags_of(self, word: int) -> tuple[str, ...]:
         """Return the names of the bits that are set in a status word."""
         return tuple(name for bit, name in self.flags.items() if word >> bit & 1)
+
+    def _said(self, words: Words) -> tuple[str, ...]:
+        return tuple(bit for bit in self.bits if self.says(bit, words))
+
+    def word_of(self, says: Mapping[str, bool]) -> int:
+        """Return the status word whose bits with these names are so; the others are 0."""
+        return sum(1 << bit for bit, name in self.flags.items() if says.get(name))
 
     def commands(self, word: int) -> bool:
         """Whether a drive obeys a control word at all."""
@@ -157,11 +195,11 @@ class ControlProfile:
         running = self.says("running", words)
         fault = self.says("fault", words)
         word = next(iter(words.values()))
-        titled = (state.name if state else "unlisted state",) if self.transitions else ()
+        titled = (state.name if state else "unlisted state",) if self.named_states else ()
         said: dict[str, Any] = {
             "running": means in (DriveState.RUNNING, DriveState.STOPPING) if running is None else running,
             "fault": means is DriveState.FAULT if fault is None else fault,
             **{name: self.says(name, words) for name in ("warning", "at_reference", "reverse", "remote")},
-            "flags": (*titled, *self.flags_of(word)),
+            "flags": (*titled, *(self.flags_of(word) if self.flags else self._said(words))),
         }
         return DriveStatus(word=word, state=means, **{**said, **further})

@@ -1,4 +1,5 @@
 from .address_space import NO_ELEMENTS as NO_ELEMENTS, AddressSpace as AddressSpace, Elements as Elements
+from .answering import needs_answer as needs_answer
 from .argument_types import is_duration as is_duration, is_whole as is_whole, misfit as misfit
 from .contract import (
     Capabilities as Capabilities,
@@ -6,6 +7,7 @@ from .contract import (
     Memory as Memory,
     Operations as Operations,
     Protocol as Protocol,
+    ReadsMany as ReadsMany,
     VirtualDrive as VirtualDrive,
     VirtualReply as VirtualReply,
 )
@@ -35,6 +37,7 @@ from .framing import (
     Framer as Framer,
     Noise as Noise,
 )
+from .keeping import kept as kept
 from .line import (
     LINE_FACT_NAMES as LINE_FACT_NAMES,
     SETTING_NAMES as SETTING_NAMES,
@@ -63,6 +66,7 @@ from .options import (
     resolve_options as resolve_options,
 )
 from .reading import Reading as Reading, Value as Value, exact as exact, scaled as scaled, unscaled as unscaled
+from .refusal import Refusal as Refusal, looked_into as looked_into
 from .registry import (
     Protocols as Protocols,
     decode as decode,
@@ -73,3 +77,4 @@ from .registry import (
 )
 from .status import DriveState as DriveState, DriveStatus as DriveStatus, Stop as Stop
 from .telegram import Direction as Direction, Message as Message, Telegram as Telegram, fields_of as fields_of
+from .word_format import WORD_TYPES as WORD_TYPES, WordFormat as WordFormat

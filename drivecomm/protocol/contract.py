@@ -7,12 +7,12 @@ there. The object and all it refers to do no I/O, read no clock and import nothi
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol as Interface
+from typing import TYPE_CHECKING, Any, Literal, Protocol as Interface, runtime_checkable
 
 from drivecomm.protocol.status import Stop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.protocol.address_space import AddressSpace
     from drivecomm.protocol.exchange import Exchange
@@ -144,6 +144,27 @@ class Operations(Interface):
         """Read what the drive tells of itself: name plate, software, address. Moves nothing; may be empty."""
 
 
+@runtime_checkable
+class ReadsMany(Interface):
+    """What operations have besides where one telegram can read several parameters of a drive.
+
+    Each telegram is an exchange of its own, so that others may use the line between two of them, and each reading has
+    the time of its own telegram.
+    """
+
+    def blocks(self, parameters: Sequence[str]) -> Sequence[Sequence[int]]:
+        """Return which of these parameters one telegram each reads, by their places in the list, each place once.
+
+        Sends nothing. Raises what `read` raises for a parameter that can never be read.
+        """
+
+    def read_many(self, parameters: Sequence[str]) -> Exchange[Sequence[Reading]]:
+        """Read parameters that `blocks` has put together, by one telegram; the readings are in the order asked for.
+
+        A refusal is of all of them, since the drive does not say which one it means: whoever asks tries fewer.
+        """
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VirtualReply:
     """What a virtual drive sends, and how long after the request's last character it begins."""
@@ -203,6 +224,8 @@ class Protocol:
     a fault script cannot tell the replies to reads and writes apart.
     parameter_keys: keys of a model's parameters that only this protocol knows, such as `datasets`; None where a package
     does not tell, and then a misspelt key of a parameter goes unnoticed.
+    control_keys: keys of a model's table [control], for a protocol that leaves it to the model how its drives are
+    commanded; the package finds them in `Model.control`.
     element_addresses: under which addresses the values of a parameter are read one by one (data sets, array elements),
     for these options; unless a package says otherwise, every parameter has one value.
     factory_reading: the options of `read` with which a drive tells a parameter's factory value instead of its value;
@@ -233,6 +256,7 @@ class Protocol:
     parameter_examples: tuple[str, ...] = field(default=())
     intent: Callable[[Message], Intent] | None = None
     parameter_keys: frozenset[str] | None = None
+    control_keys: frozenset[str] = frozenset()
     element_addresses: Callable[[ParameterInfo, Any], tuple[str, ...]] = _one_value
     factory_reading: Mapping[str, Any] = field(default_factory=dict, hash=False)
     memory: Callable[[], Memory] | None = None

@@ -37,7 +37,8 @@ class Ask:
     more when its own reply can be believed.
     command: whether the request carries a command from which the drive's watchdog counts: a "new" one, or one that is
     "repeated", which is not sent when it is older than that watchdog waits; CommandTooOldError is thrown in instead.
-    reply_timeout_s: None for the drive's own.
+    reply_timeout_s: None for the drive's own. mirrored: the reply repeats the request byte for byte, so that it is
+    believed only where it cannot be the echo of the adapter: that came already, or the port has none.
     """
 
     message: Message
@@ -47,6 +48,7 @@ class Ask:
     urgent: bool = False
     command: Literal["", "new", "repeated"] = ""
     reply_timeout_s: float | None = None
+    mirrored: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

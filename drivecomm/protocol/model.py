@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from drivecomm.errors import ValueRefusedError
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -54,6 +56,19 @@ class ParameterInfo:
     extra: Mapping[str, Any] = field(default_factory=dict)
     """Keys of this parameter that only its protocol knows, such as `datasets` or `conversion_index`."""
 
+    def allows(self, physical: Decimal | float) -> bool:
+        """Whether a value is within the limits, as far as they are known."""
+        return (self.minimum is None or physical >= self.minimum) and (self.maximum is None or physical <= self.maximum)
+
+    def check(self, physical: Decimal) -> None:
+        """Raise ValueRefusedError for a value that is not within the limits."""
+        if not self.allows(physical):
+            low = "" if self.minimum is None else f"{self.minimum} "
+            high = "" if self.maximum is None else f" {self.maximum}"
+            raise ValueRefusedError(
+                f"{physical} for parameter {self.address} is outside {low}to{high} {self.unit}".rstrip()
+            )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Watchdog:
@@ -82,6 +97,7 @@ class Model:
     a regular expression for what the drive tells of itself, by the names that `Drive.identify` gives; all must match.
     fault_log: addresses of the parameters in which such a drive remembers its latest faults, the newest first.
     link_loss: what is known, without a watchdog that can be set, of drives whose master falls silent; as a sentence.
+    control: how such drives are commanded, where their protocol leaves that to the model; `Protocol.control_keys`.
     """
 
     protocol: str
@@ -97,6 +113,7 @@ class Model:
     fault_log: tuple[str, ...] = ()
     link_loss: str = ""
     identified_by: Mapping[str, str] = field(default_factory=dict)
+    control: Mapping[str, Any] = field(default_factory=dict)
 
     def find(self, name_or_address: str) -> ParameterInfo | None:
         """Return the parameter with this address or this name, None when the model does not know it."""

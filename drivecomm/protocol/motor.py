@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
+from operator import attrgetter
 
 MOTOR_DATA = frozenset({
     "rated_hz", "rated_v", "rated_a", "rated_kw", "rated_rpm", "maximum_hz", "ramp_up_s", "ramp_down_s",
@@ -156,6 +157,12 @@ class Motor:
         """Whether the target lies on the side of zero on which the motor turns already."""
         return self.output_hz * self.target_hz >= 0
 
+    def measured(self, quantity: str) -> float | None:
+        """Return what a drive shows of this common name, None for one that is not about its motor."""
+        read = _MEASURED.get(quantity)
+        value: float | None = None if read is None else read(self)
+        return abs(value) if value is not None and quantity in ("output_frequency", "motor_speed") else value
+
     @property
     def speed_rpm(self) -> float:
         """Shaft speed."""
@@ -189,3 +196,18 @@ class Motor:
 
 def _towards(value: float, goal: float, step: float) -> float:
     return max(goal, value - step) if value > goal else min(goal, value + step)
+
+
+_MEASURED = {
+    name: attrgetter(field)
+    for name, field in (
+        ("output_frequency", "output_hz"),
+        ("output_current", "current_a"),
+        ("output_voltage", "voltage_v"),
+        ("output_power", "power_kw"),
+        ("dc_link_voltage", "dc_link_v"),
+        ("torque_percent", "torque_percent"),
+        ("motor_speed", "speed_rpm"),
+        ("heat_sink_temperature", "temperature_c"),
+    )
+}

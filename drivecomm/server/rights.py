@@ -32,7 +32,8 @@ class Needs:
 
 NEEDS = {
     **dict.fromkeys(
-        ("read", "polled", "status", "wait", "identify", "probe", "read_watchdog"), Needs(Role.VIEW, commands=False)
+        ("read", "read_many", "polled", "polled_many", "status", "wait", "identify", "probe", "read_watchdog"),
+        Needs(Role.VIEW, commands=False),
     ),
     "start": Needs(Role.OPERATE, network="start"),
     "keep": Needs(Role.OPERATE, network="start"),

@@ -75,7 +75,7 @@ class PlantedDrive(DriveProxy):
             reply = replace(reply, delay_s=self.planned.reply_delay_s)
         self.asked = find.message if isinstance(find, Framed) else None
         for stuck in self._stuck:
-            reply = stuck.instead_of(reply)
+            reply = stuck.instead_of(reply, self.asked)
         return reply
 
     def poke(self, parameter: str, raw: int | str) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.bus import open_bus
 from drivecomm.errors import DriveCommError, UsageError, in_one_line
 from drivecomm.models import load_model
-from drivecomm.polling import FIRST_ROUND_S, poll_bus
+from drivecomm.polling import FIRST_ROUND_S, PollBlock, in_blocks, poll_bus
 from drivecomm.protocol import LONGEST_DELAY_S, ParameterInfo, installed
 from drivecomm.virtual.drives import virtual_drive
 from drivecomm.virtual.line import VirtualLine
@@ -24,7 +24,7 @@ from drivecomm.virtual.planted_drive import PlantedDrive
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from drivecomm.bus import Bus
+    from drivecomm.bus import Bus, Drive
     from drivecomm.link import TraceEvent
     from drivecomm.polling import Plan, PollItem, PollResult
     from drivecomm.protocol import DriveConfig, LineSettings, Model
@@ -89,6 +89,10 @@ class Shares:
         """All of it and its parts, as a forecast names them."""
         return {"seconds": self.seconds, **asdict(self)}
 
+    def of(self, number: int) -> Shares:
+        """Return what each of so many items has of it that one telegram reads."""
+        return Shares(**{name: share / number for name, share in asdict(self).items()})
+
     def __add__(self, other: Shares) -> Shares:
         return Shares(**{name: share + getattr(other, name) for name, share in asdict(self).items()})
 
@@ -132,16 +136,26 @@ def rehearse_round(plan: Plan, conditions: Conditions) -> Round:
         items = plan.items(lambda drive: drive.build(bus.drive))
         settings = {read.drive: item.drive.facts.settings for item, read in zip(items, plan.reads, strict=True)}
         for _ in range(_ROUNDS):
-            shares, causes = [], []
-            for item, read in zip(items, plan.reads, strict=True):
-                cause = ""
-                try:
-                    item.drive.read(item.parameter, **item.options)
-                except DriveCommError as error:
-                    cause = in_one_line(error)
-                causes.append(cause)
-                shares.append(ledger.close(settings[read.drive], bus.now()))
-    return Round(shares=shares, causes=causes, settings=settings)
+            by_item: dict[int, tuple[Shares, str]] = {}
+            for turn in in_blocks(items):
+                together = turn.items if isinstance(turn, PollBlock) else (turn,)
+                found = _causes(turn)
+                used = ledger.close(turn.drive.facts.settings, bus.now()).of(len(together))
+                by_item |= {id(item): (used, cause) for item, cause in zip(together, found, strict=True)}
+    ordered = [by_item[id(item)] for item in items]
+    return Round(shares=[used for used, _ in ordered], causes=[cause for _, cause in ordered], settings=settings)
+
+
+def _causes(turn: PollItem[Drive] | PollBlock[Drive]) -> list[str]:
+    """Read an item, or those of a block; return why each cannot be read, empty where it can."""
+    try:
+        if isinstance(turn, PollBlock):
+            came = turn.drive.read_many(turn.parameters)
+            return [in_one_line(each) if isinstance(each, DriveCommError) else "" for each in came]
+        turn.drive.read(turn.parameter, **turn.options)
+    except DriveCommError as error:
+        return [in_one_line(error)] * (len(turn.items) if isinstance(turn, PollBlock) else 1)
+    return [""]
 
 
 def rehearse_periods(plan: Plan, conditions: Conditions) -> Course:
@@ -161,7 +175,9 @@ def rehearse_periods(plan: Plan, conditions: Conditions) -> Course:
         if began >= settled:
             late[number] = max(late[number], result.late_s)
             missed[number] += result.missed
-            counted.append((began, result.took_s if plan.reads[number].period_s else 0.0))
+            if not counted or counted[-1][0] != began:
+                # What one telegram has read took its time once.
+                counted.append((began, result.took_s if plan.reads[number].period_s else 0.0))
     paces = [
         Pace(every_s=_interval(times) if lost or worst >= read.period_s else read.period_s, late_s=worst, missed=lost)
         for read, times, worst, lost in zip(plan.reads, asked, late, missed, strict=True)

@@ -38,12 +38,18 @@ class StuckAnswer:
         reply = answer_to(asked.message, drive, self._codec, now) if isinstance(asked, Ask) else None
         if reply is None or not isinstance(asked, Ask):
             raise UsageError(f"parameter {parameter} cannot be stuck: the drive does not answer a read of it")
-        self._request = asked.message
+        self._request, self._nameless = asked.message, asked.nameless
         self._field = self._field_of_value(reply)
         self._content = self._content_for(reply, value)
 
-    def instead_of(self, reply: VirtualReply) -> VirtualReply:
-        """Return what is sent instead of this reply; the reply itself if it answers something else."""
+    def instead_of(self, reply: VirtualReply, request: Message | None) -> VirtualReply:
+        """Return what is sent instead of this reply; the reply itself if it answers something else.
+
+        request: what it answers, for protocols whose replies do not say that; there a block of parameters that one
+        telegram reads shows all of them as they are.
+        """
+        if self._nameless and request != self._request:
+            return reply
         try:
             message = self._codec.decode(reply.data, "reply")
             if self._plugin.mismatch(self._request, message) or self._field not in _names(message):
@@ -80,19 +86,19 @@ class StuckAnswer:
             f"write a number that a master could read, or a raw text such as {raw!r}, its present value"
         )
 
-    def _interpolated(self, reply: Message, value: float) -> int | None:
+    def _interpolated(self, reply: Message, value: float) -> Any:
         """Return the whole number that stands for this value where the scale is linear, None where it is not known."""
         present = self._read_from(reply)
-        if not isinstance(present.raw, int) or not isinstance(getattr(reply, self._field), int):
+        if not isinstance(present.raw, int) or not isinstance(_single(getattr(reply, self._field)), int):
             return None
         other = int(_another(present.raw))
-        shown = self._shown(reply, self._field, other)
+        shown = self._shown(reply, self._field, _in_the_form_of(getattr(reply, self._field), other))
         try:
             start, end = Decimal(present.value), Decimal(shown.value if shown is not None else present.value)
             steps = (Decimal(str(value)) - start) / (end - start)
         except ArithmeticError:
             return None
-        return present.raw + round(steps * (other - present.raw))
+        return _in_the_form_of(getattr(reply, self._field), present.raw + round(steps * (other - present.raw)))
 
     def _written(self, value: float) -> Any:
         """Return how a master would write this number, None where it cannot."""
@@ -143,6 +149,9 @@ def _with(message: Message, name: str, content: Any) -> Message:
 
 def _in_the_form_of(present: Any, raw: int | str) -> Any:
     """Return a raw value as a field like this one holds it, None where it cannot."""
+    if isinstance(present, tuple):
+        only = _in_the_form_of(_single(present), raw)
+        return None if only is None else (only,)
     try:
         if isinstance(present, bool):
             return None
@@ -153,6 +162,13 @@ def _in_the_form_of(present: Any, raw: int | str) -> Any:
     except (ValueError, ArithmeticError):
         return None
     return raw if isinstance(present, str) and isinstance(raw, str) else None
+
+
+def _single(content: Any) -> Any:
+    """Return the only value of a field that holds several, None if there are more; any other field as it is."""
+    if isinstance(content, tuple):
+        return content[0] if len(content) == 1 else None
+    return content
 
 
 def _another(raw: int | str) -> int | str:

@@ -9,11 +9,10 @@ says that the drive does what it was commanded, one that repeats the command.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
 from drivecomm.errors import AddressError, RefusedError, UnexpectedReplyError
-from drivecomm.protocol import Ask, Exchange, Tell
+from drivecomm.protocol import Ask, Exchange, Tell, kept
 from drivecomm_danfoss_fc import words
 from drivecomm_danfoss_fc.faultcodes import fault_text
 from drivecomm_danfoss_fc.messages import (
@@ -27,14 +26,12 @@ from drivecomm_danfoss_fc.messages import (
 )
 
 if TYPE_CHECKING:
+    from drivecomm.profiles import ControlProfile
     from drivecomm_danfoss_fc.memory import DanfossFcMemory
     from drivecomm_danfoss_fc.messages import Reply
     from drivecomm_danfoss_fc.options import DanfossFcOptions
 
 BROADCAST = 0
-
-# Requests that are kept, to be sent again; more than a poll plan has.
-_KEPT = 512
 
 Answer: TypeAlias = ParameterReply | TextReply
 
@@ -49,13 +46,18 @@ class Conversation:
         self.profidrive = options.profile == "profidrive"
         self.memory = memory
         self._address = None if self.broadcast else address
-        self._kept_read = lru_cache(_KEPT, typed=True)(self._new_read)
+        self._kept_read = kept(self._new_read)
         self._format = options.address_format
+
+    @property
+    def profile(self) -> ControlProfile:
+        """The control profile; read from its file by who commands a drive, and not by who reads a parameter."""
+        return words.profile(profidrive=self.profidrive)
 
     @property
     def runs(self) -> bool:
         """Whether the word that was commanded lets the motor run."""
-        return self._lets_run(self.memory.word)
+        return self.profile.lets_run(self.memory.word)
 
     def look(self, *, attempts: int | None = None) -> Exchange[ProcessReply]:
         """Ask for status word and actual value with a word that the drive ignores."""
@@ -78,7 +80,7 @@ class Conversation:
 
     def _process(self, word: int, ask: Ask) -> Exchange[ProcessReply]:
         """Send a process block to one drive and return its reply, which says nothing of what it answers."""
-        runs, valid = self._lets_run(word), words.has(word, words.VALID_BIT)
+        runs, valid = self.profile.lets_run(word), words.has(word, words.VALID_BIT)
         urgent = ask.command == "new" and not runs
         # Whatever does not let the motor run may be sent at any age.
         command = ("new" if not runs else ask.command) if valid else ""
@@ -87,12 +89,11 @@ class Conversation:
         return reply
 
     def _block(self, word: int) -> ProcessRequest:
-        valid = words.has(word, words.VALID_BIT)
         return ProcessRequest(
             address_format=self._format,
             address=self._address,
             control_word=word,
-            reference=self.memory.reference if valid else 0,
+            reference=self.memory.reference if words.has(word, words.VALID_BIT) else 0,
         )
 
     def tell_all(self, word: int) -> Exchange[None]:
@@ -159,9 +160,6 @@ class Conversation:
             control_word=words.IGNORED,
             reference=0,
         )
-
-    def _lets_run(self, word: int) -> bool:
-        return words.lets_run(word, profidrive=self.profidrive)
 
     def _notice(self, reply: Reply) -> None:
         self.memory.see(reply.status_word, profidrive=self.profidrive)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
+from drivecomm import profiles
 from drivecomm.errors import NotSupported, RefusedError, UnexpectedReplyError, ValueRefusedError
-from drivecomm.protocol import Capabilities, DriveState, DriveStatus, Stop, exact
+from drivecomm.protocol import Capabilities, Stop, exact, kept, needs_answer
 from drivecomm_danfoss_fc import access, describing, words
-from drivecomm_danfoss_fc.conversation import Conversation
+from drivecomm_danfoss_fc.conversation import BROADCAST, Conversation
 from drivecomm_danfoss_fc.memory import DanfossFcMemory
 from drivecomm_danfoss_fc.motion import (
     PERCENT_PER_STEP,
@@ -19,7 +19,6 @@ from drivecomm_danfoss_fc.motion import (
     fc_profile_only,
     one_of,
     reference_for,
-    stop_words,
 )
 from drivecomm_danfoss_fc.options import span
 from drivecomm_danfoss_fc.parameters import target
@@ -28,11 +27,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from decimal import Decimal
 
-    from drivecomm.protocol import Exchange, Model, ParameterInfo, Reading, Value
+    from drivecomm.protocol import DriveStatus, Exchange, Model, ParameterInfo, Reading, Value
     from drivecomm_danfoss_fc.options import DanfossFcOptions
-
-# A poll plan asks for the same parameters again and again; more of them than this are not kept in mind.
-_KEPT = 512
 
 _NAME_PLATE = {
     "15-40": "FC type",
@@ -56,11 +52,11 @@ class DanfossFcOperations:
     def __init__(
         self, address: int, options: DanfossFcOptions, model: Model | None, memory: DanfossFcMemory | None = None
     ) -> None:
+        self.answers = address != BROADCAST
         self._options = options
         self._model = model
         self._talk = Conversation(address, options, memory or DanfossFcMemory())
-        # Model and options of a drive do not change, so that an address always means the same.
-        self._known = lru_cache(_KEPT)(lambda name, kind: target(name, model, options, type=kind))
+        self._known = kept(lambda name, kind: target(name, model, options, type=kind))
         self._types: dict[int, str] = {}
         self._motion = Motion(
             self._talk,
@@ -97,7 +93,7 @@ class DanfossFcOperations:
         reference_maximum_hz.
         """
         return Capabilities(
-            stops=frozenset(stop_words(profidrive=self._talk.profidrive)),
+            stops=frozenset(self._talk.profile.stops),
             reverse=True,
             reference_percent=True,
             reference_hz=self._range is not None,
@@ -106,6 +102,7 @@ class DanfossFcOperations:
             broadcast=True,
         )
 
+    @needs_answer
     def read(
         self,
         parameter: str,
@@ -123,7 +120,6 @@ class DanfossFcOperations:
         basic characteristics, 2 number of array elements, 4 conversion index and unit, 6 name, 7 and 8 limits, 20
         default value, 21 additional characteristics).
         """
-        self._must_be_one_drive("read")
         if index is None:
             wanted = self._known(parameter, type)
         else:
@@ -168,45 +164,56 @@ class DanfossFcOperations:
         wanted = target(parameter, self._model, self._options, index=index)
         return f"{wanted.pnu}[{wanted.ind}]" if wanted.ind else str(wanted.pnu)
 
+    @needs_answer
     def status(self) -> Exchange[DriveStatus]:
         """Read status word and actual value with a process block, and the fault code if the drive has tripped."""
-        self._must_be_one_drive("status")
-        return self._status()
+        word, actual = yield from self._motion.status_word()
+        seen = {profiles.ONLY: word}
+        code = (yield from self._fault_code()) if self._talk.profile.says("fault", seen) else None
+        percent = _plain(actual * PERCENT_PER_STEP)
+        return self._talk.profile.status(
+            seen,
+            reverse=actual < 0 if actual else None,
+            fault_code=code,
+            fault_text=self._model.faults.get(code, "") if self._model and code is not None else "",
+            actual_percent=percent if self._options.actual_scaling == "reference" else None,
+            actual_hz=self._frequency(percent),
+        )
 
+    @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
         """Start the motor; reverse sets bit 15, which works only if 8-54 (506) gives reversing to the bus."""
-        self._must_be_one_drive("start")
         return self._motion.start(reverse=reverse)
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop: 043C (ramp), 0474 (coast), 046C (quick stop) or 0478 (DC brake)."""
-        known = stop_words(profidrive=self._talk.profidrive)
+        known = self._talk.profile.stops
         if how not in known:
             raise NotSupported(
                 f"the PROFIdrive control word cannot stop by {how.value}; it can by ramp, coast and quick"
             )
         if self._talk.broadcast:
-            return self._talk.tell_all(known[how])
-        return self._motion.stop(known[how])
+            return self._talk.tell_all(known[how][-1].word)
+        return self._motion.stop(how)
 
+    @needs_answer
     def reset(self) -> Exchange[None]:
         """Acknowledge a trip with 043C, 04BC, 043C; a drive that has not tripped is left alone."""
-        self._must_be_one_drive("reset")
         return self._motion.reset()
 
+    @needs_answer
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
         """Set the bus reference, -200 % to 199.99 % of the reference range, to the nearest step of 0.0061 %.
 
         It goes out at once with the control word that holds: the last one from here, or the ramp-stop word for a drive
         that stands. Raises StateError for a motor that was not started from here, or does not run any more.
         """
-        self._must_be_one_drive("set_reference")
         number = exact(percent, "reference")
         return self._motion.set_reference(reference_for(number, f"{number} %"))
 
+    @needs_answer
     def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
         """Set the bus reference as a frequency within the reference range that the options give."""
-        self._must_be_one_drive("set_reference")
         if self._range is None:
             raise NotSupported(
                 "the telegram carries a percentage; give what the drive's maximum reference 3-03 (205) holds, such as "
@@ -219,23 +226,32 @@ class DanfossFcOperations:
             raise ValueRefusedError(f"{number} Hz is outside the reference range {lowest} to {highest} Hz")
         return self._motion.set_reference(reference_for((number - lowest) * 100 / (highest - lowest), f"{number} Hz"))
 
+    @needs_answer
     def probe(self) -> Exchange[None]:
         """Ask once for the status word, without a valid control word, by the shortest telegram that there is."""
-        self._must_be_one_drive("probe")
-        return self._probe()
+        yield from self._talk.look(attempts=1)
 
+    @needs_answer
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read the name plate: the read-only texts of the model, or without one what both families may have."""
-        self._must_be_one_drive("identify")
-        return self._identify()
+        if self._model is not None:
+            texts = {
+                info.address: info.title
+                for info in self._model.parameters.values()
+                if info.type == "text" and info.access == "r"
+            }
+            return (yield from self._texts(texts))
+        found = yield from self._texts(_NAME_PLATE)
+        return found or (yield from self._texts(_OLD_NAME_PLATE))
 
     # Functions of the control word that only this protocol has
 
+    @needs_answer
     def jog(self, number: int = 1) -> Exchange[None]:
         """Run at the jog speed (3-11 or 3-19; PROFIdrive: bus jog 1 or 2, 8-90 and 8-91) until start or stop."""
-        self._must_be_one_drive("jog")
         return self._motion.jog(one_of(number, range(1, 3 if self._talk.profidrive else 2), "jog"))
 
+    @needs_answer
     def select_preset(self, number: int) -> Exchange[None]:
         """Select preset reference 1 to 4, that is 3-10 [0] to [3] (215 to 218; VLT 6000: 211 to 214).
 
@@ -243,16 +259,20 @@ class DanfossFcOperations:
         setting of the drive.
         """
         fc_profile_only(self._talk, "preset references")
-        return self._switch("select_preset", PRESET_MASK, one_of(number, range(1, 5), "preset") - 1)
+        return self._motion.switch(
+            PRESET_MASK, one_of(number, range(1, 5), "preset") - 1, "select_preset", at_once=False
+        )
 
+    @needs_answer
     def select_setup(self, number: int) -> Exchange[None]:
         """Select set-up 1 to 4; multi set-up must be chosen in 0-10 (004).
 
         Small drives are said to have no bit 14 and so no set-ups 3 and 4; the bit is set for those two only.
         """
         bits = one_of(number, range(1, 5), "set-up") - 1 << words.SET_UP_BIT
-        return self._switch("select_setup", SET_UP_MASK, bits, at_once=True)
+        return self._motion.switch(SET_UP_MASK, bits, "select_setup", at_once=True)
 
+    @needs_answer
     def set_relay(self, number: int, on: bool) -> Exchange[None]:
         """Switch relay 1 or 2; 5-40 must tie it to the control word ([36], [37]).
 
@@ -261,67 +281,49 @@ class DanfossFcOperations:
         fc_profile_only(self._talk, "relays")
         relay = one_of(number, range(1, 3), "relay")
         mask = 1 << (words.RELAY_1_BIT if relay == 1 else words.RELAY_2_BIT)
-        return self._switch("set_relay", mask, mask if on else 0, at_once=True)
+        return self._motion.switch(mask, mask if on else 0, "set_relay", at_once=True)
 
+    @needs_answer
     def ramp(self, number: int) -> Exchange[None]:
         """Use ramp 1 or ramp 2; no function on VLT 6000."""
         fc_profile_only(self._talk, "ramp 2")
-        return self._switch("ramp", RAMP_MASK, one_of(number, range(1, 3), "ramp") - 1 << words.RAMP_2_BIT)
+        bits = one_of(number, range(1, 3), "ramp") - 1 << words.RAMP_2_BIT
+        return self._motion.switch(RAMP_MASK, bits, "ramp", at_once=False)
 
+    @needs_answer
     def hold(self) -> Exchange[None]:
         """Hold the output frequency of a running motor until the next start or stop."""
-        self._must_be_one_drive("hold")
         return self._motion.hold()
 
+    @needs_answer
     def catch_up(self) -> Exchange[None]:
         """Raise the reference of a running motor by one step (PROFIdrive bit 12); never repeated."""
         return self._pulse("catch_up", words.CATCH_UP_BIT)
 
+    @needs_answer
     def slow_down(self) -> Exchange[None]:
         """Lower the reference of a running motor by one step (PROFIdrive bit 11); never repeated."""
         return self._pulse("slow_down", words.SLOW_DOWN_BIT)
 
+    @needs_answer
     def control_word(self, word: int) -> Exchange[None]:
         """Send this control word with the reference that is set; `status` repeats a valid one for the watchdog."""
-        self._must_be_one_drive("control_word")
         return self._motion.control_word(one_of(word, range(0x10000), "control word"))
 
     def release(self) -> Exchange[None]:
         """Stop repeating the control word, so that another master can take over. Sends nothing."""
         return self._motion.release()
 
+    @needs_answer
     def describe(self, parameter: str, *, option_texts: int = 32) -> Exchange[ParameterInfo]:
         """Ask the drive what a parameter is: its name, type, unit, scale, limits and access, and what its options mean.
 
         option_texts: how many values of an option parameter are asked for their text, 0 to 254, a telegram each.
         Changes nothing.
         """
-        self._must_be_one_drive("describe")
         return describing.describe(self._talk, self._known(parameter, ""), option_texts)
 
     # Conversations
-
-    def _status(self) -> Exchange[DriveStatus]:
-        word, actual = yield from self._motion.status_word()
-        profidrive = self._talk.profidrive
-        fault = words.tripped(word, profidrive=profidrive)
-        code = (yield from self._fault_code()) if fault else None
-        percent = _plain(actual * PERCENT_PER_STEP)
-        return DriveStatus(
-            word=word,
-            state=_state_of(word, fault=fault),
-            running=words.has(word, words.RUNNING),
-            fault=fault,
-            warning=words.has(word, words.WARNING),
-            at_reference=words.has(word, words.AT_REFERENCE),
-            reverse=actual < 0 if actual else None,
-            remote=words.has(word, words.BUS_CONTROL),
-            fault_code=code,
-            fault_text=self._model.faults.get(code, "") if self._model and code is not None else "",
-            actual_percent=percent if self._options.actual_scaling == "reference" else None,
-            actual_hz=self._frequency(percent),
-            flags=words.flags_of(word, profidrive=profidrive),
-        )
 
     def _frequency(self, percent: Decimal) -> Decimal | None:
         span = self._range if self._options.actual_scaling == "reference" else self._limits
@@ -338,20 +340,6 @@ class DanfossFcOperations:
         except (RefusedError, UnexpectedReplyError):
             return None
 
-    def _probe(self) -> Exchange[None]:
-        yield from self._talk.look(attempts=1)
-
-    def _identify(self) -> Exchange[Mapping[str, str]]:
-        if self._model is not None:
-            texts = {
-                info.address: info.title
-                for info in self._model.parameters.values()
-                if info.type == "text" and info.access == "r"
-            }
-            return (yield from self._texts(texts))
-        found = yield from self._texts(_NAME_PLATE)
-        return found or (yield from self._texts(_OLD_NAME_PLATE))
-
     def _texts(self, parameters: Mapping[str, str]) -> Exchange[Mapping[str, str]]:
         found = {}
         for parameter, title in parameters.items():
@@ -364,12 +352,7 @@ class DanfossFcOperations:
                 found[title] = str(reading.value)
         return found
 
-    def _switch(self, verb: str, mask: int, bits: int, *, at_once: bool = False) -> Exchange[None]:
-        self._must_be_one_drive(verb)
-        return self._motion.switch(mask, bits, verb, at_once=at_once)
-
     def _pulse(self, verb: str, bit: int) -> Exchange[None]:
-        self._must_be_one_drive(verb)
         if not self._talk.profidrive:
             raise NotSupported(f"{verb} is a function of the PROFIdrive control word; the FC profile has relays there")
         return self._motion.pulse(bit, verb)
@@ -377,21 +360,8 @@ class DanfossFcOperations:
     def _shown_in(self, parameter: str) -> int | None:
         return target(parameter, None, self._options).pnu if parameter else None
 
-    def _must_be_one_drive(self, verb: str) -> None:
-        if self._talk.broadcast:
-            raise NotSupported(f"{verb} needs an answer, and nobody answers a broadcast")
-
 
 def _plain(number: Decimal) -> Decimal:
     """Return a number without the zeros behind it."""
     whole = number.to_integral_value()
     return whole if whole == number else number.normalize()
-
-
-def _state_of(word: int, *, fault: bool) -> DriveState:
-    if fault:
-        return DriveState.FAULT
-    if words.has(word, words.RUNNING):
-        return DriveState.RUNNING
-    ready = all(words.has(word, bit) for bit in (words.CONTROL_READY, words.DRIVE_READY, words.ENABLED))
-    return DriveState.READY if ready else DriveState.NOT_READY

@@ -7,13 +7,16 @@ taken. The status word is asked for before a command is obeyed (VLT 5000 Design 
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING
 
+from drivecomm.profiles import have_do
 from drivecomm.protocol import Command
 from drivecomm_danfoss_fc import words
 from drivecomm_danfoss_fc.words import has
 
 if TYPE_CHECKING:
+    from drivecomm.profiles import MotorDoes
     from drivecomm.protocol import Motor
     from drivecomm_danfoss_fc.options import DanfossFcOptions
     from drivecomm_danfoss_fc.store import Store
@@ -24,13 +27,6 @@ CONTROL_WORD_TIMEOUT = 17
 _RPM = 67
 """Conversion index of a speed; the jogs of PROFIdrive are in rpm on FC drives and in Hz on VLT drives."""
 
-_STOPS = {
-    "coast": Command.OFF,
-    "quick_stop": Command.QUICK_STOP,
-    "dc_brake": Command.DC_BRAKE,
-    "ramp_stop": Command.RAMP_STOP,
-    "freeze_output": Command.HOLD,
-}
 _GATES = (
     ("gate_coast", words.COAST_BIT, True),
     ("gate_quick_stop", words.QUICK_STOP_BIT, True),
@@ -57,6 +53,7 @@ class Machine:
         self._store = store
         self._options = options
         self._fc_profile = store.fact("profile", "fc_value", 0)
+        self._asks = [cache(words.profile(profidrive=each).asks) for each in (False, True)]
         self._gates = [gate for gate in _GATES if store.has(gate[0])]
         self.power_up()
 
@@ -115,8 +112,8 @@ class Machine:
 
     def status_word(self) -> int:
         """Return the status word of the profile that is set."""
-        motor, fault, command = self.motor, bool(self.motor.fault), self._command()
-        coasting = command == "coast"
+        motor, fault, asked = self.motor, bool(self.motor.fault), self._asked()
+        coasting = asked == "off"
         bits = {
             words.CONTROL_READY: not fault,
             words.DRIVE_READY: not fault,
@@ -129,7 +126,7 @@ class Machine:
             words.RUNNING: motor.running,
         }
         if self.profidrive:
-            off_2, off_3 = coasting, command == "quick_stop"
+            off_2, off_3 = coasting, asked == "quick"
             active = self._options.off_bit_when_active
             bits |= {words.ENABLED: self._on and not coasting}
             bits |= {4: off_2 == active, 5: off_3 == active, 6: fault or off_2 or off_3}
@@ -172,28 +169,28 @@ class Machine:
         motor.quick_ramp_s = store.setting("quick_ramp", motor.quick_ramp_s)
         if motor.fault:
             return
-        command = self._command()
-        if command in _STOPS:
-            motor.stop(_STOPS[command], now)
-        elif self.profidrive and not self._on:
-            motor.stop(Command.RAMP_STOP, now)
-        else:
-            motor.run(self._directed(self._wanted_hz(command)), now)
+        asked = self._asked()
+        if asked == "run" and self.profidrive and not self._on:
+            asked = "ramp"
+        have_do(motor, asked, lambda: self._directed(self._wanted_hz()), now)
 
-    def _command(self) -> str:
-        """Return the name of the word in force, with the bits gated that the bus has no say in."""
-        word = self.word & ~(1 << words.RESET_BIT)
+    def _asked(self) -> MotorDoes:
+        """Return what the word in force asks of the motor, with the bits gated that the bus has no say in."""
+        if not self.word:
+            return "ramp"
+        word = self.word
         profidrive = self.profidrive
         for role, bit, level in self._gates:
             if not self._allowed(role) and not (profidrive and role == "gate_dc_brake"):
                 word = word | 1 << bit if level else word & ~(1 << bit)
-        return words.profidrive_command_of(word) if profidrive else words.command_of(word)
+        return self._asks[profidrive](word)
 
-    def _wanted_hz(self, command: str) -> float:
-        if command.startswith("jog"):
-            if not self.profidrive:
-                return self._store.setting("jog_hz", 5.0)
-            role = "bus_jog_1" if command == "jog" else "bus_jog_2"
+    def _wanted_hz(self) -> float:
+        first, second = has(self.word, words.JOG_1_BIT), has(self.word, words.JOG_2_BIT)
+        if first and not self.profidrive:
+            return self._store.setting("jog_hz", 5.0)
+        if self.profidrive and (first or second):
+            role = "bus_jog_1" if first else "bus_jog_2"
             in_rpm = self._store.fact(role, "conversion_index", 0) == _RPM
             speed = self._store.setting(role, 5.0)
             return speed * self.motor.rated_hz / self.motor.rated_rpm if in_rpm else speed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from drivecomm import profiles
 from drivecomm_danfoss_fc import words
 
 
@@ -44,10 +45,11 @@ class DanfossFcMemory:
         """
         if not self.word:
             return
-        runs = words.lets_run(self.word, profidrive=profidrive)
-        if runs and words.tripped(status, profidrive=profidrive):
+        profile = words.profile(profidrive=profidrive)
+        runs = profile.lets_run(self.word)
+        if runs and profile.says("fault", {profiles.ONLY: status}):
             # Whoever resets it would start the motor, as long as the drive keeps the word that made it run.
-            self.command((words.PROFIDRIVE_STANDSTILL if profidrive else words.RAMP_STOP) | self.functions)
+            self.command(profile.reset[0].word | self.functions)
             self.obeyed = self.owed = True
         elif words.has(status, words.RUNNING) == runs:
             self.obeyed = True

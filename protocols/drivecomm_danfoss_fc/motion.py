@@ -10,34 +10,18 @@ from contextlib import suppress
 from decimal import ROUND_HALF_EVEN, Decimal
 from typing import TYPE_CHECKING
 
+from drivecomm import profiles
 from drivecomm.errors import CommandTooOldError, NotSupported, StateError, UsageError, ValueRefusedError
-from drivecomm.protocol import Exchange, Pause, Stop
 from drivecomm_danfoss_fc import words
 
 if TYPE_CHECKING:
+    from drivecomm.profiles import Commander, Step, Words
+    from drivecomm.protocol import Exchange, Stop
     from drivecomm_danfoss_fc.conversation import Conversation
-
-STOP_WORDS = {
-    Stop.RAMP: words.RAMP_STOP,
-    Stop.COAST: words.COAST,
-    Stop.QUICK: words.QUICK_STOP,
-    Stop.DC_BRAKE: words.DC_BRAKE,
-}
-PROFIDRIVE_STOP_WORDS = {
-    Stop.RAMP: words.PROFIDRIVE_RAMP_STOP,
-    Stop.COAST: words.PROFIDRIVE_COAST,
-    Stop.QUICK: words.PROFIDRIVE_QUICK_STOP,
-}
+    from drivecomm_danfoss_fc.messages import ProcessReply
 
 PERCENT_PER_STEP = Decimal(100) / words.HUNDRED_PERCENT
 """Resolution of reference and actual value: 0.006103515625 %, exactly."""
-
-_POLL_S = 0.05
-
-
-def stop_words(*, profidrive: bool) -> dict[Stop, int]:
-    """Return the ways to stop and their control words; the PROFIdrive word has no bit for the DC brake."""
-    return PROFIDRIVE_STOP_WORDS if profidrive else STOP_WORDS
 
 
 def reference_for(percent: Decimal, shown: str) -> int:
@@ -72,9 +56,11 @@ class Motion:
     ) -> None:
         self._talk = talk
         self._memory = talk.memory
-        self._state_timeout_s = state_timeout_s
         self._control_word_pnu = control_word_pnu
         self._reference_pnu = reference_pnu
+        self._state_timeout_s = state_timeout_s
+        # The status word of the last reply to a look or a command.
+        self._seen = 0
 
     def status_word(self) -> Exchange[tuple[int, int]]:
         """Ask for status word and actual value; a command that holds is then repeated, for the drive's watchdog."""
@@ -112,49 +98,54 @@ class Motion:
         """
         runs = yield from self._ready_to_start()
         yield from self._take_over_reference()
-        yield from self._run(words.REVERSE_BIT if reverse else None, runs=runs)
+        yield from self._run(self._talk.profile.reverse if reverse else 0, runs=runs)
 
     def jog(self, number: int) -> Exchange[None]:
         """Run at the jog speed until the next start or stop."""
         runs = yield from self._ready_to_start()
-        yield from self._run((words.JOG_1_BIT, words.JOG_2_BIT)[number - 1], runs=runs)
+        yield from self._run(1 << (words.JOG_1_BIT, words.JOG_2_BIT)[number - 1], runs=runs)
 
-    def stop(self, word: int) -> Exchange[None]:
-        """Stop with this word."""
-        self._memory.command(self._talk.stop_word(word))
-        reply = yield from self._talk.command(self._memory.word)
-        if not words.has(reply.status_word, words.BUS_CONTROL):
+    def stop(self, how: Stop) -> Exchange[None]:
+        """Stop, each function as it is."""
+        yield from self._commander().stop(how)
+        if not words.has(self._seen, words.BUS_CONTROL):
             raise StateError(
                 "the drive is in local operation, where bus commands have no effect; stop it at its keypad"
             )
 
     def reset(self) -> Exchange[None]:
         """Acknowledge a trip with a rising edge of bit 7, between two words without it; nothing without a trip."""
-        talk = self._talk
-        status = yield from self._look()
-        if not self._tripped(status):
-            return
-        idle, edge = (words.RAMP_STOP, words.RESET)
-        if talk.profidrive:
-            idle, edge = (words.PROFIDRIVE_STANDSTILL, words.PROFIDRIVE_RESET)
-        self._memory.command(talk.stop_word(idle))
-        yield from talk.command(self._memory.word)
-        yield from talk.command(talk.stop_word(edge), attempts=1)
-        waited = 0.0
-        while True:
-            # The first of these takes the bit away again.
-            reply = yield from talk.command(talk.stop_word(idle))
-            if not self._tripped(reply.status_word):
-                return
-            if waited >= self._state_timeout_s:
-                break
-            yield Pause(seconds=_POLL_S)
-            waited += _POLL_S
-        locked = words.has(reply.status_word, words.TRIP_LOCK) and not talk.profidrive
-        raise StateError(
-            "the drive is still tripped after the reset; "
-            + ("it is trip-locked: switch its mains off and on" if locked else "the cause of the trip is still there")
-        )
+        try:
+            yield from self._commander().reset()
+        except StateError as error:
+            if self._talk.profidrive or not words.has(self._seen, words.TRIP_LOCK):
+                raise
+            raise StateError(f"{error}; it is trip-locked: switch its mains off and on") from None
+
+    def look(self) -> Exchange[Words]:
+        """Ask for the status with a word that the drive ignores; a command that it contradicts is forgotten."""
+        return self._shown((yield from self._talk.look()))
+
+    def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:
+        """Send a word of a stop or a reset, with the functions.
+
+        It is remembered before, but of a reset only the first word: what then contradicts it holds.
+        """
+        word = self._talk.stop_word(step.word)
+        if urgent or step is self._talk.profile.reset[0]:
+            self._memory.command(word)
+        return self._shown((yield from self._talk.command(word, attempts=None if step.repeats else 1)))
+
+    def again(self, step: Step) -> Exchange[Words]:
+        """Send the word again: the reply to the first one shows the drive before that took effect."""
+        return self._shown((yield from self._talk.command(self._talk.stop_word(step.word))))
+
+    def _commander(self) -> Commander:
+        return profiles.Commander(self._talk.profile, self, state_timeout_s=self._state_timeout_s)
+
+    def _shown(self, reply: ProcessReply) -> Words:
+        self._seen = reply.status_word
+        return {profiles.ONLY: reply.status_word}
 
     def set_reference(self, steps: int) -> Exchange[None]:
         """Send the reference with the control word that holds, and remember it for all that follow.
@@ -170,8 +161,7 @@ class Motion:
                     "the motor runs by a command that this program did not give, and a reference cannot be sent "
                     "without a command; start it from here, too, and then set the reference"
                 )
-            standstill = words.PROFIDRIVE_STANDSTILL if self._talk.profidrive else words.RAMP_STOP
-            memory.command(self._talk.stop_word(standstill))
+            memory.command(self._talk.stop_word(self._talk.profile.reset[0].word))
         yield from self._must_still_run("set_reference", status)
         before = memory.reference, memory.reference_known
         memory.reference, memory.reference_known = steps, True
@@ -221,7 +211,7 @@ class Motion:
         kept = word & ~(1 << words.RESET_BIT) if words.has(word, words.VALID_BIT) else words.IGNORED
         if talk.profidrive:
             kept &= ~(1 << words.CATCH_UP_BIT | 1 << words.SLOW_DOWN_BIT)
-        if not words.lets_run(kept, profidrive=talk.profidrive):
+        if not talk.profile.lets_run(kept):
             self._remember(kept)
         yield from talk.command(word, attempts=1)
         self._remember(kept)
@@ -231,18 +221,16 @@ class Motion:
         self._memory.command(words.IGNORED)
         yield from ()
 
-    def _run(self, bit: int | None, *, runs: bool) -> Exchange[None]:
+    def _run(self, bits: int, *, runs: bool) -> Exchange[None]:
         """Send the word that runs; in PROFIdrive after 047E, unless the motor runs by a command from here already."""
         talk, memory = self._talk, self._memory
-        more = memory.functions | (0 if bit is None else 1 << bit)
-        word = words.START
-        if talk.profidrive:
-            word = words.PROFIDRIVE_START
-            if not (runs and talk.runs):
-                memory.command(words.PROFIDRIVE_READY | memory.functions)
-                yield from talk.command(memory.word, attempts=1)
-        yield from talk.command(word | more, attempts=1)
-        memory.command(word | more)
+        *before, last = talk.profile.start
+        for step in () if runs and talk.runs else before:
+            memory.command(step.word | memory.functions)
+            yield from talk.command(memory.word, attempts=1)
+        word = last.word | memory.functions | bits
+        yield from talk.command(word, attempts=1)
+        memory.command(word)
 
     def _take_over_reference(self) -> Exchange[None]:
         memory = self._memory
@@ -258,16 +246,10 @@ class Motion:
 
     def _ready_to_start(self) -> Exchange[bool]:
         """Make sure that the drive can start; returns whether its motor runs already."""
-        status = yield from self._look()
-        if self._tripped(status):
-            raise StateError("the drive has tripped and cannot start; reset it first")
-        if not words.has(status, words.BUS_CONTROL):
-            raise StateError("the drive is in local operation, where bus commands have no effect; switch it to remote")
-        return words.has(status, words.RUNNING)
+        return bool(self._talk.profile.says("running", (yield from self._commander().check_start())))
 
     def _look(self) -> Exchange[int]:
-        """Ask for the status with a word that the drive ignores; a command that it contradicts is forgotten."""
-        return (yield from self._talk.look()).status_word
+        return (yield from self.look())[profiles.ONLY]
 
     def _running_word(self, verb: str) -> Exchange[int]:
         """Return the word that was commanded, if the motor runs by it."""
@@ -289,9 +271,6 @@ class Motion:
         mask = function_mask(profidrive=self._talk.profidrive)
         self._memory.command(word)
         self._memory.functions = word & mask
-
-    def _tripped(self, status: int) -> bool:
-        return words.tripped(status, profidrive=self._talk.profidrive)
 
 
 PRESET_MASK = 0b11

@@ -230,7 +230,7 @@ def raw_for(wanted: Target, value: Value | float) -> int:
     info = wanted.info if wanted.info and wanted.info.type != "text" else None
     number = exact(value, wanted.address)
     if info is not None:
-        _check_limits(info, number)
+        info.check(number)
     raw = unscaled(number, info.factor if info else Decimal(1), wanted.address, info.unit if info else "")
     allowed = RANGES[wanted.type]
     if raw not in allowed:
@@ -239,13 +239,6 @@ def raw_for(wanted: Target, value: Value | float) -> int:
             f"{allowed.start} to {allowed.stop - 1}"
         )
     return raw
-
-
-def _check_limits(info: ParameterInfo, number: Decimal) -> None:
-    if (info.minimum is not None and number < info.minimum) or (info.maximum is not None and number > info.maximum):
-        low = "" if info.minimum is None else f"{info.minimum} "
-        high = "" if info.maximum is None else f" {info.maximum}"
-        raise ValueRefusedError(f"{number} for parameter {info.address} is outside {low}to{high} {info.unit}".rstrip())
 
 
 def text_for(wanted: Target, value: Value | float, longest: int) -> str:

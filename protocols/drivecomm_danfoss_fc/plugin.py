@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_danfoss_fc.addresses import address_space
 from drivecomm_danfoss_fc.conversation import BROADCAST
@@ -16,16 +14,9 @@ from drivecomm_danfoss_fc.parameters import element_addresses
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, blind_spots, message_from, titled_forms
 from drivecomm_danfoss_fc.virtual import VirtualDanfossFcDrive
 
-if TYPE_CHECKING:
-    from drivecomm.protocol import Model, VirtualDrive
-
 
 def _codec(options: DanfossFcOptions) -> DanfossFcCodec:
     return DanfossFcCodec(options.pnu_bits)
-
-
-def _virtual(address: int, options: DanfossFcOptions, model: Model) -> VirtualDrive:
-    return VirtualDanfossFcDrive(address, options, model)
 
 
 protocol = Protocol(
@@ -60,7 +51,7 @@ protocol = Protocol(
     mismatch=mismatch,
     operations=DanfossFcOperations,
     memory=DanfossFcMemory,
-    virtual=_virtual,
+    virtual=VirtualDanfossFcDrive,
     blind_spots=blind_spots,
     forms=titled_forms,
     parameter_examples=("16-14", "3-10[3]", "1614", "520", "615[1]"),

@@ -8,6 +8,7 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import TYPE_CHECKING, NamedTuple
 
+from drivecomm.protocol import Refusal
 from drivecomm_danfoss_fc import description
 from drivecomm_danfoss_fc.faultcodes import (
     FACTORY_SET_UP,
@@ -31,14 +32,6 @@ if TYPE_CHECKING:
 
 _UNIT_INDICES = {"s": 4, "ms": 4, "h": 4, "kWh": 8, "kW": 9, "rpm": 11, "Nm": 16, "degC": 17}
 _UNIT_INDICES |= {"V": 21, "A": 22, "%": 24, "Hz": 28}
-
-
-class Refusal(Exception):  # noqa: N818 - an answer of the drive, not an error of the program
-    """The drive refuses with AK 7 and this fault code."""
-
-    def __init__(self, code: int) -> None:
-        self.code = code
-        super().__init__(f"fault {code}")
 
 
 class Role(NamedTuple):

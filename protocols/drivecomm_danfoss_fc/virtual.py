@@ -6,10 +6,9 @@ sections 3 to 9 and 13.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import ParameterAddressError
-from drivecomm.protocol import Framed, LineSettings, Motor, VirtualReply
+from drivecomm.protocol import Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
 from drivecomm_danfoss_fc import access
 from drivecomm_danfoss_fc.faultcodes import NO_TEXT, NOT_SUPPORTED
 from drivecomm_danfoss_fc.hearing import DriveCodec
@@ -24,7 +23,7 @@ from drivecomm_danfoss_fc.messages import (
     TextRequest,
 )
 from drivecomm_danfoss_fc.parameters import target
-from drivecomm_danfoss_fc.store import Refusal, Store
+from drivecomm_danfoss_fc.store import Store
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec
 
 if TYPE_CHECKING:
@@ -81,18 +80,14 @@ class VirtualDanfossFcDrive:
         """Return the unsigned number or the text that a read would get."""
         self._live(now)
         wanted = target(parameter, self._model, self._options)
-        try:
+        with looked_into(parameter):
             return self.store.peek(wanted.pnu, wanted.index)
-        except Refusal as refusal:
-            raise _unknown(parameter) from refusal
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what a parameter holds; one that the drive measures is not measured any more."""
         wanted = target(parameter, self._model, self._options)
-        try:
+        with looked_into(parameter):
             self.store.poke(wanted.pnu, wanted.index, raw)
-        except Refusal as refusal:
-            raise _unknown(parameter) from refusal
 
     def trip(self, code: int, now: float) -> None:
         """Trip: output off, the code in front of the alarm log."""
@@ -121,36 +116,21 @@ class VirtualDanfossFcDrive:
         return message.address == self.address and (message.address_format != FORMAT_31 or self.address < 32)
 
     def _reply(self, message: Request, status: int, actual: int) -> ProcessReply | ParameterReply | TextReply:
-        address = self.address
+        shared: dict[str, Any] = {
+            "address_format": message.address_format,
+            "address": self.address,
+            "status_word": status,
+            "main_actual": actual,
+        }
         if isinstance(message, ProcessRequest):
-            return ProcessReply(
-                address_format=message.address_format, address=address, status_word=status, main_actual=actual
-            )
+            return ProcessReply(**shared)
         try:
             ak, content = self._answer(message)
         except Refusal as refusal:
             ak, content = _REFUSED, refusal.code
         if isinstance(content, str):
-            return TextReply(
-                address_format=message.address_format,
-                address=address,
-                ak=ak,
-                pnu=message.pnu,
-                ind=message.ind,
-                text=content,
-                status_word=status,
-                main_actual=actual,
-            )
-        return ParameterReply(
-            address_format=message.address_format,
-            address=address,
-            ak=ak,
-            pnu=message.pnu,
-            ind=message.ind,
-            pwe=content,
-            status_word=status,
-            main_actual=actual,
-        )
+            return TextReply(**shared, ak=ak, pnu=message.pnu, ind=message.ind, text=content)
+        return ParameterReply(**shared, ak=ak, pnu=message.pnu, ind=message.ind, pwe=content)
 
     def _answer(self, message: ParameterRequest | TextRequest) -> tuple[int, int | str]:
         """Return response code and value or text. IND's high byte counts with AK 4 and 15 only. Raises Refusal."""
@@ -242,7 +222,3 @@ class VirtualDanfossFcDrive:
 def _number(read: tuple[int, int]) -> tuple[int, int]:
     bits, value = read
     return (2 if bits == 32 else 1), value
-
-
-def _unknown(parameter: str) -> ParameterAddressError:
-    return ParameterAddressError(f"the virtual drive holds no parameter {parameter!r}")

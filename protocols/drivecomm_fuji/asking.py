@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import RefusedError, ReplyError
-from drivecomm.protocol import Ask, Exchange, Pause, Tell
+from drivecomm.protocol import Ask, Exchange, Pause, Tell, kept
 from drivecomm_fuji.errorcodes import WRITE_BUSY, error_text
 from drivecomm_fuji.telegrams import BROADCAST, Poll, Select, Standard
 from drivecomm_fuji.timing import reply_timeout, slow_write
@@ -14,10 +13,6 @@ from drivecomm_fuji.words import ERROR
 
 if TYPE_CHECKING:
     from drivecomm_fuji.options import FujiOptions
-
-
-# Requests that are kept, to be sent again; more than a poll plan has.
-_KEPT = 512
 
 
 def read_request(address: int, function: str) -> Standard:
@@ -39,7 +34,7 @@ class Asking:
         self._address = address
         self._options = options
         self._profile = options.generation
-        self._read_ask = lru_cache(_KEPT)(self._new_read_ask)
+        self._read_ask = kept(self._new_read_ask)
 
     def ask_for(self, function: str) -> Exchange[Any]:
         """Ask for a value; the reply is a Standard, or a Poll where short frames are used. Raises RefusedError."""

@@ -6,11 +6,21 @@ specification.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, RefusedError, UsageError, ValueRefusedError
-from drivecomm.protocol import Ask, Capabilities, DriveState, DriveStatus, Exchange, Stop, exact, unscaled
+from drivecomm.protocol import (
+    Ask,
+    Capabilities,
+    DriveState,
+    DriveStatus,
+    Exchange,
+    Stop,
+    exact,
+    kept,
+    needs_answer,
+    unscaled,
+)
 from drivecomm_fuji import words
 from drivecomm_fuji.asking import Asking, read_request
 from drivecomm_fuji.memory import FujiMemory
@@ -30,9 +40,6 @@ if TYPE_CHECKING:
 
 _NAME_PLATE = {"type code": "M23", "capacity code": "M24", "ROM version": "M25"}
 
-# A poll plan asks for the same functions again and again; more of them than this are not kept in mind.
-_KEPT = 512
-
 
 class FujiOperations:
     """The verbs of one Fuji inverter, or of all of them at station 99.
@@ -44,13 +51,13 @@ class FujiOperations:
     def __init__(
         self, address: int, options: FujiOptions, model: Model | None, memory: FujiMemory | None = None
     ) -> None:
+        self.answers = address != BROADCAST
         self._address = address
         self._options = options
         self._profile = options.generation
         self._model = model
         self._asking = Asking(address, options)
-        # Model and options of an inverter do not change, so that a function always means the same.
-        self._known = lru_cache(_KEPT)(lambda parameter: target(parameter, model, options))
+        self._known = kept(lambda parameter: target(parameter, model, options))
         self._memory = memory or FujiMemory()
         self._running = Running(address, self._asking, self._memory, reset_timeout_s=options.reset_timeout_s)
         self._references = References(address, options, self._asking)
@@ -79,10 +86,10 @@ class FujiOperations:
             "reset_by_command": self.reset_by_command,
         }
 
+    @needs_answer
     def read(self, parameter: str, *, format: str | int | None = None) -> Exchange[Reading]:
         """Read a function. format: its data format in the manual's numbering, such as "[5]", instead of the model's."""
         wanted = self._known(parameter) if format is None else target(parameter, self._model, self._options, format)
-        self._must_be_one_drive("read")
         return self._read_target(wanted)
 
     def write(
@@ -122,14 +129,28 @@ class FujiOperations:
         """Return the function code of a parameter."""
         return target(parameter, self._model, self._options).function
 
+    @needs_answer
     def status(self) -> Exchange[DriveStatus]:
         """Read the operation status M14, and the latest alarm M16 if it says alarm."""
-        self._must_be_one_drive("status")
-        return self._status()
+        word = yield from self._running.status_word()
+        alarm, running = bit(word, "ALM"), runs(word)
+        code = (yield from self._running.alarm_code()) if alarm else None
+        return DriveStatus(
+            word=word,
+            state=_state(word),
+            running=running,
+            fault=alarm,
+            at_reference=running and not (bit(word, "ACC") or bit(word, "DEC")),
+            reverse=bit(word, "REV") if running else None,
+            remote=bit(word, "RL"),
+            fault_code=code,
+            fault_text=self._model.faults.get(code, "") if self._model and code is not None else "",
+            flags=flags_of(word, self._profile),
+        )
 
+    @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
         """Set FWD or REV in S06, unless the inverter has an alarm."""
-        self._must_be_one_drive("start")
         return self._running.start(words.REVERSE if reverse else words.FORWARD, self._coast_bit)
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
@@ -212,15 +233,24 @@ class FujiOperations:
             )
         return self._references.set_per_unit(share(number, exact(self._options.maximum_frequency_hz, "F03")))
 
+    @needs_answer
     def probe(self) -> Exchange[None]:
         """Ask for the status once; a NAK proves an inverter as well as a value does."""
-        self._must_be_one_drive("probe")
-        return self._probe()
+        timeout = reply_timeout(self._options, None)
+        yield Ask(message=read_request(self._address, words.STATUS), attempts=1, reply_timeout_s=timeout)
 
+    @needs_answer
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read type code, capacity code and ROM version; what the inverter does not have is left out."""
-        self._must_be_one_drive("identify")
-        return self._identify()
+        found = {}
+        for name, function in _NAME_PLATE.items():
+            try:
+                reply = yield from self._asking.ask_for(function)
+            except RefusedError:
+                continue
+            text = word_text("[17]", reply.data, self._profile, {}) if name == "type code" else ""
+            found[name] = f"{reply.data:04X} ({text})" if text else str(reply.data)
+        return found
 
     # Conversations
 
@@ -249,38 +279,6 @@ class FujiOperations:
             return reading_of(wanted, data, self._options, self._model, note=note)
         return None
 
-    def _status(self) -> Exchange[DriveStatus]:
-        word = yield from self._running.status_word()
-        alarm, running = bit(word, "ALM"), runs(word)
-        code = (yield from self._running.alarm_code()) if alarm else None
-        return DriveStatus(
-            word=word,
-            state=_state(word),
-            running=running,
-            fault=alarm,
-            at_reference=running and not (bit(word, "ACC") or bit(word, "DEC")),
-            reverse=bit(word, "REV") if running else None,
-            remote=bit(word, "RL"),
-            fault_code=code,
-            fault_text=self._model.faults.get(code, "") if self._model and code is not None else "",
-            flags=flags_of(word, self._profile),
-        )
-
-    def _probe(self) -> Exchange[None]:
-        timeout = reply_timeout(self._options, None)
-        yield Ask(message=read_request(self._address, words.STATUS), attempts=1, reply_timeout_s=timeout)
-
-    def _identify(self) -> Exchange[Mapping[str, str]]:
-        found = {}
-        for name, function in _NAME_PLATE.items():
-            try:
-                reply = yield from self._asking.ask_for(function)
-            except RefusedError:
-                continue
-            text = word_text("[17]", reply.data, self._profile, {}) if name == "type code" else ""
-            found[name] = f"{reply.data:04X} ({text})" if text else str(reply.data)
-        return found
-
     @property
     def _coast_bit(self) -> int:
         name = self._options.coast_terminal
@@ -291,10 +289,6 @@ class FujiOperations:
         if function[0] != "S" or (allowed is not None and function not in allowed):
             known = "S codes" if allowed is None else ", ".join(sorted(allowed))
             raise NotSupported(f"{function} cannot be written to all stations at once; {known} can")
-
-    def _must_be_one_drive(self, verb: str) -> None:
-        if self._address == BROADCAST:
-            raise NotSupported(f"{verb} needs an answer, and nobody answers at station {BROADCAST}")
 
 
 def _state(word: int) -> DriveState:

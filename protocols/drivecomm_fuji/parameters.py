@@ -101,7 +101,7 @@ def word_for(wanted: Target, value: Value | float, options: FujiOptions) -> int:
     function, form, info = wanted.function, wanted.format, wanted.info
     number = exact(value, function)
     if info is not None:
-        _check_limits(info, number)
+        info.check(number)
     unit = info.unit if info else ""
     if form.name and not form.known:
         raise ValueRefusedError(
@@ -144,9 +144,3 @@ def _check_command(function: str, word: int, options: FujiOptions) -> None:
         raise ValueRefusedError(f"{word} for parameter S01 is outside -{FULL_SCALE} to {FULL_SCALE}")
     elif function == FREQUENCY and options.generation.s05_is_frequency and word > 40000:
         raise ValueRefusedError(f"{word} for parameter S05 is outside 0 to 40000 (400.00 Hz)")
-
-
-def _check_limits(info: ParameterInfo, number: Decimal) -> None:
-    if (info.minimum is not None and number < info.minimum) or (info.maximum is not None and number > info.maximum):
-        limits = f"{info.minimum} to {info.maximum} {info.unit}".rstrip()
-        raise ValueRefusedError(f"{number} for parameter {info.address} is outside {limits}")

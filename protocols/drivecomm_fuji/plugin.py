@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_fuji.addresses import address_space
 from drivecomm_fuji.codec import FujiCodec
@@ -15,17 +13,10 @@ from drivecomm_fuji.telegrams import BROADCAST, STATIONS, blind_spots, intent, m
 from drivecomm_fuji.timing import GAP_S, QUICK_TIMEOUT_S
 from drivecomm_fuji.virtual import VirtualFujiDrive
 
-if TYPE_CHECKING:
-    from drivecomm.protocol import Model, VirtualDrive
-
 
 def _codec(options: FujiOptions) -> FujiCodec:
     profile = PROFILES[options.profile] if options.profile else None
     return FujiCodec(profile, number_check=options.number_check)
-
-
-def _virtual(address: int, options: FujiOptions, model: Model) -> VirtualDrive:
-    return VirtualFujiDrive(address, options, model)
 
 
 protocol = Protocol(
@@ -60,7 +51,7 @@ protocol = Protocol(
     mismatch=mismatch,
     operations=FujiOperations,
     memory=FujiMemory,
-    virtual=_virtual,
+    virtual=VirtualFujiDrive,
     blind_spots=blind_spots,
     forms=titled_forms,
     parameter_examples=("S05", "M09", "F03", "o05"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import ParameterAddressError
+from drivecomm.protocol import Refusal
 from drivecomm_fuji.errorcodes import DATA_ERROR, FUNCTION_ERROR, WRITE_DISABLED
 from drivecomm_fuji.formats import PLAIN, Format, current_format
 from drivecomm_fuji.parameters import format_of
@@ -15,14 +15,6 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Model, ParameterInfo
     from drivecomm_fuji.options import FujiOptions
-
-
-class Refusal(Exception):  # noqa: N818 - an answer of the inverter, not an error of the program
-    """The inverter refuses with this code."""
-
-    def __init__(self, code: int) -> None:
-        self.code = code
-        super().__init__(f"code {code}")
 
 
 class Store:
@@ -55,9 +47,9 @@ class Store:
         return self.word(function)
 
     def word(self, function: str) -> int:
-        """Return a word, whoever may read it. Raises ParameterAddressError for a function that does not exist."""
+        """Return a word, whoever may read it. Raises Refusal for a function that does not exist."""
         if function not in self._infos:
-            raise _unknown(function)
+            raise Refusal(FUNCTION_ERROR)
         if function in self.measured:
             return self._shown(function, self.measured[function]())
         return self._words[function]
@@ -77,15 +69,13 @@ class Store:
             physical = Decimal(self._formats[function].value(data))
         except ValueError:
             raise Refusal(DATA_ERROR) from None
-        if (info.minimum is not None and physical < info.minimum) or (
-            info.maximum is not None and physical > info.maximum
-        ):
+        if not info.allows(physical):
             raise Refusal(DATA_ERROR)
 
     def poke(self, function: str, raw: int) -> None:
-        """Set a word without asking. Raises ParameterAddressError for a function that the inverter does not have."""
+        """Set a word without asking. Raises Refusal for a function that the inverter does not have."""
         if function not in self._infos:
-            raise _unknown(function)
+            raise Refusal(FUNCTION_ERROR)
         self._put(function, raw)
 
     def set(self, function: str, raw: int) -> None:
@@ -129,10 +119,6 @@ class Store:
 
     def _start(self, info: ParameterInfo) -> int:
         return self._formats[info.address].raw(info.start, info.address) if isinstance(info.start, Decimal) else 0
-
-
-def _unknown(function: str) -> ParameterAddressError:
-    return ParameterAddressError(f"the virtual drive holds no parameter {function!r}")
 
 
 def _format(info: ParameterInfo, options: FujiOptions) -> Format:

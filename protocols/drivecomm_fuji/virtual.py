@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.protocol import Command, Damaged, Framed, LineSettings, Motor, VirtualReply
+from drivecomm.protocol import Command, Damaged, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
 from drivecomm_fuji import words
 from drivecomm_fuji.errorcodes import COMMAND_ERROR, DATA_ERROR, FUNCTION_ERROR, LINK_PRIORITY, WRITE_BUSY
 from drivecomm_fuji.hearing import Ear, complaint
 from drivecomm_fuji.measured import AT_ALARM, measured, shift_alarms
 from drivecomm_fuji.parameters import target
 from drivecomm_fuji.silence import COMMUNICATION_ALARM, SilenceWatch
-from drivecomm_fuji.store import Refusal, Store
+from drivecomm_fuji.store import Store
 from drivecomm_fuji.telegrams import BROADCAST, Poll, Select, Standard
 from drivecomm_fuji.timing import slow_write
 from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE
@@ -100,14 +100,16 @@ class VirtualFujiDrive:
     def peek(self, parameter: str, now: float) -> int:
         """Return what the inverter holds, as `Reading.raw` would show it."""
         self._live(now)
-        return self.store.word(target(parameter, self._model, self._options).function)
+        with looked_into(parameter):
+            return self.store.word(target(parameter, self._model, self._options).function)
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what the inverter holds; what it measures is soon overwritten."""
         self._catch_up()
         function = target(parameter, self._model, self._options).function
         number = int(raw)
-        self.store.poke(function, number if function in self._profile.sign_functions else number % 0x10000)
+        with looked_into(parameter):
+            self.store.poke(function, number if function in self._profile.sign_functions else number % 0x10000)
         # An alarm before anything else is heard keeps what was set here.
         self._latest.pop(function, None)
 

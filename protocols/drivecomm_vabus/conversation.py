@@ -6,11 +6,10 @@ Short description sections 6.1, 6.2, 6.5; timing and error handling Agile VABus 
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import RefusedError, ReplyError, UnexpectedReplyError
-from drivecomm.protocol import Ask, Exchange, Tell
+from drivecomm.protocol import Ask, Exchange, Tell, kept
 from drivecomm_vabus.errorcodes import DATASETS_DIFFER, ERROR_REGISTER, LINE_FAULTS, UNKNOWN_PARAMETER, error_text
 from drivecomm_vabus.states import CONTROL_WORD
 from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Eot, Select, Value, number_of
@@ -22,9 +21,6 @@ if TYPE_CHECKING:
     from drivecomm_vabus.memory import VabusMemory
     from drivecomm_vabus.options import VabusOptions
     from drivecomm_vabus.telegrams import ValueType
-
-# A poll plan asks for the same parameters again and again; more of them than this are not kept in mind.
-_KEPT = 512
 
 _CLOSING = Tell(message=Eot(), pause_s=0.0)
 
@@ -46,7 +42,7 @@ class Conversation:
         self._options = options
         self._memory = memory
         self._closes_values = options.trailing_eot is True
-        self._enquiry = lru_cache(_KEPT, typed=True)(self._new_enquiry)
+        self._enquiry = kept(self._new_enquiry)
 
     def enquire(self, number: int, dataset: int, name: str) -> Exchange[Value]:
         """Ask for a parameter's value. Raises RefusedError."""

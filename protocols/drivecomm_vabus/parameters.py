@@ -120,15 +120,9 @@ def characters_for(wanted: Target, value: Value | float) -> str:
     info = wanted.info
     number = exact(value, wanted.address)
     if info is not None:
-        _check_limits(info, number)
+        info.check(number)
     raw = unscaled(number, info.factor if info else Decimal(1), wanted.address, info.unit if info else "")
     try:
         return data_of(raw, wanted.type)
     except ValueError as error:
         raise ValueRefusedError(f"{value} for parameter {wanted.address}: {error}") from error
-
-
-def _check_limits(info: ParameterInfo, number: Decimal) -> None:
-    if (info.minimum is not None and number < info.minimum) or (info.maximum is not None and number > info.maximum):
-        limits = f"{info.minimum} to {info.maximum} {info.unit}".rstrip()
-        raise ValueRefusedError(f"{number} for parameter {info.address} is outside {limits}")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_vabus.addresses import address_space
 from drivecomm_vabus.exchanges import VabusOperations
@@ -22,16 +20,9 @@ from drivecomm_vabus.telegrams import (
 )
 from drivecomm_vabus.virtual import VirtualVabusDrive
 
-if TYPE_CHECKING:
-    from drivecomm.protocol import Model, VirtualDrive
-
 
 def _codec(options: VabusOptions) -> VabusCodec:
     return VabusCodec(options.type, lower_case_hex=options.lower_case_hex)
-
-
-def _virtual(address: int, options: VabusOptions, model: Model) -> VirtualDrive:
-    return VirtualVabusDrive(address, options, model)
 
 
 protocol = Protocol(
@@ -67,7 +58,7 @@ protocol = Protocol(
     mismatch=mismatch,
     operations=VabusOperations,
     memory=VabusMemory,
-    virtual=_virtual,
+    virtual=VirtualVabusDrive,
     blind_spots=blind_spots,
     forms=titled_forms,
     parameter_examples=("481", "520[2]", "C00"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import ParameterAddressError
+from drivecomm.protocol import Refusal
 from drivecomm_vabus.errorcodes import (
     DATASET_NOT_PERMITTED,
     DATASETS_DIFFER,
@@ -26,14 +26,6 @@ if TYPE_CHECKING:
 
 
 _LIMITS = {"uint": (0, 2**16 - 1), "int": (-(2**15), 2**15 - 1), "long": (-(2**31), 2**31 - 1)}
-
-
-class Refusal(Exception):  # noqa: N818 - an answer of the drive, not an error of the program
-    """The drive refuses, with this code in its error register."""
-
-    def __init__(self, code: int) -> None:
-        self.code = code
-        super().__init__(f"code {code}")
 
 
 class Store:
@@ -134,10 +126,5 @@ def _check(info: ParameterInfo, data: str) -> None:
         physical = number_of(data, info.type) * info.factor  # type: ignore[arg-type]
     except ValueError:
         raise Refusal(SYNTAX_ERROR) from None
-    if (info.minimum is not None and physical < info.minimum) or (info.maximum is not None and physical > info.maximum):
+    if not info.allows(physical):
         raise Refusal(VALUE_NOT_PERMITTED)
-
-
-def unknown(parameter: str) -> ParameterAddressError:
-    """Return the error for a parameter that this drive does not hold."""
-    return ParameterAddressError(f"the virtual drive holds no parameter {parameter!r}")

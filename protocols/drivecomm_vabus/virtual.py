@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError
 from drivecomm.profiles import ProfileMachine
-from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, VirtualReply
+from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
 from drivecomm_vabus import states
 from drivecomm_vabus.errorcodes import CHECKSUM_ERROR, ERROR_REGISTER, SYNTAX_ERROR, SYSTEM_BUS_UNREACHABLE
 from drivecomm_vabus.parameters import target
-from drivecomm_vabus.store import Refusal, Store, unknown
+from drivecomm_vabus.store import Store
 from drivecomm_vabus.telegrams import (
     BROADCAST,
     Ack,
@@ -90,19 +90,15 @@ class VirtualVabusDrive:
         """Return the data characters that an enquiry would get."""
         self._live(now)
         wanted = target(parameter, self._model, "", None)
-        try:
+        with looked_into(parameter):
             return self._held(wanted.number, wanted.dataset or 0)
-        except Refusal as refusal:
-            raise unknown(parameter) from refusal
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set a parameter's data characters, or its raw number."""
         self._catch_up()
         wanted = target(parameter, self._model, "", None)
-        try:
+        with looked_into(parameter):
             info = self.store.info(wanted.number)
-        except Refusal as refusal:
-            raise unknown(parameter) from refusal
         data = raw if isinstance(raw, str) else data_of(raw, info.type)  # type: ignore[arg-type]
         self.store.poke(wanted.number, wanted.dataset or 0, data)
 

@@ -13,23 +13,26 @@ something else.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from drivecomm import profiles
 from drivecomm.errors import NoReplyError, ReplyError, StateError
-from drivecomm.protocol import Ask, Exchange, Pause, Tell
+from drivecomm.protocol import Ask, Exchange, Stop, Tell
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.messages import Control, ControlReply
 from drivecomm_vlt3500.telegrams import BROADCAST
+from drivecomm_vlt3500.words import profile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
+    from drivecomm.profiles import Commander, ControlProfile, Step, Words
     from drivecomm_vlt3500.options import VltOptions
 
-_POLL_S = 0.05
 _SETUP = words.SETUP_LOW | words.SETUP_HIGH
 _MOVING = words.START | words.JOG_1 | words.JOG_2
-_OBEYED = words.RUNNING | words.ENABLED
 
 
 class VltMemory:
@@ -51,13 +54,27 @@ class VltMemory:
         """Do nothing: nothing is repeated for a watchdog."""
 
 
-class Commander:
-    """Sends control words to one drive, or to all at address 0, and remembers what a master must."""
+class Motion:
+    """The motor of one drive, or of all at address 0: sends control words, and remembers what a master must."""
 
     def __init__(self, address: int, options: VltOptions, memory: VltMemory) -> None:
         self._address = address
         self._options = options
         self._memory = memory
+        # The status word of the last reply; nobody answers a broadcast.
+        self._seen = 0
+
+    @cached_property
+    def _profile(self) -> ControlProfile:
+        known, dc_brake = profile(), self._options.dc_brake
+        return replace(
+            known, stops={how: steps for how, steps in known.stops.items() if how is not Stop.DC_BRAKE or dc_brake}
+        )
+
+    @property
+    def stops(self) -> Collection[Stop]:
+        """How the drive can be stopped."""
+        return self._profile.stops.keys()
 
     def ask_idle(self, request: Any, *, attempts: int | None = None, acts: bool = False) -> Exchange[Any]:
         """Ask with the idle word; where only a copy of the request came, say that it may have been the reply."""
@@ -75,6 +92,7 @@ class Commander:
         """Ask for the status word with a C telegram that commands nothing."""
         request = Control(address=self._address, control_word=self._options.idle_word)
         reply: ControlReply = yield from self.ask_idle(request, attempts=attempts)
+        self._seen = reply.status_word
         return reply.status_word
 
     def command(
@@ -86,72 +104,56 @@ class Commander:
         """
         before, self._memory.commanded = self._memory.commanded, None
         request = Control(address=self._address, control_word=word, control_mask=None if mask == 0xFFFF else mask)
-        status = 0
+        self._seen = 0
         if self._address == BROADCAST:
             yield Tell(message=request)
         else:
             reply: ControlReply = yield Ask(message=request, attempts=attempts, acts=True, nameless=True, urgent=urgent)
-            status = reply.status_word
+            self._seen = reply.status_word
         if not word & words.VALID:
             self._memory.commanded = before
         elif mask == 0xFFFF or before is not None:
             self._memory.commanded = (before or 0) & ~mask | word
         if word & words.VALID and mask & _SETUP:
             self._memory.setup = word & _SETUP
-        return status
+        return self._seen
 
-    def run(self, word: int) -> Exchange[None]:
-        """Send a word that makes the motor run, and wait until it does; a start that is not obeyed is taken back."""
-        status = yield from self.status_word()
-        if status & words.TRIPPED:
-            raise StateError("the drive has tripped and cannot start; reset it first")
-        if not status & words.BUS_CONTROL:
-            raise StateError("the drive is in local operation and cannot be started over the bus; set it to remote")
-        if status & words.START_NOT_POSSIBLE:
-            yield from self.command(words.OFF1 | self._memory.setup)
-        status = yield from self.command(word | self._memory.setup, attempts=1)
-        try:
-            status = yield from self._await(_OBEYED, _OBEYED, status)
-        except ReplyError as error:
-            raise type(error)(f"{error}; the drive had been told to run before") from None
-        if status & _OBEYED == _OBEYED:
-            return
-        # Standing orders are accidents: it would run whenever its last start condition comes.
-        yield from self.command(words.RAMP_STOP | self._memory.setup)
-        why = ", ".join(words.flags_of(status)) or "nothing"
-        raise StateError(
-            f"the drive did not run within {self._options.state_timeout_s:g} s after the start, which was taken back; "
-            f"its status word 0x{status:04X} says: {why}; check its digital inputs and parameters 503 to 510"
-        )
+    def look(self) -> Exchange[Words]:
+        """Return the status word."""
+        return {profiles.ONLY: (yield from self.status_word())}
 
-    def stop(self, word: int, reported: int) -> Exchange[None]:
-        """Send a word that stops the motor. reported: the status bits that show that the drive obeys."""
-        status = yield from self.command(word | self._memory.setup, urgent=True)
-        if self._address == BROADCAST:
-            return
-        status = yield from self._await(reported, reported, status)
-        if status & reported != reported or (status & words.RUNNING and not status & words.BUS_CONTROL):
+    def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:
+        """Send a word in the set-up that is selected; its reply shows the status."""
+        word, attempts = step.word | self._memory.setup, None if step.repeats else 1
+        return {profiles.ONLY: (yield from self.command(word, attempts=attempts, urgent=urgent))}
+
+    def again(self, _step: Step) -> Exchange[Words]:
+        """Return the status word: no command is sent again."""
+        return self.look()
+
+    def start(self, *, reverse: bool) -> Exchange[None]:
+        """Start, and wait until the motor runs; a start that is not obeyed is taken back."""
+        return self._by(self._profile).start(reverse=reverse)
+
+    def jog(self, bit: int) -> Exchange[None]:
+        """Run by a jog bit in the same way, without bit 6, so that any stop ends it."""
+        *before, last = self._profile.start
+        jogs = replace(last, word=last.word & ~words.START | bit)
+        return self._by(replace(self._profile, start=(*before, jogs))).start()
+
+    def stop(self, how: Stop) -> Exchange[None]:
+        """Stop, and make sure that the drive obeys."""
+        yield from self._by(self._profile).stop(how)
+        status = profile().status({profiles.ONLY: self._seen})
+        if status.running and not status.remote:
             raise StateError(
-                f"the drive got the stop (0x{word:04X}) and does not report it: status word 0x{status:04X}; in local "
-                "operation it does not obey the bus"
+                f"the drive got the stop and does not report it: status word 0x{self._seen:04X}; in local operation it "
+                "does not obey the bus"
             )
 
     def reset(self) -> Exchange[None]:
-        """Acknowledge a trip with bit 7 from 0 to 1 and back; does nothing without a trip.
-
-        The edge is what counts (as on later drives; the pages seen do not say). Bit 6 is 0 in all three words, so that
-        nothing starts by it.
-        """
-        status = yield from self.status_word()
-        if not status & words.TRIPPED:
-            return
-        stopped = words.RAMP_STOP | self._memory.setup
-        yield from self.command(stopped, attempts=1)
-        yield from self.command(stopped | words.RESET, attempts=1)
-        status = yield from self.command(stopped)
-        status = yield from self._await(words.TRIPPED, 0, status)
-        if status & words.TRIPPED:
-            raise StateError("the drive was told to reset and is still tripped; its fault may still be there")
+        """Acknowledge a trip with bit 7 from 0 to 1 and back; does nothing without a trip."""
+        return self._by(self._profile).reset()
 
     def step(self, bit: int, verb: str) -> Exchange[None]:
         """Set a bit of the last control word and take it away again."""
@@ -182,16 +184,16 @@ class Commander:
                 f"{verb} changes the last control word, and this program has none that the drive has confirmed; "
                 "start or stop the drive first"
             )
-        status = yield from self.status_word()
-        if word & _MOVING and not status & words.RUNNING:
+        seen = yield from self.look()
+        if word & _MOVING and not profile().says("running", seen):
             raise StateError(f"{verb} would start the drive again, which has stopped meanwhile; use start")
         return word
 
-    def _await(self, bits: int, goal: int, status: int) -> Exchange[int]:
-        """Ask for the status until these bits are so, at most for the state time-out; return the last status."""
-        waited = 0.0
-        while status & bits != goal and waited < self._options.state_timeout_s:
-            yield Pause(seconds=_POLL_S)
-            waited += _POLL_S
-            status = yield from self.status_word()
-        return status
+    def _by(self, known: ControlProfile) -> Commander:
+        return profiles.Commander(
+            known,
+            self,
+            state_timeout_s=self._options.state_timeout_s,
+            advice="its digital inputs and parameters 503 to 510",
+            answers=self._address != BROADCAST,
+        )

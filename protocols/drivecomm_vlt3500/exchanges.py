@@ -6,26 +6,24 @@ VLT Series 3500 manual, printed pages 85 to 92; VLT 3000 manual MG.30.A7.02, pag
 from __future__ import annotations
 
 from decimal import Decimal, localcontext
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
+from drivecomm import profiles
 from drivecomm.errors import NotSupported, RefusedError, StateError, UsageError, ValueRefusedError
-from drivecomm.protocol import Capabilities, DriveStatus, Exchange, Stop, Tell, exact
+from drivecomm.protocol import Capabilities, DriveStatus, Exchange, Stop, Tell, exact, kept, needs_answer
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.causes import cause_text
-from drivecomm_vlt3500.commands import Commander, VltMemory
+from drivecomm_vlt3500.commands import Motion, VltMemory
 from drivecomm_vlt3500.messages import Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.parameters import Target, data_for, reading_of, target
 from drivecomm_vlt3500.telegrams import BROADCAST
+from drivecomm_vlt3500.words import profile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.protocol import Model, Reading, Value as ParameterValue
     from drivecomm_vlt3500.options import VltOptions
-
-# A poll plan asks for the same parameters again and again; more of them than this are not kept in mind.
-_KEPT = 512
 
 BUS_REFERENCE = "516"
 SOFTWARE_VERSION = "502[19]"
@@ -34,17 +32,17 @@ SOFTWARE_VERSION = "502[19]"
 class VltOperations:
     """The verbs of one VLT, or of all of them at address 0.
 
-    Reading, writing and asking for the status never command; what commands is in `Commander`.
+    Reading, writing and asking for the status never command; what commands is in `Motion`.
     """
 
     def __init__(self, address: int, options: VltOptions, model: Model | None, memory: VltMemory | None = None) -> None:
+        self.answers = address != BROADCAST
         self._address = address
         self._options = options
         self._model = model
-        self._commander = Commander(address, options, memory or VltMemory())
-        # Model and options of a drive do not change, so that an address always means the same.
-        self._known = lru_cache(_KEPT)(lambda parameter: target(parameter, model))
-        self._request = lru_cache(_KEPT, typed=True)(self._new_request)
+        self._motion = Motion(address, options, memory or VltMemory())
+        self._known = kept(lambda parameter: target(parameter, model))
+        self._request = kept(self._new_request)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -54,7 +52,7 @@ class VltOperations:
         promised. The bus reference, parameter 516, is meant to be written cyclically.
         """
         return Capabilities(
-            stops=frozenset(self._stops()),
+            stops=frozenset(self._motion.stops),
             reverse=True,
             reference_percent=True,
             reference_hz=self._options.maximum_hz is not None,
@@ -75,10 +73,10 @@ class VltOperations:
             "control_word": self.control_word,
         }
 
+    @needs_answer
     def read(self, parameter: str, *, index: tuple[int, ...] | int | str | None = None) -> Exchange[Reading]:
         """Read a parameter (R), or one element of an indexed one (I): `502[17]`, `602[13,5]`, or index=(13, 5)."""
         wanted = self._known(parameter) if index is None else target(parameter, self._model, index)
-        self._must_be_one_drive("read")
         return self._read_target(wanted)
 
     def write(
@@ -115,19 +113,24 @@ class VltOperations:
         """Return number and index of a parameter."""
         return target(parameter, self._model).address
 
+    @needs_answer
     def status(self) -> Exchange[DriveStatus]:
         """Ask for the status word with a C telegram that commands nothing."""
-        self._must_be_one_drive("status")
-        return self._status()
+        seen = yield from self._motion.look()
+        code = None
+        if profile().says("fault", seen) and self._options.fault_parameter:
+            code = yield from self._fault_code()
+        texts = self._model.faults if self._model else {}
+        return profile().status(seen, fault_code=code, fault_text=texts.get(code, "") if code is not None else "")
 
+    @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
         """Start with the reference that is set, and wait until the drive says that it runs.
 
         Where "start not possible" is reported it is released first, 0x047E before 0x047F. A start that is not obeyed is
         taken back with a ramp stop, so that it cannot take effect later. Raises StateError.
         """
-        self._must_be_one_drive("start")
-        return self._commander.run(words.START_REVERSE if reverse else words.STARTED)
+        return self._motion.start(reverse=reverse)
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop: bit 6 = 0 (ramp), OFF2 (coast), OFF3 (quick stop), or bit 4 = 0 where that is DC braking.
@@ -135,16 +138,15 @@ class VltOperations:
         The quick stop is OFF3 and not bit 4: bit 4 may be given another meaning (514) or to a digital input (504).
         Raises StateError when the drive does not report what it was told.
         """
-        stops = self._stops()
-        if how not in stops:
+        if how not in self._motion.stops:
             remedy = "; VLT 2000 can with parameter 514 = 1, then use dc_brake=True" if how is Stop.DC_BRAKE else ""
             raise NotSupported(f"this VLT cannot stop by {how.value}{remedy}", says="dc_brake=True")
-        return self._commander.stop(*stops[how])
+        return self._motion.stop(how)
 
+    @needs_answer
     def reset(self) -> Exchange[None]:
         """Acknowledge a trip: bit 7 from 0 to 1 and back, in words that stop the motor; nothing without a trip."""
-        self._must_be_one_drive("reset")
-        return self._commander.reset()
+        return self._motion.reset()
 
     def set_reference_percent(self, percent: ParameterValue | float) -> Exchange[None]:
         """Write the bus reference, parameter 516: percent of the maximum frequency, negative for the other direction.
@@ -169,53 +171,59 @@ class VltOperations:
             )
         return self.set_reference_percent(self._percent_of(exact(hz, BUS_REFERENCE)))
 
+    @needs_answer
     def probe(self) -> Exchange[None]:
         """Ask once for the status word."""
-        self._must_be_one_drive("probe")
-        return self._probe()
+        yield from self._motion.status_word(attempts=1)
 
+    @needs_answer
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read the state and, where the drive numbers its read-outs as VLT 2000 does, its software version."""
-        self._must_be_one_drive("identify")
-        return self._identify()
+        status = yield from self._motion.status_word()
+        known = {"state": ", ".join(profile().flags_of(status))}
+        try:
+            version = yield from self._read_target(target(SOFTWARE_VERSION, None))
+        except RefusedError:
+            return known
+        return {**known, "software": str(version.raw)}
 
     # Verbs beyond the common ones
 
+    @needs_answer
     def jog(self, *, number: int = 1) -> Exchange[None]:
         """Run at bus jog 1 or 2 (bit 8 or 9; 511 and presumably 512), without bit 6, so that any stop ends it."""
         if number not in (1, 2):
             raise UsageError(f"jog {number!r} does not exist; there are jog 1 and jog 2")
-        self._must_be_one_drive("jog")
-        return self._commander.run(words.RAMP_STOP | (words.JOG_1 if number == 1 else words.JOG_2))
+        return self._motion.jog(words.JOG_1 if number == 1 else words.JOG_2)
 
+    @needs_answer
     def slow_down(self) -> Exchange[None]:
         """Lower the reference a step (bit 11 to 1 and back); the drive must have been commanded by this object."""
-        self._must_be_one_drive("slow_down")
-        return self._commander.step(words.SLOW_DOWN, "slow_down")
+        return self._motion.step(words.SLOW_DOWN, "slow_down")
 
+    @needs_answer
     def catch_up(self) -> Exchange[None]:
         """Raise the reference a step (bit 12 to 1 and back); the drive must have been commanded by this object."""
-        self._must_be_one_drive("catch_up")
-        return self._commander.step(words.CATCH_UP, "catch_up")
+        return self._motion.step(words.CATCH_UP, "catch_up")
 
+    @needs_answer
     def hold(self) -> Exchange[None]:
         """Keep the output frequency as it is (bit 5 = 0) until the next command; `start` goes on."""
-        self._must_be_one_drive("hold")
-        return self._commander.amend(lambda word: word & ~words.RAMP_ENABLED, "hold")
+        return self._motion.amend(lambda word: word & ~words.RAMP_ENABLED, "hold")
 
+    @needs_answer
     def select_setup(self, *, number: int) -> Exchange[None]:
         """Select set-up 1 to 4 (bits 13 and 14) in this and every further control word of this object."""
         if number not in range(1, self._options.setups + 1):
             raise UsageError(f"set-up {number!r} does not exist; this drive has 1 to {self._options.setups}")
-        self._must_be_one_drive("select_setup")
-        return self._commander.select(words.setup_bits(number))
+        return self._motion.select(words.setup_bits(number))
 
+    @needs_answer
     def control_word(self, *, word: int, mask: int | None = None) -> Exchange[DriveStatus]:
         """Send any control word, once. mask: the bits that are given, in groups of four; others stay as they are (`P`).
 
         It is sent as it stands: what it starts, starts. Raises UsageError for a word that no telegram can carry.
         """
-        self._must_be_one_drive("control_word")
         for name, value in (("control word", word), ("mask", 0xFFFF if mask is None else mask)):
             if type(value) is not int or value not in range(0x10000):
                 raise UsageError(f"{name} {value!r} has not 16 bits")
@@ -229,7 +237,7 @@ class VltOperations:
     # Conversations
 
     def _read_target(self, wanted: Target) -> Exchange[Reading]:
-        reply = yield from self._commander.ask_idle(self._request(wanted.number, wanted.index))
+        reply = yield from self._motion.ask_idle(self._request(wanted.number, wanted.index))
         return reading_of(wanted, _value(wanted, reply))
 
     def _new_request(self, number: int, index: tuple[int, ...] | None) -> Read | ReadIndex:
@@ -254,7 +262,7 @@ class VltOperations:
         if self._address == BROADCAST:
             yield Tell(message=request)
             return None
-        reply = yield from self._commander.ask_idle(request, attempts=attempts, acts=True)
+        reply = yield from self._motion.ask_idle(request, attempts=attempts, acts=True)
         reported = _value(wanted, reply)
         return reading_of(
             wanted, reported, "" if reported == sent else f"the drive reports {reported} instead of {sent}"
@@ -265,14 +273,6 @@ class VltOperations:
         if taken is not None and Decimal(taken.raw) != sent:
             raise StateError(f"the drive reports a bus reference of {taken.raw} % instead of {sent} %")
 
-    def _status(self) -> Exchange[DriveStatus]:
-        word = yield from self._commander.status_word()
-        code = None
-        if word & words.TRIPPED and self._options.fault_parameter:
-            code = yield from self._fault_code()
-        texts = self._model.faults if self._model else {}
-        return words.meaning(word, code, texts.get(code, "") if code is not None else "")
-
     def _fault_code(self) -> Exchange[int | None]:
         wanted = target(self._options.fault_parameter, self._model)
         try:
@@ -282,30 +282,7 @@ class VltOperations:
         return found.value if isinstance(found.value, int) else None
 
     def _any_word(self, word: int, mask: int) -> Exchange[DriveStatus]:
-        return words.meaning((yield from self._commander.command(word, mask=mask, attempts=1)), None, "")
-
-    def _probe(self) -> Exchange[None]:
-        yield from self._commander.status_word(attempts=1)
-
-    def _identify(self) -> Exchange[Mapping[str, str]]:
-        status = yield from self._commander.status_word()
-        known = {"state": ", ".join(words.flags_of(status))}
-        try:
-            version = yield from self._read_target(target(SOFTWARE_VERSION, None))
-        except RefusedError:
-            return known
-        return {**known, "software": str(version.raw)}
-
-    def _stops(self) -> dict[Stop, tuple[int, int]]:
-        """Return the word for each way to stop, and the status bit that shows that it is obeyed."""
-        stops = {
-            Stop.RAMP: (words.RAMP_STOP, 0),
-            Stop.COAST: (words.OFF2, words.OFF2_ACTIVE),
-            Stop.QUICK: (words.OFF3, words.OFF3_ACTIVE),
-        }
-        if self._options.dc_brake:
-            stops[Stop.DC_BRAKE] = (words.BIT_4_STOP, 0)
-        return stops
+        return profile().status({profiles.ONLY: (yield from self._motion.command(word, mask=mask, attempts=1))})
 
     def _percent_of(self, hz: Decimal) -> Decimal:
         highest, lowest = self._options.frequency("maximum_hz"), self._options.frequency("minimum_hz")
@@ -321,10 +298,6 @@ class VltOperations:
             if percent * span != above:
                 raise ValueRefusedError(f"{hz} Hz of {highest} Hz is no exact percentage, and it is not rounded")
         return percent.copy_sign(hz)
-
-    def _must_be_one_drive(self, verb: str) -> None:
-        if self._address == BROADCAST:
-            raise NotSupported(f"{verb} needs an answer, and nobody answers a broadcast")
 
 
 def _value(wanted: Target, reply: Reply) -> Decimal:

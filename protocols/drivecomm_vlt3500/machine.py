@@ -7,10 +7,13 @@ Running (bit 11) lasts until a ramp has brought the motor to a standstill.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING
 
+from drivecomm import profiles
 from drivecomm.protocol import Command
 from drivecomm_vlt3500 import words
+from drivecomm_vlt3500.words import profile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,7 +24,6 @@ if TYPE_CHECKING:
 _INHIBIT = 11
 _STEP_PERCENT = 1.0
 _ALL_OFF = words.ON1 | words.ON2 | words.ON3
-_ALL_ENABLED = _ALL_OFF | words.NO_COAST
 _LOCAL = (1.0, 2.0)
 _RATED_V = 400.0
 _VOLTAGE_LIMITS = (0.85, 1.2)
@@ -44,6 +46,7 @@ class Machine:
         self._dc_brake = dc_brake
         self._offset = 0.0
         self._alarm = 0
+        self._asks = cache(profile().asks)
         self.inhibited = self._has_inhibit()
 
     def power_up(self, now: float) -> None:
@@ -96,25 +99,26 @@ class Machine:
         ready = self.word & _ALL_OFF == _ALL_OFF and not tripped
         in_range, over_current, bad_voltage = self._in_range(), self._over_current(), self._bad_voltage()
         hot = motor.temperature_c > _HOT_C
-        warning = motor.warning or not in_range or over_current or bad_voltage or hot
-        bits = (
-            (words.CONTROL_READY | words.DRIVE_READY, ready),
-            (words.ENABLED, ready and self.word & words.NO_COAST),
-            (words.TRIPPED, tripped),
-            (words.OFF2_ACTIVE, not self.word & words.ON2),
-            (words.OFF3_ACTIVE, not self.word & words.ON3),
-            (words.START_NOT_POSSIBLE, self.inhibited),
-            (words.WARNING, warning),
-            (words.AT_REFERENCE, motor.at_reference),
-            (words.BUS_CONTROL, not self._is_local()),
-            (words.IN_RANGE, in_range),
-            (words.RUNNING, motor.running),
-            (words.OVERLOAD, self.overloaded),
-            (words.VOLTAGE, bad_voltage),
-            (words.CURRENT, over_current),
-            (words.TIMERS, hot),
+        return profile().word_of(
+            {
+                "control ready": ready,
+                "drive ready": ready,
+                "enabled": ready and bool(self.word & words.NO_COAST),
+                "tripped": tripped,
+                "OFF2": not self.word & words.ON2,
+                "OFF3": not self.word & words.ON3,
+                "start not possible": self.inhibited,
+                "warning": motor.warning or not in_range or over_current or bad_voltage or hot,
+                "speed equals the reference": motor.at_reference,
+                "bus control": not self._is_local(),
+                "frequency in range": in_range,
+                "running": motor.running,
+                "stopped by overload": self.overloaded,
+                "voltage outside its limits": bad_voltage,
+                "current limit exceeded": over_current,
+                "thermal timer above 100 %": hot,
+            }
         )
-        return sum([bit for bit, active in bits if active])
 
     def measured(self) -> dict[tuple[int, ...], Callable[[], float]]:
         """Return what each actual value of 502 gets its value from when it is read, by the numbering of a VLT 2000."""
@@ -130,7 +134,7 @@ class Machine:
             (9,): lambda: motor.dc_link_v,
             (10,): lambda: motor.temperature_c,
             (11,): lambda: motor.temperature_c,
-            (15,): lambda: 1 if self.status() & words.WARNING else 0,
+            (15,): lambda: 1 if profile().says("warning", {profiles.ONLY: self.status()}) else 0,
             (16,): lambda: self.word,
             (17,): self.status,
             (18,): lambda: self._alarm,
@@ -142,20 +146,17 @@ class Machine:
         motor.rated_hz = store.number(105, 50.0) or 50.0
         motor.ramp_up_s, motor.ramp_down_s = store.number(215, 5.0), store.number(216, 5.0)
         motor.quick_ramp_s = store.number(218, 1.0)
-        word, jog = self.word, self._jog_hz()
-        if motor.fault or self.overloaded or not word & words.ON2 or not word & words.NO_COAST:
-            motor.stop(Command.OFF, now)
-        elif not word & words.ON3:
-            motor.stop(Command.QUICK_STOP, now)
-        elif not word & words.RAMP:
-            motor.stop(Command.DC_BRAKE if self._dc_brake or store.number(514) == 1 else Command.QUICK_STOP, now)
-        elif not word & words.ON1 or self._is_local() or self.inhibited or not (word & words.START or jog):
-            motor.stop(Command.RAMP_STOP, now)
+        jog = self._jog_hz()
+        does = self._asks(self.word | words.START if jog else self.word)
+        if motor.fault or self.overloaded:
+            does = "off"
+        elif does == "dc_brake" and not (self._dc_brake or store.number(514) == 1):
+            does = "quick"
+        elif does in ("run", "hold") and (self._is_local() or self.inhibited):
+            does = "ramp"
+        if does == "ramp":
             self._offset = 0.0
-        elif not word & words.RAMP_ENABLED:
-            motor.stop(Command.HOLD, now)
-        else:
-            motor.run(self._signed(jog or self._reference_hz()), now)
+        profiles.have_do(motor, does, lambda: self._signed(jog or self._reference_hz()), now)
 
     def _signed(self, hz: float) -> float:
         return -hz if self.word & words.REVERSE else hz

@@ -142,7 +142,7 @@ def data_for(wanted: Target, value: Value | float, decimals: int | None) -> tupl
     info = wanted.info
     number = exact(value, wanted.address)
     if info is not None and info.extra.get("limits") != "assumed":
-        _check_limits(info, number)
+        info.check(number)
     sent = number
     if info is not None and info.factor != 1:
         sent = number / info.factor
@@ -161,9 +161,3 @@ def data_for(wanted: Target, value: Value | float, decimals: int | None) -> tupl
 def _plain(value: Decimal) -> int | Decimal:
     """Return a whole number where no decimals were sent."""
     return int(value) if value.as_tuple().exponent == 0 else value
-
-
-def _check_limits(info: ParameterInfo, number: Decimal) -> None:
-    if (info.minimum is not None and number < info.minimum) or (info.maximum is not None and number > info.maximum):
-        limits = f"{info.minimum} to {info.maximum} {info.unit}".rstrip()
-        raise ValueRefusedError(f"{number} for parameter {info.address} is outside {limits}")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_vlt3500.addresses import address_space
 from drivecomm_vlt3500.codec import VltCodec, blind_spots, intent, message_from, mismatch, titled_forms
@@ -14,16 +12,9 @@ from drivecomm_vlt3500.parameters import element_addresses
 from drivecomm_vlt3500.telegrams import ADDRESSES, BROADCAST
 from drivecomm_vlt3500.virtual import VirtualVltDrive
 
-if TYPE_CHECKING:
-    from drivecomm.protocol import Model, VirtualDrive
-
 
 def _codec(options: VltOptions) -> VltCodec:
     return VltCodec(lenient_status=options.lenient_status)
-
-
-def _virtual(address: int, options: VltOptions, model: Model) -> VirtualDrive:
-    return VirtualVltDrive(address, options, model)
 
 
 protocol = Protocol(
@@ -57,7 +48,7 @@ protocol = Protocol(
     mismatch=mismatch,
     operations=VltOperations,
     memory=VltMemory,
-    virtual=_virtual,
+    virtual=VirtualVltDrive,
     blind_spots=blind_spots,
     forms=titled_forms,
     parameter_examples=("516", "502[17]", "602[13,5]"),

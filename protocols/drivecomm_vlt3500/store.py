@@ -7,6 +7,7 @@ from decimal import ROUND_HALF_UP, Decimal
 from itertools import product
 from typing import TYPE_CHECKING
 
+from drivecomm.protocol import Refusal
 from drivecomm_vlt3500.causes import (
     NO_SUCH_INDEX,
     NOT_ACCESSIBLE,
@@ -28,14 +29,6 @@ _ELEMENT = re.compile(r"(\d+)\[(\d+)(?:,(\d+))?\]", re.ASCII)
 _ACTUAL_VALUES = 502
 
 LARGEST = 99_999
-
-
-class Refusal(Exception):  # noqa: N818 - an answer of the drive, not an error of the program
-    """The drive refuses, with this cause."""
-
-    def __init__(self, code: int) -> None:
-        self.code = code
-        super().__init__(f"cause {code}")
 
 
 class Store:
@@ -100,7 +93,7 @@ class Store:
             raise Refusal(READ_ONLY)
         if running and info.access == "rw*":
             raise Refusal(NOT_WHILE_RUNNING)
-        if (info.minimum is not None and value < info.minimum) or (info.maximum is not None and value > info.maximum):
+        if not info.allows(value):
             raise Refusal(OUT_OF_RANGE)
         taken = self._rounded(number, value)
         if taken.adjusted() - int(taken.as_tuple().exponent) > 4 and taken:

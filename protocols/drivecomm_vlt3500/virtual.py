@@ -11,14 +11,14 @@ from dataclasses import replace
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import ParameterAddressError, TelegramError, ValueRefusedError
-from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, VirtualReply
+from drivecomm.errors import TelegramError, ValueRefusedError
+from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
 from drivecomm_vlt3500.causes import ANYTHING_ELSE, BAD_DECIMALS
 from drivecomm_vlt3500.codec import VltCodec
 from drivecomm_vlt3500.machine import Machine
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Request, Update
 from drivecomm_vlt3500.parameters import target
-from drivecomm_vlt3500.store import Refusal, Store
+from drivecomm_vlt3500.store import Store
 from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, STOP, UNCHECKED
 from drivecomm_vlt3500.values import DECIMALS
 
@@ -71,12 +71,10 @@ class VirtualVltDrive:
         """Return the value as a reading would show it, with the decimals that the drive sends."""
         self.machine.live(now)
         wanted = target(parameter, self._model)
-        try:
+        with looked_into(parameter):
             if wanted.index is None:
                 return str(self.store.fetch(wanted.number))
             return str(self.store.read_index(wanted.number, wanted.index))
-        except Refusal as refusal:
-            raise _unknown(parameter) from refusal
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set a value; text keeps its decimals where the parameter has fewer."""
@@ -85,13 +83,12 @@ class VirtualVltDrive:
             value = Decimal(raw)
             if not value.is_finite() or int(value.as_tuple().exponent) < -DECIMALS[-1]:
                 raise InvalidOperation  # noqa: TRY301
-            self.store.poke(wanted.number, wanted.index, value)
+            with looked_into(parameter):
+                self.store.poke(wanted.number, wanted.index, value)
         except InvalidOperation as error:
             raise ValueRefusedError(
                 f"{raw!r} for parameter {parameter} is no number that a drive could hold"
             ) from error
-        except Refusal as refusal:
-            raise _unknown(parameter) from refusal
         if wanted.number == _ADDRESS:
             self.address = int(value)
 
@@ -168,7 +165,3 @@ class VirtualVltDrive:
 
     def _send(self, message: Reply | ControlReply) -> VirtualReply:
         return VirtualReply(data=self.codec.encode(message), delay_s=self._options.reply_delay_s)
-
-
-def _unknown(parameter: str) -> ParameterAddressError:
-    return ParameterAddressError(f"the virtual drive holds no parameter {parameter!r}")

@@ -39,10 +39,12 @@ AT_ONCE = {
     "peer",
     "bus",
     "capabilities",
+    "blocks",
     "check_read",
     "check_write",
     "on_engine",
     "to_poll",
+    "to_poll_many",
     "watched",
 }
 """What returns at once on both faces; all else waits for the line."""

@@ -110,9 +110,9 @@ def test_a_model_with_an_option_that_does_not_exist(bus, tmp_path):
 
 def test_names_that_nobody_knows(bus):
     with pytest.raises(UnknownProtocolError):
-        bus.drive("modbus", 1)
+        bus.drive("profibus", 1)
     with pytest.raises(UnknownProtocolError):
-        bus.broadcast("modbus")
+        bus.broadcast("profibus")
     with pytest.raises(UsageError, match="no model 'none'"):
         bus.drive("vabus", 1, model="none")
     with pytest.raises(FileFormatError):
@@ -247,7 +247,7 @@ def test_a_scan_for_nobody(bus):
     assert list(bus.scan(only=["vabus"], addresses=[])) == []
     assert list(bus.scan(only=["vabus"], addresses=[99], progress=lambda *_: None)) == []
     with pytest.raises(UnknownProtocolError):
-        list(bus.scan(only=["modbus"]))
+        list(bus.scan(only=["profibus"]))
 
 
 def test_a_scan_meets_a_drive_that_answers_with_damage():

@@ -19,7 +19,7 @@ LIVE = 3
 FIRST_MINUTE_S = 60.0
 LEAST_SHARE = 0.95
 
-RETURN_S = {"vabus": 10.0, "danfoss-fc": 10.0, "fuji": 22.0, "vlt3500": 25.0}
+RETURN_S = {"vabus": 10.0, "danfoss-fc": 10.0, "fuji": 22.0, "vlt3500": 25.0, "modbus": 22.0}
 """How soon a drive is used again with 28 dead ones on the line.
 
 At 9600 baud a probe and its reply take some 50 ms on the wire for fuji and vlt3500, so that asking 28 dead drives once
@@ -52,7 +52,9 @@ class Site:
             self.virtual[address].alive = False
         self.line = VirtualLine(self.virtual.values())
         self.bus = drivecomm.open_bus(self.line.port)
-        self.drives = {address: self.bus.drive(protocol, address) for address in places}
+        self.drives = {
+            address: self.bus.drive(protocol, address, model=installed[protocol].default_model) for address in places
+        }
 
     def ask(self, address):
         """Ask one drive; returns whether it answered."""

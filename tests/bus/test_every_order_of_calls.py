@@ -27,8 +27,14 @@ from drivecomm.virtual import VirtualLine, drive_type
 
 ADDRESS = 3
 PROTOCOLS = sorted(drivecomm.protocols())
-READABLE = {"vabus": "411", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09"}
-SET_UP = {"vabus": {"481": 7}, "danfoss-fc": {"3-41": 5}, "vlt3500": {"215": 6}, "fuji": {"S05": 20}}
+READABLE = {"vabus": "411", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09", "modbus": "16130"}
+SET_UP = {
+    "vabus": {"481": 7},
+    "danfoss-fc": {"3-41": 5},
+    "vlt3500": {"215": 6},
+    "fuji": {"S05": 20},
+    "modbus": {"3410": 5},
+}
 LONG = bool(os.environ.get("DRIVECOMM_LONG"))
 MOST_STEPS = 40
 
@@ -135,7 +141,8 @@ class Scene:
 
     def another_masters_stop(self):
         plugin = drivecomm.protocol.installed[self.protocol]
-        exchange = plugin.operations(ADDRESS, plugin.options(), None).stop(Stop.RAMP)
+        kind = kind_of_drive(self.protocol)
+        exchange = plugin.operations(ADDRESS, kind.options, kind.model).stop(Stop.RAMP)
         command = next(exchange)
         while command is not None:
             request = command.message
@@ -171,12 +178,12 @@ def objects(bus, protocol):
 
 
 def set_reference(protocol, drive):
-    return drive.set_reference(**({"percent": 50} if protocol in ("danfoss-fc", "vlt3500") else {"hz": 25}))
+    return drive.set_reference(**({"percent": 50} if protocol in ("danfoss-fc", "vlt3500", "modbus") else {"hz": 25}))
 
 
 def switch_a_function(protocol, drive):
     """Switch what goes out in the same telegram as the run command."""
-    if protocol == "vabus":
+    if protocol in ("vabus", "modbus"):
         return drive.status()
     if protocol == "fuji":
         return drive.call("terminals", X1=True)
@@ -250,7 +257,7 @@ def by_threads(protocol, running, plan):
             first.watched(60)
             first.start()
             first.status()
-        calls = verbs(protocol, first, second, third, bus.broadcast(protocol))
+        calls = verbs(protocol, first, second, third, bus.broadcast(protocol, model=kind_of_drive(protocol).model))
         story = Story(running)
         name, _ = waiting.pop(0)
         scene.step = step
@@ -315,7 +322,7 @@ async def _by_tasks(protocol, running, plan):
             first.watched(60)
             await first.start()
             await first.status()
-        calls = verbs(protocol, first, second, third, bus.broadcast(protocol))
+        calls = verbs(protocol, first, second, third, bus.broadcast(protocol, model=kind_of_drive(protocol).model))
         story = Story(running)
         name, _ = waiting.pop(0)
         scene.step = step

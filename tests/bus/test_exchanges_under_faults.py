@@ -310,7 +310,7 @@ def traffic(plugin, addresses):
     line = VirtualLine([virtual_drive(plugin.name, neighbour)])
     line.monitor = lambda sent: foreign.append(sent.data)
     with drivecomm.open_bus(line.port) as bus:
-        drive = bus.drive(plugin.name, neighbour)
+        drive = bus.drive(plugin.name, neighbour, model=plugin.default_model)
         drive.status()
         for name in plugin.parameter_examples:
             # A refusal is traffic as well.

@@ -13,8 +13,8 @@ from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.polling import PollItem
 from drivecomm.virtual import VirtualLine, virtual_drive
 
-MODELS = {"vabus": "act", "danfoss-fc": "fc300", "vlt3500": "vlt3500", "fuji": "frenic"}
-PARAMETERS = {"vabus": "480", "danfoss-fc": "3-41", "vlt3500": "208", "fuji": "F07"}
+MODELS = {"vabus": "act", "danfoss-fc": "fc300", "vlt3500": "vlt3500", "fuji": "frenic", "modbus": "danfoss-fc"}
+PARAMETERS = {"vabus": "480", "danfoss-fc": "3-41", "vlt3500": "208", "fuji": "F07", "modbus": "3410"}
 LONG = "m" * 3000
 
 ALWAYS = [

@@ -6,11 +6,12 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import StateError
-from drivecomm.protocol import Stop
+from drivecomm.protocol import Stop, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 PROTOCOLS = sorted(drivecomm.protocols())
-SOMETHING = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09"}
+SOMETHING = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09", "modbus": "16130"}
+PERCENT = ("danfoss-fc", "vlt3500", "modbus")
 
 
 @pytest.fixture(params=PROTOCOLS)
@@ -24,8 +25,8 @@ def running(line):
 
 
 def set_off(bus, protocol):
-    drive = bus.drive(protocol, 3)
-    if protocol in ("danfoss-fc", "vlt3500"):
+    drive = bus.drive(protocol, 3, model=installed[protocol].default_model)
+    if protocol in PERCENT:
         drive.set_reference(percent=50)
     else:
         drive.set_reference(hz=25)
@@ -43,7 +44,7 @@ def test_a_stop_by_another_object_is_not_undone_by_reading(line, how):
     protocol, virtual = line
     with drivecomm.open_bus(virtual.port) as bus:
         first = set_off(bus, protocol)
-        second = bus.drive(protocol, 3)
+        second = bus.drive(protocol, 3, model=installed[protocol].default_model)
         if how not in second.capabilities.stops:
             how = Stop.RAMP
         second.stop(how)
@@ -58,7 +59,7 @@ def test_a_broadcast_stop_is_not_undone_by_reading(line):
     protocol, virtual = line
     with drivecomm.open_bus(virtual.port) as bus:
         first = set_off(bus, protocol)
-        bus.broadcast(protocol).stop()
+        bus.broadcast(protocol, model=installed[protocol].default_model).stop()
         virtual.advance(20)
         assert not running(virtual)
         read_something(first, protocol)
@@ -72,14 +73,19 @@ def test_awaited_a_stop_by_another_is_not_undone_by_reading(line, who):
 
     async def program():
         async with drivecomm.open_bus_async(virtual.port) as bus:
-            first, second = bus.drive(protocol, 3), bus.drive(protocol, 3)
-            if protocol in ("danfoss-fc", "vlt3500"):
+            first, second = (
+                bus.drive(protocol, 3, model=installed[protocol].default_model),
+                bus.drive(protocol, 3, model=installed[protocol].default_model),
+            )
+            if protocol in PERCENT:
                 await first.set_reference(percent=50)
             else:
                 await first.set_reference(hz=25)
             await first.start()
             assert running(virtual)
-            await (second if who == "another object" else bus.broadcast(protocol)).stop()
+            await (
+                second if who == "another object" else bus.broadcast(protocol, model=installed[protocol].default_model)
+            ).stop()
             virtual.advance(20)
             assert not running(virtual)
             await first.read(SOMETHING[protocol])
@@ -129,15 +135,17 @@ def test_awaited_a_stop_that_is_written_as_a_parameter_is_not_undone():
 def test_a_second_program_starts_with_the_reference_that_is_set(line):
     protocol, virtual = line
     with drivecomm.open_bus(virtual.port) as bus:
-        percent = protocol in ("danfoss-fc", "vlt3500")
-        bus.drive(protocol, 3).set_reference(**({"percent": 50} if percent else {"hz": 25}))
+        percent = protocol in PERCENT
+        bus.drive(protocol, 3, model=installed[protocol].default_model).set_reference(
+            **({"percent": 50} if percent else {"hz": 25})
+        )
     with drivecomm.open_bus(virtual.port) as bus:
-        bus.drive(protocol, 3).start()
+        bus.drive(protocol, 3, model=installed[protocol].default_model).start()
         virtual.advance(20)
         virtual.drives[0].motor.advance(virtual.time)
         assert virtual.drives[0].motor.output_hz == pytest.approx(25, abs=0.1)
     with drivecomm.open_bus(virtual.port) as bus:
-        third = bus.drive(protocol, 3)
+        third = bus.drive(protocol, 3, model=installed[protocol].default_model)
         if protocol == "danfoss-fc":
             # Its reference goes out with a control word, and no word is sent that was not commanded by who sends it.
             with pytest.raises(StateError, match="did not give"):

@@ -72,9 +72,9 @@ def test_a_page_that_cannot_be_written_is_noticed_before_anything_is_judged(comm
 
 
 def test_a_protocol_that_is_not_there(command):
-    code, _, err = command("modbus")
+    code, _, err = command("profibus")
     assert code == 2
-    assert "no installed protocol is named 'modbus'" in err
+    assert "no installed protocol is named 'profibus'" in err
 
 
 def test_a_name_that_no_check_has(command):

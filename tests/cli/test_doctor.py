@@ -79,7 +79,7 @@ def test_trace(shell):
         ([], 2, "no port"),
         (["nowhere"], 3, "does not exist"),
         (["line", "--addresses", "a-b"], 2, "1-31"),
-        (["line", "--protocol", "modbus"], 2, "modbus"),
+        (["line", "--protocol", "profibus"], 2, "profibus"),
         (["line", "--baudrate", "1"], 2, "baud rate"),
         (["line", "--echo=perhaps"], 2, "expect"),
     ],

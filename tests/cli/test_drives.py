@@ -166,7 +166,7 @@ def test_verbs_of_one_protocol(shell):
         (("status", "vabus:31"), 2, "1 to 30"),
         (("status", "vabus:x"), 2, "PROTOCOL:ADDRESS"),
         (("status", "vabus"), 2, "PROTOCOL:ADDRESS"),
-        (("status", "modbus:1"), 2, "no installed protocol"),
+        (("status", "profibus:1"), 2, "no installed protocol"),
         (("status", "vabus:1,speed=3"), 2, "no option 'speed'"),
         (("status", "vabus:1,baudrate=3"), 2, "baud rate"),
         (("status", "vabus:1", "--parity", "x"), 2, "parity"),

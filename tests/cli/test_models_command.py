@@ -62,9 +62,9 @@ def test_one_that_cannot_be_read_does_not_hide_the_others(models, folder):
 
 
 def test_a_protocol_that_is_not_installed(models):
-    code, out, err = models("list", "modbus")
+    code, out, err = models("list", "profibus")
     assert (code, out) == (2, "")
-    assert err.startswith("drivecomm: no installed protocol is named 'modbus'")
+    assert err.startswith("drivecomm: no installed protocol is named 'profibus'")
 
 
 def test_a_model_is_shown(models):
@@ -102,7 +102,7 @@ def test_the_same_model_by_each_name(models):
         (["family"], "'family' is the name of several models: say fuji/family and vabus/family"),
         (["vabus/nothing"], "vabus has no model 'nothing'; it has "),
         (["vabus/act", "--protocol", "fuji"], "vabus/act is a model of vabus, and --protocol says fuji"),
-        (["modbus/x"], "no installed protocol is named 'modbus'"),
+        (["profibus/x"], "no installed protocol is named 'profibus'"),
         (["none.toml"], "none.toml: there is no such file"),
     ],
 )

@@ -208,7 +208,7 @@ def test_what_cannot_be_simulated(run, plant_file, arguments, sentence):
     [
         ('[[line]]\nname = "roof"\n', "line roof has no listen key"),
         ('[[line]]\nname = "roof"\nlisten = "here"\n', "pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT"),
-        ('[[drive]]\ndrive = "modbus:1"\nline = "hall"\n', "drive modbus:1: "),
+        ('[[drive]]\ndrive = "profibus:1"\nline = "hall"\n', "drive profibus:1: "),
         ('[[fault]]\ndrive = "pump"\nstuck = { parameter = "9999", value = 1 }\n', "fault 1: "),
     ],
 )

@@ -69,8 +69,8 @@ def test_words_that_are_no_plan(text, message):
 
 
 def test_a_protocol_that_nobody_brings_is_no_parameter():
-    with pytest.raises(UnknownProtocolError, match="no installed protocol is named 'modbus'"):
-        reads_of("vabus:1 481 modbus:3 40001")
+    with pytest.raises(UnknownProtocolError, match="no installed protocol is named 'profibus'"):
+        reads_of("vabus:1 481 profibus:3 40001")
 
 
 # poll

@@ -177,7 +177,7 @@ def test_captures_become_vectors(shell, session, tmp_path):
 def test_vectors_that_cannot_be(shell, session, tmp_path):
     for words, what in [
         (["--protocol", "vabus"], "no telegram of vabus"),
-        (["--protocol", "modbus"], "no installed protocol"),
+        (["--protocol", "profibus"], "no installed protocol"),
         (["--protocol", "danfoss-fc", "--option", "colour=red"], "no option 'colour'"),
         (["--protocol", "danfoss-fc", "--output", str(tmp_path)], "cannot be written"),
     ]:

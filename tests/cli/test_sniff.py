@@ -290,7 +290,7 @@ def test_a_serial_server_is_listened_to_and_gets_nothing(run):
     [
         (["nothing.jsonl"], "nothing.jsonl"),
         (["/dev/ttyUSB9", "--table", "--json"], "choose one"),
-        (["/dev/ttyUSB9", "--protocol", "modbus"], "modbus"),
+        (["/dev/ttyUSB9", "--protocol", "profibus"], "profibus"),
         (["/dev/ttyUSB9", "--drive", "vabus"], "PROTOCOL:ADDRESS"),
         (["/dev/ttyUSB9", "--parity", "X"], "parity 'X'"),
         (["/dev/ttyUSB9", "--drive", "vabus:99"], "no drive at address 99"),

@@ -146,7 +146,7 @@ def test_what_was_counted_is_shown_on_ctrl_c(shell):
         (["vabus:1", "--for", "nan"], "--for"),
         (["vabus"], "PROTOCOL:ADDRESS"),
         (["vabus:99"], "no drive at address 99"),
-        (["modbus:1"], "modbus"),
+        (["profibus:1"], "profibus"),
     ],
 )
 def test_what_cannot_be_asked(shell, arguments, sentence):

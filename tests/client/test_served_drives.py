@@ -88,7 +88,7 @@ def test_the_same_errors(plant):
             yield refused(lambda: bus.drive("vabus", 99))
             yield refused(lambda: bus.drive("vabus", 1, model="none"))
             yield refused(lambda: bus.drive("vabus", 1, colour="blue"))
-            yield refused(lambda: bus.drive("modbus", 1))
+            yield refused(lambda: bus.drive("profibus", 1))
             yield refused(lambda: opened.drive("pomp"))
 
     bare = [*errors(own_ports=True)]

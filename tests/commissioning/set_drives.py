@@ -69,6 +69,12 @@ class Case:
 
 
 @cache
+def cases_with_settings():
+    """Return those of whose drives a backup holds something that can be set."""
+    return [case for case in cases() if any("w" in info.access for _, info in case.settings)]
+
+
+@cache
 def cases():
     """Return all there are; what they hold never changes."""
     return [

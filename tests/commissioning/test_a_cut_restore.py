@@ -10,7 +10,7 @@ from random import Random
 
 import pytest
 from extents import every
-from set_drives import cases
+from set_drives import cases_with_settings
 
 import drivecomm
 from drivecomm.commissioning.parameter_sets import (
@@ -30,7 +30,7 @@ from drivecomm.errors import LinkError, ReplyError
 from drivecomm.plant import UNDISTURBED, Fault, FaultPlan
 from drivecomm.virtual import VirtualLine
 
-CASES = cases()
+CASES = cases_with_settings()
 CUTS = Counter()
 """How often each way of cutting a line was played, by the time at which somebody asks."""
 SEEDS = int(os.environ.get("DRIVECOMM_RESTORE_SEEDS", "0")) or 2 * len(CASES)

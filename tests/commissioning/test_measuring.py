@@ -274,7 +274,7 @@ def test_a_line_that_goes_down_is_an_error():
 
 def test_an_unknown_protocol():
     with pytest.raises(UnknownProtocolError):
-        measure(VirtualLine().port(), only=["modbus"])
+        measure(VirtualLine().port(), only=["profibus"])
 
 
 @pytest.mark.parametrize("way", ["request", "reply"])

@@ -6,7 +6,7 @@ from random import Random
 from types import SimpleNamespace
 
 import pytest
-from set_drives import cases
+from set_drives import cases_with_settings
 
 import drivecomm
 from drivecomm.commissioning.parameter_sets import (
@@ -359,7 +359,7 @@ def test_a_drive_without_a_model():
         back_up(drive)
 
 
-@pytest.mark.parametrize("case", cases(), ids=repr)
+@pytest.mark.parametrize("case", cases_with_settings(), ids=repr)
 def test_a_backup_restores_its_own_drive_wholly(case):
     """Also of an inverter whose rating nobody has named, so that the scale of its currents is not known."""
     virtual = case.type.new() if case.plugin.name != "fuji" else virtual_drive("fuji", 1, model=case.model)

@@ -43,6 +43,17 @@ def test_a_start_reaches_a_motor_that_runs(known):
 
 
 @by_name
+def test_a_start_backwards_turns_it_the_other_way_and_tells_so_with_what_lets_it_run(known):
+    if known.reverse:
+        drive = Drive(known)
+        drive.carry_out(commander(drive).start(reverse=True))
+        drive.passes(5)
+        assert drive.motor.output_hz == -50
+        assert all(bool(word & known.reverse) is known.lets_run(word) for word, _ in drive.sent)
+        assert [word & ~known.reverse for word, _ in drive.sent] == [step.word for step in known.start]
+
+
+@by_name
 def test_nothing_runs_before_the_last_word(known):
     drive = Drive(known)
     for step in known.start[:-1]:
@@ -70,6 +81,18 @@ def test_each_stop_leaves_it_and_is_urgent(known, how):
     assert not drive.motor.running
     drive.passes(60)
     assert not drive.motor.running
+
+
+@by_name
+def test_a_quick_stop_is_quicker_than_a_ramp(known):
+    stands = {}
+    for how in (Stop.RAMP, Stop.QUICK):
+        drive = started(known)
+        drive.passes(5)
+        drive.carry_out(commander(drive).stop(how))
+        drive.passes(0.5)
+        stands[how] = not drive.motor.running
+    assert stands == {Stop.RAMP: False, Stop.QUICK: True}
 
 
 @by_name

@@ -34,6 +34,14 @@ FC = {
     "xxxx 0xxx x0xx 0011": DriveState.NOT_READY,
     "xxxx 0xxx x0xx 0000": DriveState.NOT_READY,
 }
+VLT_3500 = {
+    "xxxx xxxx xxxx 1xxx": DriveState.FAULT,
+    "xxxx 1xxx xx0x 0xxx": DriveState.RUNNING,
+    "xxxx 1xxx xx1x 0xxx": DriveState.STOPPING,
+    "xxxx 0xxx x0xx 0x11": DriveState.READY,
+    "xxxx 0xxx x1xx 0x11": DriveState.NOT_READY,
+    "xxxx 0xxx x0xx 0x00": DriveState.NOT_READY,
+}
 
 
 def words(pattern):
@@ -58,6 +66,52 @@ def test_states_of_profidrive(pattern, state):
 @pytest.mark.parametrize(("pattern", "state"), FC.items())
 def test_states_of_the_fc_profile(pattern, state):
     assert {control_profile("danfoss-fc").status({"": word}).state for word in words(pattern)} == {state}
+
+
+@pytest.mark.parametrize(("pattern", "state"), VLT_3500.items())
+def test_states_of_vlt_3500(pattern, state):
+    assert {control_profile("vlt3500").status({"": word}).state for word in words(pattern)} == {state}
+
+
+@pytest.mark.parametrize("name", ["vlt3500", "danfoss-fc", "danfoss-profidrive"])
+def test_flags_are_the_bits_where_no_manual_names_the_states(name):
+    profile = control_profile(name)
+    assert all(profile.status({"": 1 << bit}).flags == (profile.flags[bit],) for bit in range(16))
+
+
+def test_the_bits_of_a_vlt_3500_have_the_names_that_the_manuals_give_them():
+    # VLT 3000 manual p. 78 (0 to 8), VLT 3500 manual p. 91, VLT 2000 manual p. 36.
+    assert list(control_profile("vlt3500").flags.items()) == [
+        (0, "control ready"),
+        (1, "drive ready"),
+        (2, "enabled"),
+        (3, "tripped"),
+        (4, "OFF2"),
+        (5, "OFF3"),
+        (6, "start not possible"),
+        (7, "warning"),
+        (8, "speed equals the reference"),
+        (9, "bus control"),
+        (10, "frequency in range"),
+        (11, "running"),
+        (12, "stopped by overload"),
+        (13, "voltage outside its limits"),
+        (14, "current limit exceeded"),
+        (15, "thermal timer above 100 %"),
+    ]
+
+
+def test_the_bits_that_danfoss_drives_do_not_share_between_their_profiles():
+    fc, profidrive = control_profile("danfoss-fc").flags, control_profile("danfoss-profidrive").flags
+    assert {bit for bit in range(16) if fc[bit] != profidrive[bit]} == {4, 5, 6}
+    assert (fc[13], fc[14]) == ("DC link voltage outside limits", "torque or current limit exceeded")
+
+
+def test_a_word_is_made_of_the_names_that_are_so():
+    vlt = control_profile("vlt3500")
+    assert vlt.word_of({"running": True, "tripped": False, "control ready": True}) == 0x0801
+    assert vlt.word_of({}) == 0
+    assert all(vlt.flags_of(vlt.word_of({name: True})) == (name,) for name in vlt.flags.values())
 
 
 def test_a_pattern_that_no_manual_lists_is_no_state():

@@ -56,9 +56,9 @@ def test_none_of_the_installed_is_broken():
 
 
 def test_a_name_that_nobody_brings():
-    with pytest.raises(UnknownProtocolError, match=r"no installed protocol is named 'modbus'; installed are .*vabus"):
-        installed["modbus"]
-    assert "modbus" not in installed
+    with pytest.raises(UnknownProtocolError, match=r"no installed protocol is named 'profibus'; installed are .*vabus"):
+        installed["profibus"]
+    assert "profibus" not in installed
     assert 3 not in installed
     assert installed.get("vabus") is installed["vabus"]
 

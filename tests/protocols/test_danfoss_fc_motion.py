@@ -11,7 +11,6 @@ from drivecomm.models import load_model
 from drivecomm.protocol import DriveState, Stop
 from drivecomm.testing import play
 from drivecomm.virtual import VirtualLine, virtual_drive
-from drivecomm_danfoss_fc import words
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
 from drivecomm_danfoss_fc.memory import DanfossFcMemory
 from drivecomm_danfoss_fc.messages import ParameterReply, ParameterRequest, ProcessReply, ProcessRequest
@@ -595,11 +594,6 @@ class TestStatus:
         assert (status.actual_percent, status.actual_hz) == (-50, None)
         assert "speed equals reference" in status.flags
 
-    @pytest.mark.parametrize("bit", range(16))
-    def test_every_bit_has_a_name_in_both_profiles(self, bit):
-        for profidrive in (False, True):
-            assert len(words.flags_of(1 << bit, profidrive=profidrive)) == 1
-
     def test_hertz_of_the_reference_range(self):
         drive = operations(reference_minimum_hz=10, reference_maximum_hz=50)
         status = play(drive.status(), [sent(0, status=RUNNING, actual=8192)])
@@ -638,23 +632,12 @@ def test_what_the_drive_can_be_asked_to_do():
     assert capabilities.volatile_writes
 
 
-@pytest.mark.parametrize(
-    ("word", "name"),
-    [
-        (0x0000, "ignored"),
-        (0xFBFF, "ignored"),
-        (0x0474, "coast"),
-        (0x046C, "quick_stop"),
-        (0x0478, "dc_brake"),
-        (0x04BC, "reset"),
-        (0x043C, "ramp_stop"),
-        (0x045C, "freeze_output"),
-        (0x057C, "jog"),
-        (0x047C, "start"),
-    ],
-)
-def test_names_of_control_words(word, name):
-    assert words.command_of(word) == name
+def test_a_reset_does_not_bring_back_a_command_that_its_status_contradicts():
+    """Somebody else has started the motor meanwhile: the word of the reset does not hold, and is not repeated."""
+    memory = DanfossFcMemory()
+    steps = [sent(0, status=TRIPPED), sent(0x043C, status=TRIPPED)]
+    play(operations(memory=memory).reset(), [*steps, sent(0x04BC, status=RUNNING), sent(0x043C, status=RUNNING)])
+    assert memory.word == 0
 
 
 def test_a_late_reply_to_a_start_confirms_no_stop():

@@ -26,6 +26,12 @@ KNOWN = {
         ({"kind": "read_index"}, "read"),
         ({"kind": "control"}, ""),
     ],
+    "modbus": [
+        ({"function": 3}, "read"),
+        ({"function": 6}, "write"),
+        ({"function": 0x17}, "write"),
+        ({"function": 8}, ""),
+    ],
     "fuji": [
         ({"frame": "standard", "command": "R"}, "read"),
         ({"frame": "standard", "command": "W"}, "write"),

@@ -6,10 +6,11 @@ from decimal import Decimal
 import pytest
 
 from drivecomm.bus import open_bus
+from drivecomm.models import load_model
 from drivecomm.protocol import Ask, Tell, installed
 from drivecomm.testing import packaged_vectors
 from drivecomm.traffic.replay import described, meanings, only_asks
-from drivecomm.virtual import VirtualLine, virtual_drive
+from drivecomm.virtual import VirtualLine, drive_type, virtual_drive
 from drivecomm_danfoss_fc.messages import ParameterRequest, ProcessRequest, TextRequest
 from drivecomm_fuji.telegrams import Poll, Select as FujiSelect, Standard
 from drivecomm_vabus.telegrams import Enquiry, Eot, Select
@@ -19,7 +20,7 @@ EVERYBODY = list(installed.working())
 _FC = {"address_format": "1-31", "address": 3, "reference": 0}
 _PARAMETER = {**_FC, "pnu": 1630, "ind": 0, "pwe": 0}
 
-FAULTS = {"vabus": 0x0300, "danfoss-fc": 14, "vlt3500": 5, "fuji": 3}
+FAULTS = {"vabus": 0x0300, "danfoss-fc": 14, "vlt3500": 5, "fuji": 3, "modbus": 14}
 
 CASES = [
     ("vabus", Enquiry(address=1, parameter=481), True),
@@ -73,7 +74,8 @@ def _asked(exchange):
 
 @pytest.mark.parametrize("plugin", EVERYBODY, ids=lambda plugin: plugin.name)
 def test_what_a_scan_sends_only_asks(plugin):
-    operations = plugin.operations(1, plugin.options(), None)
+    model = load_model(plugin.package, plugin.name, plugin.default_model)
+    operations = plugin.operations(1, drive_type(plugin.name, 1, model=model, options={}).options, model)
     for exchange in (operations.probe(), operations.status(), operations.read(plugin.parameter_examples[0])):
         for message in _asked(exchange):
             assert plugin.intent(message).only_asks, message
@@ -89,7 +91,7 @@ def test_every_command_has_a_telegram_that_commands(plugin, verb):
         line.advance(20)
     sent = []
     with open_bus(line.port, trace=lambda event: sent.append(event) if event.what == "sent" else None) as bus:
-        drive = bus.drive(plugin.name, 1)
+        drive = bus.drive(plugin.name, 1, model=plugin.default_model)
         drive.set_reference(percent=10) if verb == "reference" else getattr(drive, verb)()
     assert any(not only_asks(event.data, EVERYBODY) for event in sent)
 

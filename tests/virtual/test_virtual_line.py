@@ -373,9 +373,9 @@ def test_every_protocol_answers_its_own_probe(plugin):
     line = VirtualLine([virtual_drive(plugin.name, address) for address in addresses])
     with drivecomm.open_bus(line.port) as bus:
         for address in addresses:
-            bus.drive(plugin.name, address).probe()
+            bus.drive(plugin.name, address, model=plugin.default_model).probe()
         with pytest.raises(NoReplyError):
-            bus.drive(plugin.name, plugin.addresses[2]).probe()
+            bus.drive(plugin.name, plugin.addresses[2], model=plugin.default_model).probe()
 
 
 def test_drives_of_all_protocols_share_a_line_and_ignore_each_other():

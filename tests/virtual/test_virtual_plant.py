@@ -25,8 +25,10 @@ from drivecomm.virtual import VirtualPlant
 PROTOCOLS = list(installed.working())
 ADDRESS = 5
 # A parameter that can be read and written, one that the drive measures (its output frequency), and another value of it.
-STORED = {"vabus": "480", "danfoss-fc": "3-41", "vlt3500": "215", "fuji": "F07"}
-MEASURED = {"vabus": "210", "danfoss-fc": "16-13", "vlt3500": "502[1]", "fuji": "M09"}
+STORED = {"vabus": "480", "danfoss-fc": "3-41", "vlt3500": "215", "fuji": "F07", "modbus": "3110"}
+MEASURED = {"vabus": "210", "danfoss-fc": "16-13", "vlt3500": "502[1]", "fuji": "M09", "modbus": "16130"}
+# What one telegram writes.
+WRITTEN = {**STORED, "modbus": "50010"}
 protocol = pytest.mark.parametrize("name", [plugin.name for plugin in PROTOCOLS])
 
 
@@ -99,7 +101,7 @@ def test_every_drive_is_on_its_line_with_its_values_and_its_motor():
 @pytest.mark.parametrize(
     ("drive", "sentence"),
     [
-        ({"protocol": "modbus"}, "drive pump: .*modbus"),
+        ({"protocol": "profibus"}, "drive pump: .*profibus"),
         ({"address": 99}, "drive pump: vabus has no drive at address 99"),
         ({"options": {"model": "x"}}, "drive pump: vabus has no model 'x'"),
         ({"options": {"colour": 1}}, "drive pump: vabus drives have no option 'colour'"),
@@ -177,10 +179,10 @@ def test_a_drive_that_is_set_to_nonsense_speaks_on(name, raw):
 def test_every_third_reply_to_a_write_is_lost(name):
     plant = planted(TelegramFault(line="hall", kind=Fault.DROP, of="reply to a write", every=3), name=name)
     with master(plant, name) as pump:
-        value = pump.read(STORED[name]).value
+        value = pump.read(WRITTEN[name]).value
         told = []
         for _ in range(9):
-            told += answers(pump, 1, lambda drive: drive.write(STORED[name], value, store=name == "fuji"))
+            told += answers(pump, 1, lambda drive: drive.write(WRITTEN[name], value, store=name == "fuji"))
             # Reads are not counted; the first after a lost reply finds the line drained.
             pump.read(STORED[name])
         assert told == [True, True, False] * 3

@@ -89,6 +89,7 @@ _CASES = {
         backwards={"hz": -20},
         fault=3,
     ),
+    "modbus": Case(model="danfoss-fc", parameters=("16130", "16140", "16300", "3410"), frequency="16170", fault=14),
     "danfoss-fc": Case(model="fc300", parameters=("16-13", "16-14", "16-30", "3-41"), frequency="16-17", fault=14),
     "vlt3500": Case(model="vlt3500", parameters=("502[1]", "502[9]", "215", "516"), frequency="502[1]", fault=11),
     "fuji": Case(

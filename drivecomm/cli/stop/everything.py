@@ -105,11 +105,23 @@ def _without_a_plant(line: LineOptions, how: Stop) -> int:
     all_of_them = StopRequest(how=how, protocols=tuple((name, {}) for name in installed), everything=True)
     if stop_by_holder(line.port, all_of_them, tell, line.opening) is not None:
         return DriveError.exit_code
+    unreached = []
     with _bus(line.port, line.opening) as bus:
         for name in installed:
             try:
                 # One after the other: the first has been stopped before the second is loaded.
-                told = _tell_all("", bus.broadcast(name), name, how)
+                everybody = bus.broadcast(name)
+            except DriveCommError as error:
+                tell(StopResult(protocol=name, how=how, error=error))
+                continue
+            try:
+                told = _tell_all("", everybody, name, how)
+            except NotSupported as error:
+                # Such as Modbus: how its drives are stopped, their model says.
+                unreached.append(name)
+                if not line.json:
+                    continue
+                told = StopResult(protocol=name, how=how, error=error)
             except DriveCommError as error:
                 told = StopResult(protocol=name, how=how, error=error)
             tell(told)
@@ -118,6 +130,8 @@ def _without_a_plant(line: LineOptions, how: Stop) -> int:
             "sent with each protocol's usual line settings, which is the best that can be done without --plant: nobody "
             "confirms a broadcast, so look at the motors"
         )
+        for name in unreached:
+            say(f"{name}: not stopped, because that needs the models of its drives; name them in a plant file")
     return DriveError.exit_code
 
 

@@ -281,7 +281,7 @@ class TestWhatCannotBe:
         with pytest.raises(UsageError, match="is not a drive; write PROTOCOL:ADDRESS"):
             lines.drive("vabus")
         with pytest.raises(drivecomm.UnknownProtocolError):
-            lines.drive("modbus:1")
+            lines.drive("profibus:1")
         with pytest.raises(UsageError, match="no option 'modle'"):
             lines.drive("vabus:1", modle="act")
 

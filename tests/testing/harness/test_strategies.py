@@ -79,9 +79,9 @@ def test_a_field_that_no_telegram_has():
 def test_a_protocol_that_is_not_there():
     for strategy in (strategies.telegrams, strategies.messages, strategies.telegram_fields):
         with pytest.raises(drivecomm.UnknownProtocolError):
-            strategy("modbus", "request")
+            strategy("profibus", "request")
     with pytest.raises(drivecomm.UnknownProtocolError):
-        strategies.conversations("modbus")
+        strategies.conversations("profibus")
 
 
 @FEW

@@ -1,0 +1,119 @@
+"""The drive's side of a profile without states: commands that are complete with what was just written.
+
+Such a drive has a register, or a coil, for each thing that it can be told. The steps of a command that go to one place
+must come in their order (0006, 0007, 000F); those to other places must hold at that time (direction, then run).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.protocol import Command, Stop
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+
+    from drivecomm.profiles.profile import Condition, ControlProfile, Step, Words
+    from drivecomm.protocol import Motor
+
+_STOPS = {
+    Stop.COAST: Command.OFF,
+    Stop.QUICK: Command.QUICK_STOP,
+    Stop.DC_BRAKE: Command.DC_BRAKE,
+    Stop.RAMP: Command.RAMP_STOP,
+}
+"""In the order in which they are looked for."""
+
+
+class OrderMachine:
+    """A drive that is commanded by places of its own.
+
+    wanted_hz: the reference as it is now, unsigned by the command. reverse: which way the last start was.
+    """
+
+    def __init__(self, profile: ControlProfile, motor: Motor, wanted_hz: Callable[[], float]) -> None:
+        self.motor = motor
+        self.reverse = False
+        self._wanted_hz = wanted_hz
+        # Stops before starts: what could be both is a stop first.
+        stops = {how.value: profile.stops.get(how, ()) for how in _STOPS}
+        self._orders = {"reset": profile.reset, **stops, "reverse": profile.start_reverse, "start": profile.start}
+        self._done: dict[tuple[str, str], int] = {}
+
+    def power_up(self, words: Words) -> None:
+        """Begin anew; what a place holds after mains counts only where it is one step of one."""
+        for name, place, steps in self._by_place():
+            self._done[name, place] = int(len(steps) == 1 and _means(steps[0], words[place]))
+
+    def written(self, places: Collection[str], words: Words, now: float) -> None:
+        """Obey what is complete now that these places have been written."""
+        for name in self._complete(places, words):
+            if name == "reset":
+                self.motor.reset(now)
+            elif name in ("start", "reverse"):
+                self.reverse = name == "reverse"
+                self.act(now)
+            else:
+                self.motor.stop(_STOPS[Stop(name)], now)
+
+    def act(self, now: float) -> None:
+        """Run with the reference as it is now."""
+        self.motor.run(-self._wanted_hz() if self.reverse else self._wanted_hz(), now)
+
+    def status_words(self, said: Mapping[str, Condition]) -> dict[str, int]:
+        """Return the status words in which the conditions of these names are as they are now.
+
+        "always" is so at all times; a name that is not known never is.
+        """
+        motor = self.motor
+        truth = {
+            "always": True,
+            "remote": True,
+            "ready": not motor.fault,
+            "running": motor.running,
+            "started": motor.running,
+            "reverse": motor.output_hz < 0,
+            "at_reference": motor.at_reference,
+            "warning": motor.warning,
+            "stopping": motor.command is Command.QUICK_STOP,
+            "fault": bool(motor.fault),
+        }
+        words = dict.fromkeys((condition.place for condition in said.values()), 0)
+        holding = [(said[name], holds) for name, holds in truth.items() if name in said]
+        # First those that do not hold; the later ones win where two look at the same bits.
+        for condition, holds in sorted(holding, key=lambda each: each[1]):
+            word = words[condition.place]
+            if holds:
+                words[condition.place] = word & ~condition.mask | condition.values[0]
+            elif condition.holds(words):
+                words[condition.place] = word ^ condition.mask
+        return words
+
+    def _complete(self, places: Collection[str], words: Words) -> Iterator[str]:
+        by_name: dict[str, list[tuple[str, Sequence[Step]]]] = {}
+        for name, place, steps in self._by_place():
+            by_name.setdefault(name, []).append((place, steps))
+        for name, own in by_name.items():
+            touched = [(place, steps) for place, steps in own if place in places]
+            for place, steps in touched:
+                self._done[name, place] = _progress(steps, self._done[name, place], words[place])
+            if touched and all(self._done[name, place] == len(steps) for place, steps in own):
+                yield name
+
+    def _by_place(self) -> Iterator[tuple[str, str, Sequence[Step]]]:
+        """Yield the steps of each command that go to one place."""
+        for name, steps in self._orders.items():
+            for place in dict.fromkeys(step.place for step in steps):
+                yield name, place, [step for step in steps if step.place == place]
+
+
+def _means(step: Step, word: int) -> bool:
+    """Whether a written word is this step."""
+    return word & step.mask == step.word & step.mask
+
+
+def _progress(steps: Sequence[Step], done: int, word: int) -> int:
+    """Return how many steps to one place are done after this word."""
+    if done < len(steps) and _means(steps[done], word):
+        return done + 1
+    return next((number for number in range(done, 0, -1) if _means(steps[number - 1], word)), 0)

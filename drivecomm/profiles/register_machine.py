@@ -1,0 +1,190 @@
+"""A drive whose parameters, commands and status are registers and coils: what it holds, and what a write does.
+
+Registers have names, and hold what they hold until mains is switched off; then only those in EEPROM are left.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+from drivecomm.profiles.orders import OrderMachine
+from drivecomm.protocol import Command
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from drivecomm.profiles.profile import Condition, ControlProfile, Step
+    from drivecomm.profiles.registers import Target
+    from drivecomm.protocol import Model, Motor
+
+Why: TypeAlias = Literal["unknown", "read only", "running", "limits"]
+
+
+class RegisterRefusal(Exception):  # noqa: N818 - becomes a telegram
+    """A read or a write is refused."""
+
+    def __init__(self, why: Why) -> None:
+        self.why: Why = why
+        super().__init__(why)
+
+
+class RegisterMachine:
+    """What a virtual drive holds in registers, and does when they are written.
+
+    targets: all parameters, by address. said: the conditions of its status. storing: the steps before and after a write
+    that goes to EEPROM. stores: whether one does without them. references: the addresses of the references, that in
+    per cent among them. fault_code: the address of the code of a fault.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        targets: Mapping[str, Target],
+        profile: ControlProfile,
+        motor: Motor,
+        *,
+        said: Mapping[str, Condition],
+        storing: Mapping[str, Sequence[Step]],
+        stores: bool,
+        references: Sequence[str],
+        percent: str,
+        fault_code: str,
+    ) -> None:
+        self._model, self._targets, self._motor = model, targets, motor
+        self._said, self._storing, self._stores_anyhow = said, storing, stores
+        self._references, self._percent, self._fault_code = list(references), percent, fault_code
+        self._heard_at = 0.0
+        commands = [profile.start, profile.start_reverse, profile.reset, *profile.stops.values(), *storing.values()]
+        self.words = dict.fromkeys((step.place for steps in commands for step in steps), 0)
+        self.words |= dict.fromkeys((each.place for each in said.values()), 0)
+        self.words |= dict.fromkeys((spot for each in targets.values() for spot in each.spots), 0)
+        for each in targets.values():
+            self._begin_with(each)
+        self._stored = dict(self.words)
+        self._orders = OrderMachine(profile, motor, self._wanted_hz)
+        self._orders.power_up(self.words)
+
+    def _begin_with(self, wanted: Target) -> None:
+        """Put what the model says that a parameter starts with into its registers."""
+        info = wanted.info
+        if info is None or info.start is None:
+            return
+        if isinstance(info.start, str) or wanted.format.type == "f32":
+            self.put(wanted, info.start if isinstance(info.start, str) else wanted.raw_for(info.start))
+        else:
+            self.put(wanted, int(info.start / info.factor) & 0xFFFFFFFF)
+
+    def live(self, now: float) -> None:
+        """Let time pass, and show what the motor does in the registers that tell it."""
+        motor = self._motor
+        motor.advance(now)
+        self._watch(now)
+        for name, address in self._model.quantities.items():
+            wanted, measured = self._targets.get(address), motor.measured(name)
+            if measured is not None and wanted and wanted.info and wanted.info.access == "r":
+                self.put(wanted, round(measured / float(wanted.info.factor)) & 0xFFFFFFFF)
+        if self._fault_code:
+            self.put(self._targets[self._fault_code], motor.fault)
+        self.words |= self._orders.status_words(self._said)
+
+    def heard(self, now: float) -> None:
+        """Take note that the master has spoken to it."""
+        self._heard_at = now
+
+    def power_cycle(self, now: float) -> None:
+        """Switch mains off and on: commands, a trip and what was not stored are gone."""
+        self._motor.stop(Command.OFF, now)
+        self._motor.reset(now)
+        self._motor.warning = False
+        self.words = dict(self._stored)
+        self._orders.power_up(self.words)
+
+    def fetch(self, wanted: Target) -> int | str:
+        """Return what a parameter holds."""
+        return wanted.raw_of([self.words[spot] for spot in wanted.spots])
+
+    def put(self, wanted: Target, raw: int | str) -> None:
+        """Set what a parameter holds, as if at the keypad."""
+        words = wanted.words_for(raw, self.words[wanted.spots[0]])
+        self.words.update(zip(wanted.spots, words, strict=True))
+
+    def read(self, places: Iterable[str]) -> tuple[int, ...]:
+        """Return what registers hold. Raises RegisterRefusal where there is none."""
+        try:
+            return tuple(self.words[place] for place in places)
+        except KeyError:
+            raise RegisterRefusal("unknown") from None
+
+    def write(self, places: Sequence[str], values: Sequence[int], now: float, *, only_ram: bool = False) -> None:
+        """Write registers and do what that commands, all of them or, with RegisterRefusal, none."""
+        before = dict(zip(places, self.read(places), strict=True))
+        self.words.update(zip(places, values, strict=True))
+        touched = [each for each in self._targets.values() if not before.keys().isdisjoint(each.spots)]
+        try:
+            for each in touched:
+                self._check(each)
+        except RegisterRefusal:
+            self.words |= before
+            raise
+        if any(step.place in before for step in self._storing.get("store_after", ())):
+            self._store_all()
+        volatile = any(each.info is not None and each.info.storage == "volatile" for each in touched)
+        if not only_ram and not volatile and self._goes_to_eeprom():
+            self._stored.update((place, self.words[place]) for place in places)
+        for reference in {each.address for each in touched}.intersection(self._references):
+            # The one that was written last counts.
+            self._references.insert(0, self._references.pop(self._references.index(reference)))
+            if self._motor.command is Command.RUN:
+                self._orders.act(now)
+        self._orders.written(places, self.words, now)
+
+    def _check(self, wanted: Target) -> None:
+        """Raise RegisterRefusal where what has just been written may not be."""
+        info = wanted.info
+        if info is None:
+            return
+        if info.access == "r":
+            raise RegisterRefusal("read only")
+        if info.access == "rw*" and self._motor.running:
+            raise RegisterRefusal("running")
+        value = wanted.reading(self.fetch(wanted)).value
+        if not isinstance(value, str) and not info.allows(value):
+            raise RegisterRefusal("limits")
+
+    def _goes_to_eeprom(self) -> bool:
+        steps = self._storing.get("store_before")
+        if steps is None:
+            return self._stores_anyhow
+        return all(self.words[step.place] & step.mask == step.word & step.mask for step in steps)
+
+    def _store_all(self) -> None:
+        """Take all over into EEPROM, but for commands and what is volatile by itself."""
+        held = self._targets.values()
+        volatile = {spot for each in held if each.info and each.info.storage == "volatile" for spot in each.spots}
+        self._stored.update((place, word) for place, word in self.words.items() if place not in volatile)
+
+    def _watch(self, now: float) -> None:
+        """Do what the watchdog says once the master has been silent for longer than its time."""
+        watchdog, motor = self._model.watchdog, self._motor
+        timer = self._targets.get(watchdog.time) if watchdog is not None else None
+        if watchdog is None or timer is None or timer.info is None or not motor.running:
+            return
+        raw = self.fetch(timer)
+        if not isinstance(raw, int) or raw == (watchdog.off or 0):
+            return
+        if now - self._heard_at <= raw * float(timer.info.factor):
+            return
+        action = self.fetch(self._targets[watchdog.action]) if watchdog.action else None
+        policy = next((each for each, code in watchdog.actions.items() if action in (None, code)), "hold")
+        if policy == "trip":
+            motor.trip(next(iter(self._model.faults), 1), now)
+        elif policy != "hold":
+            motor.stop(Command.OFF if policy == "coast" else Command.RAMP_STOP, now)
+
+    def _wanted_hz(self) -> float:
+        """Return the reference that was written last."""
+        if not self._references:
+            return 0.0
+        wanted = self._targets[self._references[0]]
+        value = float(wanted.reading(self.fetch(wanted)).value)
+        return value * self._motor.maximum_hz / 100 if wanted.address == self._percent else value

@@ -1,0 +1,140 @@
+"""Registers and coils: where a parameter stands in them, and which of them stand together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import NotSupported
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from drivecomm.protocol import ParameterInfo, Reading, Value, WordFormat
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where something stands.
+
+    kind: empty for a holding register, i input register, c coil, d discrete input. start: its address in a telegram.
+    part: low, high or a bit of the register, empty for all of it.
+    """
+
+    kind: str
+    start: int
+    part: str = ""
+
+    @classmethod
+    def named(cls, name: str) -> Place:
+        """Return the whole register, or the coil, that has this name."""
+        kind = name[0] if name[0] in "icd" else ""
+        return cls(kind, int(name.removeprefix(kind)))
+
+    @property
+    def name(self) -> str:
+        """The register, or the coil, in one word; the same for all of its parts."""
+        return f"{self.kind}{self.start}"
+
+    @property
+    def is_bit(self) -> bool:
+        """Whether it is a coil or a discrete input."""
+        return self.kind in ("c", "d")
+
+    @property
+    def bits(self) -> tuple[int, int]:
+        """The mask of this part of a register, and how far up it is."""
+        if not self.part.isdigit():
+            return {"low": (0xFF, 0), "high": (0xFF, 8), "": (0xFFFF, 0)}[self.part]
+        return 1, int(self.part)
+
+    def cut(self, word: int) -> int:
+        """Return this part of a register."""
+        mask, shift = self.bits
+        return word >> shift & mask
+
+    def put(self, word: int, value: int) -> int:
+        """Return a register with this part set."""
+        mask, shift = self.bits
+        return word & ~(mask << shift) | (value & mask) << shift
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """A parameter that stands in registers, or in a coil.
+
+    wide: 32 bits under one address. name: the one that was asked for.
+    """
+
+    address: str
+    place: Place
+    format: WordFormat
+    wide: bool
+    info: ParameterInfo | None
+    name: str
+
+    @property
+    def end(self) -> int:
+        """The first register, or coil, after it."""
+        return self.place.start + (1 if self.wide else self.format.size)
+
+    @property
+    def spots(self) -> tuple[str, ...]:
+        """The registers, or the coil, by name."""
+        return tuple(f"{self.place.kind}{start}" for start in range(self.place.start, self.end))
+
+    def raw_of(self, words: Sequence[int]) -> int | str:
+        """Return the unsigned number, or the text, that these registers hold."""
+        if self.wide:
+            return words[0]
+        return self.place.cut(words[0]) if self.place.part else self.format.raw_of(words)
+
+    def raw_in(self, words: Sequence[int], first: Place) -> int | str:
+        """Return what this parameter holds in registers that were read from a place on."""
+        return self.raw_of(words[self.place.start - first.start : self.end - first.start])
+
+    def words_for(self, raw: int | str, before: int) -> tuple[int, ...]:
+        """Return the registers that hold this. before: what the first one held, of which this may be a part."""
+        if self.place.part:
+            return (self.place.put(before, int(raw)),)
+        return (int(raw),) if self.wide else self.format.words_of(raw)
+
+    def reading(self, raw: int | str) -> Reading:
+        """Return what a raw value means."""
+        return self.format.reading(raw, self.address, self.info, self.name)
+
+    def raw_for(self, value: Value | float, *, rounded: bool = False) -> int | str:
+        """Return what is to be written. rounded: to the nearest step. Raises ValueRefusedError for a misfit."""
+        if self.place.part or self.place.kind in ("i", "d"):
+            raise NotSupported(f"{self.address} can only be read; whole registers and coils are written")
+        return self.format.raw_for(value, self.address, self.info, rounded=rounded)
+
+
+def span_of(wanted: Sequence[Target]) -> tuple[Place, int]:
+    """Return from where on so many registers hold all of these."""
+    first = min((each.place for each in wanted), key=lambda place: place.start)
+    return Place(first.kind, first.start), max(each.end for each in wanted) - first.start
+
+
+def blocks_of(wanted: Sequence[Target], *, most: int, bridged: int) -> list[list[int]]:
+    """Return which of these one telegram reads, by their places in the list.
+
+    most: registers in one telegram. bridged: those between two that nobody asked for.
+    """
+    blocks: list[list[int]] = []
+    start = end = 0
+    for number in sorted(range(len(wanted)), key=lambda each: (wanted[each].place.kind, wanted[each].place.start)):
+        each, before = wanted[number], wanted[blocks[-1][-1]] if blocks else None
+        if (
+            before is not None
+            and not (each.wide or before.wide)
+            and each.place.kind == before.place.kind
+            and each.place.start - end <= bridged
+            and each.end - start <= most
+        ):
+            blocks[-1].append(number)
+            end = max(end, each.end)
+        else:
+            blocks.append([number])
+            start, end = each.place.start, each.end
+    return blocks

@@ -1,0 +1,114 @@
+"""Values in words of 16 bits: what registers, or the words of a telegram, mean, and what is written into them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal
+from struct import pack, unpack
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import ValueRefusedError
+from drivecomm.protocol.reading import Reading, exact, scaled, unscaled
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from drivecomm.protocol.model import ParameterInfo
+    from drivecomm.protocol.reading import Value
+
+_RANGES = {
+    "u16": range(0x10000),
+    "s16": range(-0x8000, 0x8000),
+    "u32": range(0x100000000),
+    "s32": range(-0x80000000, 0x80000000),
+}
+WORD_TYPES = (*_RANGES, "f32", "string")
+"""Two words for what ends with 32; two characters in each word of a string."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WordFormat:
+    """How a value stands in words.
+
+    type: one of WORD_TYPES, empty for a word of which nothing is known. size: words. low_first: the order of two of
+    them. allowed: the whole numbers that fit, where they are fewer than those of the type.
+    """
+
+    type: str = ""
+    size: int = 1
+    low_first: bool = False
+    allowed: range | None = None
+
+    def raw_of(self, words: Sequence[int]) -> int | str:
+        """Return the unsigned number, or the text, that these words hold."""
+        if self.type == "string":
+            return pack(f">{len(words)}H", *words).decode("latin-1").rstrip("\0 ")
+        if self.size == 1:
+            return words[0]
+        high, low = reversed(words) if self.low_first else words
+        return high << 16 | low
+
+    def words_of(self, raw: int | str) -> tuple[int, ...]:
+        """Return the words that hold this."""
+        if isinstance(raw, str):
+            return unpack(f">{self.size}H", raw.encode("latin-1").ljust(2 * self.size, b" "))
+        if self.size == 1:
+            return (raw & 0xFFFF,)
+        words = raw >> 16 & 0xFFFF, raw & 0xFFFF
+        return words[::-1] if self.low_first else words
+
+    def reading(self, raw: int | str, parameter: str, info: ParameterInfo | None, name: str = "") -> Reading:
+        """Return what a raw value of a parameter means. name: the one that was asked for."""
+        value: Value = raw
+        note, factor = "", info.factor if info else Decimal(1)
+        if info is None and not self.type:
+            note = "no model: the bare number"
+        elif self.type == "f32" and isinstance(raw, int):
+            (number,) = unpack(">f", raw.to_bytes(4, "big"))
+            value = Decimal(f"{number:.7g}") * factor
+            if not value.is_finite():
+                value, note = raw, "no number: the bare pattern of a float"
+        elif isinstance(raw, int):
+            value = scaled(self._signed(raw), factor)
+        if info is not None and info.sure == "unconfirmed":
+            note = note or f"unconfirmed: {info.source or 'no source'}"
+        return Reading(
+            parameter=parameter,
+            value=value,
+            raw=raw,
+            unit=info.unit if info else "",
+            type=self.type or ("u16" if info else ""),
+            name=name or (info.name if info else ""),
+            text=info.values.get(int(value), "") if info and isinstance(value, int) else "",
+            note=note,
+        )
+
+    def raw_for(
+        self, value: Value | float, parameter: str, info: ParameterInfo | None, *, rounded: bool = False
+    ) -> int | str:
+        """Return what is to be written. rounded: to the nearest step. Raises ValueRefusedError for a misfit."""
+        if self.type == "string":
+            if not isinstance(value, str) or len(value) > 2 * self.size or not value.isascii():
+                raise ValueRefusedError(f"{value!r} for {parameter} is no text of {2 * self.size} characters")
+            return value.rstrip("\0 ")
+        number = exact(value, parameter)
+        factor, unit = (info.factor, info.unit) if info else (Decimal(1), "")
+        if info is not None and not info.allows(number):
+            raise ValueRefusedError(f"{number} for {parameter} is not {info.minimum} to {info.maximum} {unit}".rstrip())
+        if self.type == "f32":
+            return _float_pattern(number / factor, parameter)
+        raw = int((number / factor).to_integral_value()) if rounded else unscaled(number, factor, parameter, unit)
+        if raw not in (self.allowed or _RANGES[self.type or "u16"]):
+            raise ValueRefusedError(f"{number} for {parameter} does not fit {self.type or 'u16'}")
+        return raw & (0xFFFFFFFF if self.size == 2 else 0xFFFF)
+
+    def _signed(self, raw: int) -> int:
+        bits = {"s16": 16, "s32": 32}.get(self.type, 0)
+        return raw - (1 << bits) if bits and raw >> (bits - 1) else raw
+
+
+def _float_pattern(number: Decimal, parameter: str) -> int:
+    try:
+        return int.from_bytes(pack(">f", float(number)), "big")
+    except OverflowError:
+        raise ValueRefusedError(f"{number} for {parameter} is beyond what a float of 32 bits holds") from None

@@ -1,0 +1,3 @@
+"""Modbus RTU drives for drivecomm."""
+
+from drivecomm_modbus.plugin import protocol as protocol

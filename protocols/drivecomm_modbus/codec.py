@@ -1,0 +1,190 @@
+"""Modbus RTU telegrams to bytes and back, what belongs together, and what a request is for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import TelegramError
+from drivecomm.protocol import Intent
+from drivecomm.protocol.schema import Written, crc16, message_of, wrong_field
+from drivecomm_modbus import functions as fn
+from drivecomm_modbus.messages import Reply, Request
+from drivecomm_modbus.telegrams import ADDRESSES, BROADCAST, EXCEPTION, REPLIES, REQUESTS, identification_reply
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.protocol import Direction, Message
+    from drivecomm.protocol.schema import Form
+
+_SHORTEST = {"request": 4, "reply": 5}
+_REQUEST_LENGTHS = {
+    **dict.fromkeys((1, 2, 3, 4, 5, 6, 8), 8), 0x0B: 4, 0x11: 4, 0x2B: 7, 0x64: 6, 0x65: 10,
+}  # fmt: skip
+_REPLY_LENGTHS = {5: 8, 6: 8, 8: 8, 0x0B: 8, 0x0F: 8, 0x10: 8, 0x64: 8, 0x65: 10}
+_BYTE_COUNT_AT = {"request": {0x0F: 6, 0x10: 6, 0x17: 10}, "reply": dict.fromkeys((1, 2, 3, 4, 0x11, 0x17), 2)}
+_OBJECTS_AT = 8
+
+
+class ModbusCodec:
+    """Telegrams to bytes and back."""
+
+    alike = "modbus"
+
+    def __init__(self) -> None:
+        self._written = Written(self._write)
+
+    def measure(self, head: bytes, direction: Direction) -> int:
+        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        if not head:
+            return _SHORTEST[direction]
+        if head[0] not in ADDRESSES and (direction == "reply" or head[0] != BROADCAST):
+            return 0
+        return length_of(head, direction) if len(head) > 1 else _SHORTEST[direction]
+
+    def decode(self, data: bytes, direction: Direction) -> Message:
+        """Return the content of one telegram: its length is judged first, then its CRC, then the fields."""
+        if len(data) < 4:
+            raise TelegramError("length", f"{len(data)} bytes are no telegram; the shortest has 4")
+        needed = length_of(data, direction)
+        if needed and needed != len(data):
+            raise TelegramError("length", f"{len(data)} bytes, and function {data[1]:02X} has {needed}")
+        form = _form_of(data[1], data[1] & 0x80, len(data), direction) if needed else None
+        if form is not None:
+            message: Message = form.parse(data)
+            return message
+        if crc16(data[:-2]) != data[-2:]:
+            raise TelegramError("checksum", f"CRC {data[-2:].hex(' ').upper()} is wrong")
+        raise wrong_field("function", f"{data[1]:02X} is none that is known")
+
+    def encode(self, message: Message) -> bytes:
+        """Return the bytes of one telegram."""
+        return self._written.telegram(message)
+
+    @staticmethod
+    def _write(message: Any) -> bytes:
+        direction: Direction = "request" if isinstance(message, Request) else "reply"
+        function, refused = message.function, direction == "reply" and message.exception is not None
+        if type(function) is not int:
+            raise wrong_field("function", f"{function!r} is no number")
+        form = _form_of(function, refused, 0, direction)
+        if function == fn.IDENTIFICATION and direction == "reply" and not refused:
+            texts = message.texts if isinstance(message.texts, tuple) else ()
+            form = identification_reply(sum(2 + len(each) for each in texts if isinstance(each, str)))
+        if form is None:
+            raise wrong_field("function", f"{function} is none that is known; with an exception, any can be refused")
+        data = form.build(message)
+        if len(data) > 256:
+            raise TelegramError("length", f"{len(data)} bytes; a telegram has 256 at most")
+        return data
+
+
+class DriveCodec(ModbusCodec):
+    """The telegrams as a drive on a two-wire line hears them: beyond requests, the replies of others, as replies.
+
+    Nothing in a telegram tells them apart. The reply to a write would pass for the beginning of a long request, and
+    the next request would be lost in it.
+    """
+
+    alike = "modbus drive"
+
+    def measure(self, head: bytes, direction: Direction) -> int:
+        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        needed = super().measure(head, direction)
+        if direction == "request" and needed and len(head) > _SHORTEST["request"]:
+            reply = length_of(head, "reply")
+            if 0 < reply <= len(head) and reply != needed and crc16(head[: reply - 2]) == head[reply - 2 : reply]:
+                return reply
+        return needed
+
+    def decode(self, data: bytes, direction: Direction) -> Message:
+        """Return the content of one telegram. Raises TelegramError."""
+        try:
+            return super().decode(data, direction)
+        except TelegramError as error:
+            if direction == "reply" or error.category != "length":
+                raise
+            return super().decode(data, "reply")
+
+
+def length_of(head: bytes, direction: Direction) -> int:
+    """Return how long the telegram is with these first bytes, at least two; 0 where its function is not known."""
+    function = head[1]
+    if direction == "reply" and function & 0x80:
+        return 5 if function > 0x80 else 0
+    place = _BYTE_COUNT_AT[direction].get(function)
+    if place is not None:
+        return place + 3 + head[place] if len(head) > place else place + 3
+    if function == fn.IDENTIFICATION and direction == "reply":
+        return _length_of_identification(head)
+    return (_REQUEST_LENGTHS if direction == "request" else _REPLY_LENGTHS).get(function, 0)
+
+
+def _length_of_identification(head: bytes) -> int:
+    place = _OBJECTS_AT
+    if len(head) < place:
+        return place + 2
+    for _ in range(head[place - 1]):
+        if len(head) < place + 2:
+            return place + 4
+        place += 2 + head[place + 1]
+    return place + 2
+
+
+def _form_of(function: int, refused: int, length: int, direction: Direction) -> Form[Any] | None:
+    if direction == "request":
+        return REQUESTS.get(function)
+    if refused:
+        return EXCEPTION
+    if function == fn.IDENTIFICATION:
+        return identification_reply(max(length - _OBJECTS_AT - 2, 0))
+    return REPLIES.get(function)
+
+
+def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
+    """Build a message from fields as test vectors name them; the kind goes without saying, it is the function."""
+    fields = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
+    kind: type[Any] = Request if direction == "request" else Reply
+    message: Message = message_of(kind, fields, f"a {direction}")
+    return message
+
+
+def mismatch(request: Message, reply: Message) -> str:
+    """Name the first field in which a sound reply does not belong to a request; nothing when it belongs."""
+    if not isinstance(request, Request) or not isinstance(reply, Reply):
+        return "kind"
+    if request.address == BROADCAST:
+        return "broadcast"
+    for name in ("address", "function"):
+        if getattr(request, name) != getattr(reply, name):
+            return name
+    if reply.exception is not None:
+        return ""
+    # Bits come in whole bytes.
+    step, count = 8 if request.function in (fn.READ_COILS, fn.READ_INPUTS) else 1, request.count or 0
+    if reply.values is not None and len(reply.values) != -(-count // step) * step:
+        return "byte_count"
+    for name in ("start", "value", "count", "sub_function", "read_code"):
+        asked, answered = getattr(request, name), getattr(reply, name)
+        if name == "count" and request.values is not None:
+            asked = len(request.values)
+        only_asked = name == "value" and request.sub_function  # every sub-function but 0 has an answer of its own
+        if answered is not None and asked is not None and asked != answered and not only_asked:
+            return name
+    return ""
+
+
+def intent(message: Message) -> Intent:
+    """Return what a request is for; diagnostics can restart the communication or clear counters, but for the echo."""
+    if not isinstance(message, Request):
+        return Intent()
+    if message.function in fn.READS:
+        return Intent(access="read")
+    if message.function in (*fn.BROADCASTS, fn.READ_WRITE):
+        return Intent(access="write")
+    return Intent(commands=message.function == fn.DIAGNOSTICS and message.sub_function != 0)
+
+
+def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:  # noqa: ARG001 - the contract's signature
+    """Return the positions where one wrong bit can go unnoticed: none, the CRC covers all."""
+    return frozenset()

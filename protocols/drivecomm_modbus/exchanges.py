@@ -1,0 +1,190 @@
+"""The verbs of a master for a Modbus drive, by what the table [control] of its model says."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import NotSupported, RefusedError, ReplyError
+from drivecomm.profiles import Commander, Place, blocks_of, check_needs, span_of
+from drivecomm.protocol import Ask, Capabilities, Stop
+from drivecomm_modbus import functions as fn
+from drivecomm_modbus.control import control_of
+from drivecomm_modbus.conversation import Conversation
+from drivecomm_modbus.messages import Request
+from drivecomm_modbus.parameters import target
+from drivecomm_modbus.telegrams import BROADCAST
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from drivecomm.profiles import Target
+    from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Value
+    from drivecomm_modbus.options import ModbusOptions
+
+_OBJECTS = {0: "vendor", 1: "product", 2: "software"}
+
+
+class ModbusOperations:
+    """The verbs of one drive, or, at address 0, the stop of all drives of a series on the line."""
+
+    def __init__(self, address: int, options: ModbusOptions, model: Model | None) -> None:
+        self.extra: Mapping[str, Callable[..., Exchange[Any]]] = {}
+        self._address, self._options, self._model = address, options, model
+        control = self._control = control_of(model, options)
+        self._drive = Conversation(address, options, control, model)
+        self._commander = Commander(
+            control.profile,
+            self._drive,
+            state_timeout_s=options.state_timeout_s,
+            advice="what the drive needs to obey the bus",
+            answers=address != BROADCAST,
+            fault_code=self._drive.fault_code,
+        )
+        self.capabilities = Capabilities(
+            # Without a model nobody knows how to stop; the call says so.
+            stops=frozenset(control.profile.stops) or frozenset({Stop.RAMP}),
+            reverse=bool(control.profile.start_reverse),
+            reference_percent=bool(control.reference_percent),
+            reference_hz=bool(control.reference_hz),
+            stored_writes=control.can_store,
+            volatile_writes=control.can_keep_volatile,
+            broadcast=True,
+        )
+
+    def read(self, parameter: str, *, type: str = "") -> Exchange[Reading]:
+        """Read a parameter. type: u16, s16, u32, s32, f32 instead of what the model says."""
+        wanted = target(parameter, self._model, self._options, type)
+        return self._reading(wanted)
+
+    def _reading(self, wanted: Target) -> Exchange[Reading]:
+        return wanted.reading((yield from self._drive.raw(wanted)))
+
+    def blocks(self, parameters: Sequence[str]) -> list[list[int]]:
+        """Return which of these parameters one telegram reads: neighbours, as many as the drive allows."""
+        wanted = [target(each, self._model, self._options) for each in parameters]
+        return blocks_of(wanted, most=self._options.max_registers, bridged=self._options.bridged_registers)
+
+    def read_many(self, parameters: Sequence[str]) -> Exchange[list[Reading]]:
+        """Read parameters that are near each other by one telegram; their refusal is of all of them."""
+        wanted = [target(each, self._model, self._options) for each in parameters]
+        first, count = span_of(wanted)
+        words = yield from self._drive.words(first, count, f"{wanted[0].address} to {wanted[-1].address}")
+        return [each.reading(each.raw_in(words, first)) for each in wanted]
+
+    def write(self, parameter: str, value: Value | float, *, store: bool = False, type: str = "") -> Exchange[None]:
+        """Write a parameter; the drive only confirms it."""
+        wanted = target(parameter, self._model, self._options, type)
+        return self._write(wanted, wanted.raw_for(value), store=store)
+
+    def address_of(self, parameter: str, **options: Any) -> str:
+        """Return the address as the model writes it, in decimal without one."""
+        return target(parameter, self._model, self._options, options.get("type", "")).address
+
+    def status(self) -> Exchange[DriveStatus]:
+        """Read the status registers; that commands nothing."""
+        if not self._control.status:
+            raise NotSupported("Modbus has no status word of its own; name the drive's model")
+        profile, seen = self._control.profile, (yield from self._drive.look())
+        running, code = bool(profile.says("running", seen)), None
+        if profile.says("fault", seen):
+            running, code = False, (yield from self._drive.fault_code())
+        text = self._model.faults.get(code, "") if self._model and code is not None else ""
+        return profile.status(seen, running=running, fault_code=code, fault_text=text)
+
+    def start(self, *, reverse: bool = False) -> Exchange[None]:
+        """Start, unless the drive has a fault or is not set up to obey."""
+        profile = self._control.profile
+        self._drive.must_be_one()
+        self._must_have("start reverse" if reverse else "start", profile.start_reverse if reverse else profile.start)
+        return self._commander.start(reverse=reverse, prepare=check_needs(self._control.needs, self.read))
+
+    def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
+        """Stop in a way that the series has."""
+        self._must_have("stop", self._control.profile.stops)
+        return self._commander.stop(how)
+
+    def reset(self) -> Exchange[None]:
+        """Acknowledge a fault; where there is none, nothing is sent that could stop a running motor."""
+        self._must_have("reset", self._control.profile.reset)
+        self._drive.must_be_one()
+        return self._commander.reset()
+
+    def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
+        """Set the reference in per cent, rounded to the step of the drive."""
+        return self._set_reference(self._control.reference_percent, percent, "percent", rounded=True)
+
+    def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
+        """Set the reference in hertz."""
+        return self._set_reference(self._control.reference_hz, hz, "hertz", rounded=False)
+
+    def probe(self) -> Exchange[None]:
+        """Read one register once; a refusal comes from a drive, too."""
+        yield self._drive.asking(self._control.probe, 1, attempts=1)
+
+    def identify(self) -> Exchange[Mapping[str, str]]:
+        """Read what the model says identifies the drive; without one, the standard identification or function 11H."""
+        self._drive.must_be_one()
+        found = {}
+        for name, address in self._control.identity.items():
+            try:
+                found[name] = str((yield from self.read(address)))
+            except RefusedError:
+                continue
+        tried = (fn.IDENTIFICATION, fn.REPORT_ID) if self._model is None else (self._control.identification,)
+        for function in filter(None, tried):
+            told = yield from self._identification(function)
+            if told is None or told:
+                return {**found, **(told or {})}
+        return found
+
+    def _identification(self, function: int) -> Exchange[dict[str, str] | None]:
+        """Return what the drive tells, nothing where it refuses, None where it is silent about a strange function."""
+        code, first = (1, 0) if function == fn.IDENTIFICATION else (None, None)
+        request = Request(address=self._address, function=function, read_code=code, object_id=first)
+        try:
+            reply = yield Ask(message=request, attempts=1, nameless=True)
+        except ReplyError:
+            return None
+        if reply.exception is not None:
+            return {}
+        if function == fn.REPORT_ID:
+            return {"id": reply.data}
+        pairs = zip(reply.object_ids, reply.texts, strict=True)
+        return {_OBJECTS.get(number, f"object {number}"): text.strip() for number, text in pairs}
+
+    def _write(self, wanted: Target, raw: int | str, *, store: bool) -> Exchange[None]:
+        self._drive.must_be_one()
+        control, info = self._control, wanted.info
+        plain = info is not None and (info.kind == "command" or info.storage == "volatile")
+        if store and (plain or not control.can_store):
+            raise NotSupported(f"{wanted.address} cannot be stored; write it without store", says="store")
+        if not store and not plain and control.can_store and not control.can_keep_volatile:
+            raise NotSupported(
+                f"a write to {wanted.address} goes to the EEPROM of the drive; write with store=True", says="store=True"
+            )
+        return self._written(wanted, raw, plain=plain, store=store)
+
+    def _written(self, wanted: Target, raw: int | str, *, plain: bool, store: bool) -> Exchange[None]:
+        control, place, drive = self._control, wanted.place, self._drive
+        for step in () if plain else control.storing.get("store_before" if store else "volatile_before", ()):
+            yield from drive.write(Place.named(step.place), (step.word,), step.place)
+        if not (store or plain):
+            place = Place(place.kind, place.start + control.volatile_offset)
+        # What is to be done at once may not be done twice.
+        once = wanted.info is not None and wanted.info.kind == "command" and place == wanted.place
+        words = wanted.format.words_of(raw)
+        yield from drive.write(place, words, wanted.address, wide=wanted.wide, attempts=1 if once else None)
+        for step in control.storing.get("store_after", ()) if store else ():
+            yield from drive.write(Place.named(step.place), (step.word,), step.place)
+
+    def _set_reference(self, address: str, value: Value | float, unit: str, *, rounded: bool) -> Exchange[None]:
+        if not address:
+            raise NotSupported(f"this drive takes no reference in {unit} over Modbus, as far as its model says")
+        wanted = target(address, self._model, self._options)
+        return self._write(wanted, wanted.raw_for(value, rounded=rounded), store=False)
+
+    def _must_have(self, command: str, steps: object) -> None:
+        if self._model is None:
+            raise NotSupported(f"Modbus has no {command} of its own; name the drive's model")
+        if not steps:
+            raise NotSupported(f"model {self._model.name} has no {command} over Modbus")

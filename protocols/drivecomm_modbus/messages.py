@@ -1,0 +1,58 @@
+"""What a Modbus telegram says: one dataclass for requests and one for replies, since all functions share their fields.
+
+A field that is None is not in the telegram. All numbers are as they stand in the telegram: addresses of registers
+count from 0, values are unsigned.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivecomm_modbus.functions import NAMES
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Telegram:
+    """What requests and replies have in common."""
+
+    address: int
+    function: int
+    start: int | None = None
+    count: int | None = None
+    value: int | None = None
+    values: tuple[int, ...] | None = None
+    sub_function: int | None = None
+    read_code: int | None = None
+
+    @property
+    def kind(self) -> str:
+        """The name of the function."""
+        return NAMES.get(self.function, "unknown")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request(Telegram):
+    """What the master sends. write_start: of the written part of function 17, whose data are `values`."""
+
+    write_start: int | None = None
+    object_id: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reply(Telegram):
+    """What a drive answers. exception: why it refuses the function. data: of function 11, as hexadecimal text."""
+
+    exception: int | None = None
+    status: int | None = None
+    event_count: int | None = None
+    data: str | None = None
+    conformity: int | None = None
+    more_follows: int | None = None
+    next_object: int | None = None
+    object_ids: tuple[int, ...] | None = None
+    texts: tuple[str, ...] | None = None
+
+    @property
+    def kind(self) -> str:
+        """The name of the function, or that it is refused."""
+        return "exception" if self.exception is not None else NAMES.get(self.function, "unknown")

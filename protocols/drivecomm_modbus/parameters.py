@@ -1,0 +1,60 @@
+"""Parameters of Modbus drives: where they are, what their registers mean.
+
+An address is what the manual prints, decimal or `0x...`: `40001`, `0x2000`; `i2103` an input register, `c65` a coil,
+`d3` a discrete input. `.low`, `.high` and `.0` to `.15` are a byte or a bit of a register, which can only be read.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import ParameterAddressError, UsageError
+from drivecomm.profiles import Place, Target
+from drivecomm.protocol import WORD_TYPES, WordFormat
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import Model
+    from drivecomm_modbus.options import ModbusOptions
+
+_ADDRESS = re.compile(r"([icd]?)(0x[0-9A-Fa-f]{1,6}|[0-9]{1,7})(?:\.(low|high|[0-9]|1[0-5]))?", re.ASCII)
+
+
+def place_of(address: str, options: ModbusOptions) -> Place:
+    """Return where an address as the manual prints it is. Raises ParameterAddressError."""
+    found = _ADDRESS.fullmatch(address) if isinstance(address, str) else None
+    if found is None or (found[3] and found[1] in ("c", "d")):
+        raise ParameterAddressError(
+            f"{address!r} is no address of a Modbus drive; write 40001, 0x2000, i2103 (input register), c65 (coil) or "
+            "0x2100.low"
+        )
+    base = options.coil_base if found[1] in ("c", "d") else options.register_base
+    start = int(found[2], 0 if found[2].startswith("0x") else 10) - base
+    if not 0 <= start <= 0xFFFF:
+        raise ParameterAddressError(f"{address} is not {base} to {base + 0xFFFF}, the registers of this drive")
+    return Place(found[1], start, found[3] or "")
+
+
+def target(parameter: str, model: Model | None, options: ModbusOptions, type: str = "") -> Target:
+    """Return what is to be read or written. type: instead of the model's. Raises ParameterAddressError."""
+    info = model.find(parameter) if model is not None else None
+    place = place_of(info.address if info else parameter, options)
+    if info is None and model is not None:
+        # The same register may be written in another way: 8448 is 0x2100.
+        info = next((each for each in model.parameters.values() if place_of(each.address, options) == place), None)
+    kind = type or (info.type if info else "")
+    if kind and kind not in WORD_TYPES:
+        raise UsageError(f"{kind!r} is no type of a Modbus parameter; types are {', '.join(WORD_TYPES)}")
+    extra = info.extra if info else {}
+    low_first = extra.get("word_order", options.word_order) == "low"
+    size = (int(extra.get("characters", 2)) + 1) // 2 if kind == "string" else 2 if kind.endswith("32") else 1
+    base = options.coil_base if place.is_bit else options.register_base
+    part = f".{place.part}" if place.part else ""
+    return Target(
+        address=info.address if info else f"{place.kind}{place.start + base}{part}",
+        place=place,
+        format=WordFormat(type=kind, size=size, low_first=low_first, allowed=range(2) if place.is_bit else None),
+        wide=kind.endswith("32") and not place.kind and options.wide_functions,
+        info=info,
+        name=info.name if info and parameter == info.name else "",
+    )

@@ -1,0 +1,51 @@
+"""What Modbus RTU gives to drivecomm."""
+
+from __future__ import annotations
+
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm_modbus.codec import ModbusCodec, blind_spots, intent, message_from, mismatch
+from drivecomm_modbus.control import KEYS
+from drivecomm_modbus.exchanges import ModbusOperations
+from drivecomm_modbus.options import ModbusOptions
+from drivecomm_modbus.telegrams import ADDRESSES, BROADCAST, titled_forms
+from drivecomm_modbus.virtual import VirtualModbusDrive
+
+protocol = Protocol(
+    name="modbus",
+    title="Modbus RTU",
+    package="drivecomm_modbus",
+    facts=LineFacts(
+        settings=LineSettings(baudrate=9600, bytesize=8, parity="N", stopbits=1),
+        timing=Timing(
+            reply_timeout_s=0.2,
+            gap_s=0.050,
+            turnaround_s=0.005,
+            turnaround_characters=3.5,
+            broadcast_pause_s=0.1,
+            late_s=2.5,
+            attempts=3,
+        ),
+    ),
+    facts_source=(
+        "9600 8N1: a default of drivecomm, what many drives are delivered with; 3.5 characters of silence between "
+        "telegrams: the Modicon guide, Panasonic manual AFP7CPS4E p. 11-13; 5 ms besides: what programs for Danfoss "
+        "FC 51 leave; 200 ms to answer: the longest response delay of Delta drives (VP3000 manual p. 249); the gap, "
+        "the pause after a broadcast, late replies and attempts are defaults of drivecomm"
+    ),
+    addresses=ADDRESSES,
+    scan_addresses=ADDRESSES,
+    default_model="danfoss-fc",
+    broadcast_address=BROADCAST,
+    options=ModbusOptions,
+    codec=lambda _options: ModbusCodec(),
+    message=message_from,
+    mismatch=mismatch,
+    operations=ModbusOperations,
+    virtual=VirtualModbusDrive,
+    blind_spots=blind_spots,
+    forms=titled_forms,
+    parameter_examples=("16130", "0x2103", "40001", "i2103", "c65", "0x2100.low"),
+    intent=intent,
+    parameter_keys=frozenset({"word_order", "characters"}),
+    control_keys=KEYS,
+)

@@ -1,0 +1,216 @@
+"""The telegrams of Modbus RTU.
+
+    address  function  data ...  CRC low  CRC high
+
+The cyclic check is CRC-16, polynomial A001H reflected, start FFFFH, its low byte first (Danfoss FC 111 guide p. 114).
+Nothing marks where a telegram begins or ends but silence; how long it is follows from its function and the byte count
+that some have. A refusal is the function with bit 7 set, and one byte that says why.
+
+Faults to expect: our own request handed back by a two-wire adapter, which for 05, 06 and 08 is the reply byte for byte;
+a late reply, since a reply to a read repeats nothing of the request but its length.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from construct import this
+
+from drivecomm.protocol import schema
+from drivecomm.protocol.schema import Form
+from drivecomm_modbus import functions as fn
+from drivecomm_modbus.messages import Reply, Request
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+ADDRESSES = range(1, 248)
+BROADCAST = 0
+_MEI = 14
+_MOST_BYTES = 251
+
+
+def _written_bits(quantity: int, size: int, content: str) -> tuple[int, ...]:
+    """Return the coils that are written; Hitachi rounds the byte count up to an even number."""
+    needed = (quantity + 7) // 8
+    if size not in (needed, needed + needed % 2):
+        raise schema.wrong_field("byte_count", f"{size} bytes do not hold {quantity} coils")
+    return schema.bits_in(content)[:quantity]
+
+
+def _written_words(quantity: int, size: int, content: str) -> tuple[int, ...]:
+    if size != 2 * quantity:
+        raise schema.wrong_field("byte_count", f"{size} bytes do not hold {quantity} registers")
+    return schema.words_in(content)
+
+
+def _read_words(size: int, content: str) -> tuple[int, ...]:
+    if size % 2 or not 0 < size <= 2 * fn.MOST_REGISTERS_READ:
+        raise schema.wrong_field("byte_count", f"{size} bytes are no registers")
+    return schema.words_in(content)
+
+
+def _read_bits(size: int, content: str) -> tuple[int, ...]:
+    if not 0 < size <= fn.MOST_BITS_READ // 8:
+        raise schema.wrong_field("byte_count", f"{size} bytes are not what can be asked for")
+    return schema.bits_in(content)
+
+
+def _sized(packed: Callable[[object], str], most: int, step: int = 1) -> Callable[[Any], tuple[int, str]]:
+    """Return what writes the values of a reply, with their byte count. step: they come in multiples of it."""
+
+    def written(message: Reply) -> tuple[int, str]:
+        data, count = packed(message.values), len(message.values or ())
+        if not 0 < count <= most or count % step:
+            raise schema.wrong_field("values", f"{count} of them are no reply to any request")
+        return len(data), data
+
+    return written
+
+
+def _counted(packed: Callable[[object], str]) -> Callable[[Any], tuple[int, int, str]]:
+    def written(message: Request) -> tuple[int, int, str]:
+        data = packed(message.values)
+        return len(message.values or ()), len(data) & 0xFF, data
+
+    return written
+
+
+def _sized_bytes(message: Reply) -> tuple[int, str]:
+    data = schema.bytes_as(message.data, "data", _MOST_BYTES)
+    return len(data), data
+
+
+def _objects(number: int, objects: str) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    ids, texts = schema.numbered_texts_in(objects)
+    if len(ids) != number:
+        raise schema.wrong_field("object_ids", f"{len(ids)} objects are there, {number} are announced")
+    return ids, texts
+
+
+def _packed_objects(message: Reply) -> str:
+    return schema.numbered_texts_as(message.object_ids, message.texts, "object_ids", "texts")
+
+
+_START = "start" / schema.unsigned(2, "first register or coil")
+_VALUE = "value" / schema.unsigned(2, "value")
+_COIL = "value" / schema.choice({b"\xff\x00": 1, b"\x00\x00": 0}, "FF00 on, 0000 off")
+_LONG_VALUE = "value" / schema.unsigned(4, "value, 32 bits")
+_SUB_FUNCTION = "sub_function" / schema.unsigned(2, "sub-function")
+_SIZE = "size" / schema.unsigned(1, "byte count")
+_CONTENT = "content" / schema.characters(this.size, lowest=0, highest=0xFF, meaning="data")
+_MEI_TYPE = "mei" / schema.choice({bytes([_MEI]): _MEI}, "0E: read device identification")
+_WRITE_START = "write_start" / schema.unsigned(2, "first register to write")
+_OBJECT = "object_id" / schema.unsigned(1, "first object")
+_STATUS, _EVENTS = "status" / schema.unsigned(2, "FFFF busy, 0 idle"), "event_count" / schema.unsigned(2, "events")
+_READ_CODE = "read_code" / schema.whole(1, range(1, 5), "1 basic, 2 regular, 3 extended, 4 one object")
+
+
+def _count(most: int, name: str = "count") -> Any:
+    return name / schema.whole(2, range(1, most + 1), f"how many, 1 to {most}")
+
+
+def _mei(_message: Any) -> int:
+    return _MEI
+
+
+def _form(
+    message: type[Any], codes: Sequence[int], *leaves: Any, reads: Any = None, writes: Any = None, bit_7: int = 0
+) -> Form[Any]:
+    own = {name for each in (reads or {}) for name in each.split()}
+    own |= {leaf.name for leaf in leaves} | {"address", "function"}
+    others = [name for name in message.__dataclass_fields__ if name not in own]
+
+    def check(given: Any) -> None:
+        if strange := next((name for name in others if getattr(given, name) is not None), None):
+            raise schema.wrong_field(strange, f"a {given.kind} telegram has no such field")
+        if given.address == BROADCAST and isinstance(given, Request) and given.function not in fn.BROADCASTS:
+            raise schema.wrong_field("address", "nobody answers a broadcast, so only writes can be sent to all drives")
+
+    addresses = range(248) if message is Request else ADDRESSES
+    return Form(
+        message,
+        "address" / schema.whole(1, addresses, "address; 0: all drives" if message is Request else "address"),
+        "function"
+        / schema.choice({bytes([code | bit_7]): code for code in codes}, ", ".join(f"{code:02X}" for code in codes)),
+        *leaves,
+        schema.Check(2, 0, schema.crc16, meaning="CRC of all bytes before it, low byte first"),
+        reads=reads,
+        writes=writes,
+        check=check,
+    )
+
+
+_SOME = (_SIZE, _CONTENT)
+_BITS = {"reads": {"values": _read_bits}, "writes": {"size content": _sized(schema.bits_as, fn.MOST_BITS_READ, step=8)}}
+_WORDS = {"reads": {"values": _read_words}, "writes": {"size content": _sized(schema.words_as, fn.MOST_REGISTERS_READ)}}
+_COILS = {"reads": {"values": _written_bits}, "writes": {"quantity size content": _counted(schema.bits_as)}}
+_REGISTERS = {"reads": {"values": _written_words}, "writes": {"quantity size content": _counted(schema.words_as)}}
+_Forms = dict[str, tuple[tuple[int, ...], tuple[Any, ...], dict[str, Any]]]
+
+# By title: the functions, the leaves between function and CRC, and how fields of the message are made of them.
+_REQUESTS: _Forms = {
+    "Read bits": ((1, 2), (_START, _count(fn.MOST_BITS_READ)), {}),
+    "Read registers": ((3, 4), (_START, _count(fn.MOST_REGISTERS_READ)), {}),
+    "Write a coil": ((5,), (_START, _COIL), {}),
+    "Write a register": ((6,), (_START, _VALUE), {}),
+    "Diagnostics": ((8,), (_SUB_FUNCTION, _VALUE), {}),
+    "Event counter, report id": ((0x0B, 0x11), (), {}),
+    "Write coils": ((0x0F,), (_START, _count(fn.MOST_BITS_WRITTEN, "quantity"), *_SOME), _COILS),
+    "Write registers": ((0x10,), (_START, _count(fn.MOST_REGISTERS_WRITTEN, "quantity"), *_SOME), _REGISTERS),
+    "Read and write registers": (
+        (0x17,),
+        (_START, _count(fn.MOST_REGISTERS_READ), _WRITE_START, _count(fn.MOST_WRITTEN_WITH_A_READ, "quantity"), *_SOME),
+        _REGISTERS,
+    ),
+    "Read identification": ((0x2B,), (_MEI_TYPE, _READ_CODE, _OBJECT), {"writes": {"mei": _mei}}),
+    "Read 32 bits": ((0x64,), (_START,), {}),
+    "Write 32 bits": ((0x65,), (_START, _LONG_VALUE), {}),
+}
+_REPLIES: _Forms = {
+    "Bits, drive": ((1, 2), _SOME, _BITS),
+    "Registers, drive": ((3, 4, 0x17), _SOME, _WORDS),
+    "Coil written, drive": ((5,), (_START, _COIL), {}),
+    "Register written, drive": ((6,), (_START, _VALUE), {}),
+    "Diagnostics, drive": ((8,), (_SUB_FUNCTION, _VALUE), {}),
+    "Event counter, drive": ((0x0B,), (_STATUS, _EVENTS), {}),
+    "Coils written, drive": ((0x0F,), (_START, _count(fn.MOST_BITS_WRITTEN)), {}),
+    "Registers written, drive": ((0x10,), (_START, _count(fn.MOST_REGISTERS_WRITTEN)), {}),
+    "Id, drive": ((0x11,), _SOME, {"reads": {"data": schema.bytes_in}, "writes": {"size content": _sized_bytes}}),
+    "32 bits, drive": ((0x64,), (_LONG_VALUE,), {}),
+    "32 bits written, drive": ((0x65,), (_START, _LONG_VALUE), {}),
+}
+
+
+@cache
+def identification_reply(size: int) -> Form[Any]:
+    """Return the form of an identification whose objects have so many bytes, their numbers and lengths with them."""
+    return _form(
+        Reply,
+        (0x2B,),
+        _MEI_TYPE,
+        _READ_CODE,
+        "conformity" / schema.unsigned(1, "conformity level"),
+        "more_follows" / schema.choice({b"\x00": 0, b"\xff": 1}, "FF: more objects follow"),
+        "next_object" / schema.unsigned(1, "where they follow"),
+        "number" / schema.unsigned(1, "number of objects"),
+        "objects" / schema.characters(size, lowest=0, highest=0xFF, meaning="each: number, length, text"),
+        reads={"object_ids texts": _objects},
+        writes={"mei": _mei, "number": lambda message: len(message.object_ids or ()), "objects": _packed_objects},
+    )
+
+
+def _made(kind: type[Any], table: _Forms) -> dict[str, tuple[tuple[int, ...], Form[Any]]]:
+    return {title: (codes, _form(kind, codes, *leaves, **fields)) for title, (codes, leaves, fields) in table.items()}
+
+
+_TITLED = [_made(Request, _REQUESTS), _made(Reply, _REPLIES)]
+REQUESTS, REPLIES = ({code: form for codes, form in made.values() for code in codes} for made in _TITLED)
+EXCEPTION = _form(Reply, range(1, 128), "exception" / schema.whole(1, range(1, 256), "why, 1 to 255"), bit_7=0x80)
+
+
+def titled_forms() -> dict[str, Form[Any]]:
+    """Return the forms of all telegrams by title; of identifications, one of the many lengths."""
+    forms = {title: form for made in _TITLED for title, (_, form) in made.items()}
+    return {**forms, "Identification, drive": identification_reply(45), "Exception, drive": EXCEPTION}

@@ -1,0 +1,146 @@
+"""How a Modbus drive answers, made from the model of its series: the table [control] read from the drive's side."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import ParameterAddressError
+from drivecomm.profiles import RegisterMachine, RegisterRefusal
+from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, VirtualReply
+from drivecomm_modbus import functions as fn
+from drivecomm_modbus.codec import DriveCodec
+from drivecomm_modbus.control import control_of
+from drivecomm_modbus.messages import Reply, Request
+from drivecomm_modbus.parameters import target
+from drivecomm_modbus.telegrams import BROADCAST
+
+if TYPE_CHECKING:
+    from drivecomm.profiles import Target
+    from drivecomm.protocol import Model
+    from drivecomm_modbus.options import ModbusOptions
+
+_KINDS = {1: "c", 2: "d", 3: "", 4: "i", 5: "c", 6: "", 0x0F: "c", 0x10: "", 0x64: "", 0x65: "", 0x17: ""}
+_UNKNOWN_FUNCTION, _INVALID = 1, 3
+_EXCEPTIONS = {"unknown": 2, "read only": 2, "limits": _INVALID, "running": 4}
+
+
+class VirtualModbusDrive:
+    """A drive at one address. A command is obeyed when its last step is written and the others came before it."""
+
+    def __init__(self, address: int, options: ModbusOptions, model: Model) -> None:
+        self.address = address
+        self.codec = DriveCodec()
+        self.settings = LineSettings()
+        self.gap_s = 0.050
+        self.motor = Motor()
+        self._model, self._options = model, options
+        control = self._control = control_of(model, options)
+        self._machine = RegisterMachine(
+            model,
+            {each: target(each, model, options) for each in model.parameters},
+            control.profile,
+            self.motor,
+            said=control.status,
+            storing=control.storing,
+            stores=control.plain_write == "stored",
+            references=[each for each in (control.reference_percent, control.reference_hz) if each],
+            percent=control.reference_percent,
+            fault_code=control.fault_code,
+        )
+
+    def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
+        """Act on a telegram: silence for what is broken or not for this drive, an exception for what is refused."""
+        self._machine.live(now)
+        if isinstance(find, Damaged):
+            return self._complain(find)
+        message = find.message
+        if not isinstance(message, Request) or message.address not in (self.address, BROADCAST):
+            return None
+        self._machine.heard(now)
+        try:
+            reply = self._answer(message, now)
+        except RegisterRefusal as refusal:
+            reply = self._refusing(message.function, _EXCEPTIONS[refusal.why])
+        return None if message.address == BROADCAST else self._send(reply)
+
+    def peek(self, parameter: str, now: float) -> int | str:
+        """Return what a read would get."""
+        self._machine.live(now)
+        return self._machine.fetch(self._known(parameter))
+
+    def poke(self, parameter: str, raw: int | str) -> None:
+        """Set what a parameter holds, as if at the keypad."""
+        wanted = self._known(parameter)
+        self._machine.put(wanted, raw if wanted.format.type == "string" else int(raw))
+
+    def trip(self, code: int, now: float) -> None:
+        """Trip with a fault."""
+        self.motor.trip(code, now)
+
+    def power_cycle(self, now: float) -> None:
+        """Switch mains off and on: commands, a trip and what was not stored are gone."""
+        self._machine.power_cycle(now)
+
+    def _known(self, parameter: str) -> Target:
+        found = target(parameter, self._model, self._options)
+        if found.place.name not in self._machine.words:
+            raise ParameterAddressError(f"the virtual drive holds no parameter {parameter!r}")
+        return found
+
+    def _complain(self, find: Damaged) -> VirtualReply | None:
+        """Answer exception 3 to a sound telegram with a wrong field, silence to all else."""
+        data = find.data
+        if find.error.category != "field" or data[0] != self.address:
+            return None
+        return self._send(self._refusing(data[1] & 0x7F, _INVALID))
+
+    def _refusing(self, function: int, code: int) -> Reply:
+        return Reply(address=self.address, function=function, exception=code)
+
+    def _send(self, reply: Reply) -> VirtualReply:
+        return VirtualReply(data=self.codec.encode(reply), delay_s=self._options.reply_delay_s)
+
+    def _answer(self, message: Request, now: float) -> Reply:
+        function, start = message.function, message.start or 0
+        same: dict[str, Any] = {"address": self.address, "function": function}
+        if function == fn.DIAGNOSTICS and message.sub_function == 0:
+            return Reply(**same, sub_function=0, value=message.value)
+        if function in (fn.IDENTIFICATION, fn.REPORT_ID) and function == self._control.identification:
+            return self._identity(same)
+        if function not in _KINDS or (function in (fn.READ_LONG, fn.WRITE_LONG) and not self._options.wide_functions):
+            return self._refusing(function, _UNKNOWN_FUNCTION)
+        kind = _KINDS[function]
+        if function == fn.READ_LONG:
+            return Reply(**same, value=self._fetch(kind, start, 1)[0])
+        if function == fn.WRITE_LONG:
+            value = message.value or 0
+            self._write(kind, start, (value,), now)
+            return Reply(**same, start=start, value=value)
+        if message.values is not None:
+            self._write(kind, start if message.write_start is None else message.write_start, message.values, now)
+            if function != fn.READ_WRITE:
+                return Reply(**same, start=start, count=len(message.values))
+            self._machine.live(now)
+        elif message.value is not None:
+            self._write(kind, start, (message.value,), now)
+            return Reply(**same, start=start, value=message.value)
+        values = tuple(each & 0xFFFF for each in self._fetch(kind, start, message.count or 0))
+        if kind in ("c", "d"):
+            values += (0,) * (-len(values) % 8)
+        return Reply(**same, values=values)
+
+    def _identity(self, same: dict[str, Any]) -> Reply:
+        if same["function"] == fn.REPORT_ID:
+            return Reply(**same, data=f"{self.address:02X} FF")
+        texts = ("drivecomm", self._model.title.encode("ascii", "replace").decode(), "1.0")
+        return Reply(
+            **same, read_code=1, conformity=1, more_follows=0, next_object=0, object_ids=(0, 1, 2), texts=texts
+        )
+
+    def _fetch(self, kind: str, start: int, count: int) -> tuple[int, ...]:
+        return self._machine.read(f"{kind}{place}" for place in range(start, start + count))
+
+    def _write(self, kind: str, start: int, values: tuple[int, ...], now: float) -> None:
+        offset = 0 if f"{kind}{start}" in self._machine.words else self._control.volatile_offset
+        places = [f"{kind}{place - offset}" for place in range(start, start + len(values))]
+        self._machine.write(places, values, now, only_ram=offset > 0)

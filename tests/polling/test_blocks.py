@@ -1,0 +1,264 @@
+"""Poll plans of drives of which one telegram reads several parameters: together, apart, and never spoilt by one."""
+
+import asyncio
+from itertools import pairwise
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import NoReplyError, RefusedError, UsageError
+from drivecomm.plant import Fault, FaultPlan
+from drivecomm.polling import PollBlock, PollItem, Schedule, in_blocks, poll, poll_async
+from drivecomm.protocol import Reading
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+FACTS = {"baudrate": 19200}
+REGISTERS = [f"{address}" for address in range(100, 140)]
+SERIES = """
+format = 1
+protocol = "modbus"
+name = "{name}"
+title = "Mill drives"
+source = "manual M-1 p. 3"
+[options]
+max_registers = {most}
+[control]
+start = [["1", 1]]
+stop = [["1", 0]]
+[control.status]
+running = ["1", 1, 1]
+"""
+
+
+def model_of(folder, registers=REGISTERS, most=20, name="mill"):
+    """Return the file of a series that has these registers; each holds its own number."""
+    text = SERIES.format(name=name, most=most)
+    for address in registers:
+        text += (
+            f'[[parameter]]\naddress = "{address}"\nname = "register_{address}"\naccess = "r"\nstart = "{address}"\n'
+        )
+    file = folder / f"{name}.toml"
+    file.write_text(text)
+    return str(file)
+
+
+@pytest.fixture
+def mill(tmp_path):
+    return model_of(tmp_path)
+
+
+def bus_with(model, *, trace=None, **line):
+    line = VirtualLine([virtual_drive("modbus", 1, model=model, **FACTS)], **line)
+    return line, drivecomm.open_bus(line.port, trace=trace)
+
+
+def asked(sent):
+    return lambda event: sent.append(event) if event.what == "sent" else None
+
+
+def plan(drive, parameters=REGISTERS, **facts):
+    return [PollItem(drive=drive, parameter=each, **{"period_s": 0, **facts}) for each in parameters]
+
+
+def seconds_a_round(model, *, together):
+    line, bus = bus_with(model)
+    with bus:
+        # With options an item is read for itself.
+        options = {} if together else {"type": "u16"}
+        drive = bus.drive("modbus", 1, model=model, **FACTS)
+        results = list(poll(plan(drive, options=options), cycles=5))
+        assert all(str(result.reading.value) == result.parameter for result in results)
+        assert len(results) == 5 * len(REGISTERS)
+        return line.time / 5
+
+
+def test_forty_registers_are_read_five_times_as_fast(mill):
+    assert 5 * seconds_a_round(mill, together=True) <= seconds_a_round(mill, together=False)
+
+
+def test_each_reading_has_the_time_of_its_telegram(mill):
+    sent = []
+    line, bus = bus_with(mill, trace=asked(sent))
+    with bus:
+        readings = bus.drive("modbus", 1, model=mill, **FACTS).read_many(REGISTERS)
+    assert [reading.parameter for reading in readings] == REGISTERS
+    assert len(sent) == 2
+    times = sorted({reading.time_s for reading in readings})
+    assert len(times) == 2
+    assert sent[0].time < times[0] < sent[1].time < times[1] <= line.time
+
+
+def test_one_that_the_drive_lacks_spoils_no_other(tmp_path):
+    known = model_of(tmp_path)
+    real = model_of(tmp_path, [each for each in REGISTERS if each != "113"], name="old")
+    line = VirtualLine([virtual_drive("modbus", 1, model=real, **FACTS)])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive("modbus", 1, model=known, **FACTS)
+        came = drive.read_many(REGISTERS)
+        results = list(poll(plan(drive), cycles=3))
+        alone = line.time
+        list(poll(plan(drive), cycles=1))
+    assert [type(each) for each in came] == [RefusedError if each == "113" else Reading for each in REGISTERS]
+    assert {result.parameter for result in results if result.error} == {"113"}
+    assert len(results) == 3 * len(REGISTERS)
+    assert line.time > alone
+
+
+def test_a_refused_block_is_tried_in_parts_from_then_on(tmp_path):
+    known = model_of(tmp_path)
+    real = model_of(tmp_path, [each for each in REGISTERS if each != "113"], name="old")
+    sent = []
+    line = VirtualLine([virtual_drive("modbus", 1, model=real, **FACTS)])
+    with drivecomm.open_bus(line.port, trace=asked(sent)) as bus:
+        drive = bus.drive("modbus", 1, model=known, **FACTS)
+        results = poll(plan(drive, period_s=1), cycles=3)
+        rounds = [[next(results) for _ in REGISTERS] for _ in range(3)]
+        telegrams = [event.time for event in sent]
+    assert all(len(each) == len(REGISTERS) for each in rounds)
+    after = [time for time in telegrams if 2 <= time < 3]
+    assert len(after) < 10 < len([time for time in telegrams if time < 2])
+
+
+def test_a_silent_drive_fails_each_of_them(mill):
+    line, bus = bus_with(mill, faults=FaultPlan(rate=1.0, kinds=[Fault.DROP]))
+    with bus:
+        drive = bus.drive("modbus", 1, model=mill, attempts=1, **FACTS)
+        results = list(poll(plan(drive), cycles=1))
+        with pytest.raises(NoReplyError):
+            drive.read_many(REGISTERS)
+    assert [result.quality for result in results] == ["bad"] * len(REGISTERS)
+    assert {type(result.error) for result in results} == {NoReplyError}
+    assert line.time > 0
+
+
+def test_awaited_it_is_the_same(mill):
+    line = VirtualLine([virtual_drive("modbus", 1, model=mill, **FACTS)])
+
+    async def main():
+        async with drivecomm.open_bus_async(line.port) as bus:
+            drive = bus.drive("modbus", 1, model=mill, **FACTS)
+            readings = await drive.read_many(REGISTERS)
+            return readings, [result async for result in poll_async(plan(drive), cycles=1)]
+
+    readings, results = asyncio.run(main())
+    assert [str(each.value) for each in readings] == REGISTERS
+    assert sorted(result.parameter for result in results) == REGISTERS
+
+
+def test_what_is_not_equally_often_or_has_options_is_not_put_together(mill):
+    _, bus = bus_with(mill)
+    with bus:
+        drive, other = (bus.drive("modbus", address, model=mill) for address in (1, 2))
+        items = [
+            *plan(drive, ["100", "101"], period_s=1),
+            *plan(drive, ["102"], period_s=2),
+            *plan(drive, ["103"], period_s=1, priority=1),
+            *plan(drive, ["104"], period_s=1, options={"type": "s16"}),
+            *plan(other, ["105"], period_s=1),
+            *plan(drive, ["no register"], period_s=1),
+            *plan(drive, ["110"], period_s=1),
+        ]
+        turns = in_blocks(items)
+    assert [turn.parameters for turn in turns if isinstance(turn, PollBlock)] == [["100", "101"]]
+    assert [turn.parameter for turn in turns if isinstance(turn, PollItem)] == [
+        "102", "103", "104", "105", "no register", "110",
+    ]  # fmt: skip
+
+
+def test_drives_of_other_protocols_are_read_as_before():
+    line = VirtualLine([virtual_drive("vabus", 1)])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive("vabus", 1, model="act")
+        assert all(isinstance(turn, PollItem) for turn in in_blocks(plan(drive, ["480", "481"])))
+        assert [reading.parameter for reading in drive.read_many(["480", "output_frequency"])] == ["480", "210"]
+
+
+@pytest.mark.parametrize(("wanted", "why"), [("100", "no list"), (["nonsense"], "no address"), (["1"] * 1001, "many")])
+def test_what_can_never_be_read_is_said_at_once(wanted, why, mill):
+    sent = []
+    _, bus = bus_with(mill, trace=asked(sent))
+    with bus, pytest.raises(UsageError, match=why):
+        bus.drive("modbus", 1, model=mill).read_many(wanted)
+    assert not sent
+
+
+def test_a_read_only_drive_is_read_in_blocks_as_well(mill):
+    sent = []
+    _, bus = bus_with(mill, trace=asked(sent))
+    with bus:
+        bus.drive("modbus", 1, model=mill, read_only=True, **FACTS).read_many(REGISTERS)
+    assert len(sent) == 2
+
+
+def test_a_stop_goes_out_within_one_telegram(mill):
+    """A stop that is called while a plan of blocks runs waits for no more than the telegram under way."""
+    sent = []
+    line = VirtualLine([virtual_drive("modbus", 1, model=mill, **FACTS)])
+
+    async def main():
+        async with drivecomm.open_bus_async(line.port, trace=asked(sent)) as bus:
+            drive = bus.drive("modbus", 1, model=mill, **FACTS)
+            reading = asyncio.create_task(drive.read_many(REGISTERS * 5))
+            await asyncio.sleep(0)
+            await asyncio.gather(drive.stop(), reading, return_exceptions=True)
+
+    asyncio.run(main())
+    assert any(event.data[1] == 0x10 for event in sent[:2])
+
+
+class TestSchedule:
+    """Blocks in the queue."""
+
+    def items(self, number):
+        return tuple(PollItem(drive=PUMP, parameter=str(each), period_s=1.0) for each in range(number))
+
+    def test_a_block_takes_turns_with_others(self):
+        block, single = PollBlock(self.items(3)), PollItem(drive=PUMP, parameter="x", period_s=0.5)
+        schedule = Schedule([block, single], start_s=0.0)
+        now, turns = 0.0, []
+        while (now := max(now, schedule.next_due())) < 5:
+            turn = schedule.due(now)
+            turns.append(turn)
+            now += 0.01
+            if turn is block:
+                results = schedule.block_finished(block, now, [reading(now)] * 3, time_s=now)
+                assert [result.item for result in results] == list(block.items)
+                assert {result.late_s < 0.02 for result in results} == {True}
+            else:
+                schedule.finished(turn, now, reading(now), time_s=now)
+        assert turns.count(block) == 5
+        assert turns.count(single) == 10
+
+    def test_halves_are_due_at_once_and_keep_their_periods(self):
+        block = PollBlock(self.items(5))
+        schedule = Schedule([block], start_s=0.0, cycles=2)
+        assert schedule.due(0.0) is block
+        assert schedule.block_finished(block, 0.1, RefusedError("0", 2, "unknown"), time_s=0.1) == []
+        seen = []
+        while (due := schedule.next_due()) < 10:
+            turn = schedule.due(max(due, 0.1))
+            own = turn.items if isinstance(turn, PollBlock) else (turn,)
+            seen.append((due, [each.parameter for each in own]))
+            schedule.block_finished(turn, max(due, 0.1), [reading()] * len(own), time_s=0.0)
+        assert seen == [(0.0, ["0", "1"]), (0.0, ["2", "3", "4"]), (1.0, ["0", "1"]), (1.0, ["2", "3", "4"])]
+        assert all(first <= second for (first, _), (second, _) in pairwise(seen))
+
+    def test_stale_values_are_those_of_the_item(self):
+        block = PollBlock(self.items(2))
+        schedule = Schedule([block], start_s=0.0)
+        schedule.due(0.0)
+        schedule.block_finished(block, 0.1, [reading(0.1, 1), reading(0.1, 2)], time_s=0.1)
+        schedule.due(1.0)
+        results = schedule.block_finished(block, 1.1, NoReplyError("nothing came"), time_s=1.1)
+        assert [(result.quality, result.reading.value) for result in results] == [("stale", 1), ("stale", 2)]
+
+
+class _Pump:
+    name = "pump"
+
+
+PUMP = _Pump()
+
+
+def reading(time_s=0.0, value=5):
+    return Reading(parameter="1", value=value, raw=value, time_s=time_s)
