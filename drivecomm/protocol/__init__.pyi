@@ -33,6 +33,7 @@ from .framing import (
     Framed as Framed,
     Framer as Framer,
     Noise as Noise,
+    begins_again as begins_again,
 )
 from .line import (
     LINE_FACT_NAMES as LINE_FACT_NAMES,

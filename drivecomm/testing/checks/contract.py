@@ -42,6 +42,7 @@ _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
     "options": type,
     "parameter_examples": tuple,
     "parameter_keys": (frozenset, type(None)),
+    "ambiguous_with": frozenset,
     **dict.fromkeys(("factory_reading", "plain_writing"), dict),
 }
 
