@@ -290,12 +290,16 @@ class UssOperations:
         if self._memory.reference is not None or self._options.pzd_words < 2:
             return
         shown = self._options.reference_parameter
-        if not shown:
+        try:
+            reading = (yield from self._read(self._target(shown, type="U16"))) if shown else None
+        except RefusedError:
+            reading = None
+        if reading is None:
             raise StateError(
-                "no reference was set from here, so the drive would start with 0; set the reference first, while the "
-                "motor stands: 0 where it comes from elsewhere"
+                "no reference was set from here, and the drive does not show the one that it has from the bus, so it "
+                "would start with 0; set the reference first, while the motor stands: 0 where it comes from elsewhere"
             )
-        raw = int((yield from self._read(self._target(shown, type="U16"))).raw)
+        raw = int(reading.raw)
         self._memory.reference = raw - 0x10000 if raw >= 0x8000 else raw
 
     def _until(self, what: str, reached: Callable[[int], bool]) -> Exchange[None]:

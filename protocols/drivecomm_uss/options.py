@@ -55,7 +55,7 @@ class UssOptions:
     reverse_bit: int = 11
     right_bit: int = -1
     running_needs_control: bool = False
-    reference_parameter: str = ""
+    reference_parameter: str = "2018[1]"
     error_family: Literal["siemens", "g120", "nord"] = "siemens"
     reference_frequency_hz: Hertz | None = None
     state_timeout_s: float = 2.0

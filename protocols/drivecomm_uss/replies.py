@@ -72,8 +72,11 @@ def mismatch(request: Message, reply: Message) -> str:
 
 
 def intent(request: Message) -> Intent:
-    """Tell by AK what a request reads or writes, and by bit 10 of its control word whether it commands, too."""
-    if not isinstance(request, Request) or request.special or request.broadcast:
+    """Tell by AK what a request reads or writes, and by bit 10 of its control word whether it commands, too.
+
+    A special telegram is passed over by all drives that know none (A-4, A-11), as those of all models here.
+    """
+    if not isinstance(request, Request) or request.broadcast:
         return Intent(commands=True)
     commands = has(request.control_word or 0, VALID)
     if not request.ak:

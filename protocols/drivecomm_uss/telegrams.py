@@ -165,8 +165,12 @@ _PZD = ("control_word", "status_word", "reference", "actual", "pzd")
 def _check(message: Any, *, direction: Direction, form: str, options: UssOptions) -> None:
     """Refuse fields that a telegram of this form does not have."""
     kind = message.kind
+    if form != "data" and message.data is not None:
+        raise _wrong("data", "only special and mirror telegrams have data; say special or mirror")
+    if form != "broadcast" and getattr(message, "enable", None) is not None:
+        raise _wrong("enable", "only a broadcast has an enable array; say broadcast")
     if form != ("data" if kind in ("special", "mirror") else kind):
-        raise _wrong("kind", f"a {kind} telegram has another form")
+        raise _wrong("ak", f"it is missing or too much: this drive's telegrams are {form} telegrams, not {kind}")
     strange = set[str]() if kind == "parameter" else set(_NET_DATA)
     if form == "data":
         strange |= {*_PZD, "enable"}

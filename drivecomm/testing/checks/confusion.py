@@ -205,7 +205,9 @@ _READS = 60
 
 @check("foreign traffic")
 def is_not_believed(plugin: Protocol, other: Protocol) -> None:
-    """No telegram of another protocol is the answer to any of this one's own requests."""
+    """No telegram of another protocol is the answer to any of this one's own requests, unless that is declared."""
+    if other.name in plugin.ambiguous_with:
+        return
     codec = plugin.codec(plugin.options())
     requests = [
         codec.decode(vector.data, "request")
