@@ -74,8 +74,10 @@ def _answer(name: str, schema: dict[str, Any]) -> Iterator[str]:
         yield schema["description"]
     if properties := schema.get("properties"):
         yield table(("field", "type"), ((code(key), _type(each)) for key, each in properties.items()))
-    elif schema["type"] == "array":
+    elif schema.get("type") == "array":
         yield f"A list of {_type(schema['items'])}."
+    else:
+        yield f"{_type(schema)}."
 
 
 def _type(schema: dict[str, Any]) -> str:

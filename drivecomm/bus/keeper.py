@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_args
 
+from drivecomm.bus.faces import Sent
 from drivecomm.bus.procedures import ask_status, sleep_until, stop_motor
 from drivecomm.bus.watchdog import Setting, policies, reading_watchdog, restoring_watchdog, setting_watchdog
 from drivecomm.errors import DriveCommError, NotSupported, ReplyError, StateError, UsageError
@@ -46,6 +47,11 @@ class Keeper(Generic[D]):
                 raise UsageError(f"unknown policy {given!r}; use {', '.join(some)} or {last}")
         self._drive, self._policy = drive, policy
         self._feeds = policy != "hold"
+        if self._feeds and isinstance(drive, Sent):
+            raise UsageError(
+                f"{drive.name} is on a line of a server, whose own questions would feed its watchdog although this "
+                "program had died; keep it with drivecomm.client.KeptMotor, or open the plant with own_ports=True"
+            )
         self._watchdog_s = exact(watchdog_s, "watchdog time")
         self._every_s = float(self._watchdog_s) / REFRESHES_IN_TIME
         self._stop = _STOPS[on_leaving or policy]
@@ -56,6 +62,7 @@ class Keeper(Generic[D]):
         self._setting: Setting | None = None
         self._earlier: Setting | None = None
         self._first: Exception | None = None
+        self._stopped = False
         self._asked = self._unanswered = 0
         self._answered_at: float | None = None
         self._next_at = 0.0
@@ -64,6 +71,11 @@ class Keeper(Generic[D]):
     def watchdog(self) -> Setting | None:
         """How the drive's watchdog is set inside the block; None where its model knows none."""
         return self._setting
+
+    @property
+    def stopped(self) -> bool:
+        """Whether what is done on leaving was done; setting the watchdog as it was may have failed all the same."""
+        return self._stopped
 
     def stop_by(self, how: Stop) -> None:
         """Stop so when the block is left, whatever its policy says."""
@@ -132,7 +144,8 @@ class Keeper(Generic[D]):
                 if not left:
                     raise
             else:
-                return
+                break
+        self._stopped = True
 
     def _restoring(self) -> Procedure[None]:
         """Set the watchdog as it was, so that a program that speaks less often does not set it off."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, cast, get_args
 
@@ -15,16 +14,16 @@ from drivecomm.cli.one_drive import number
 from drivecomm.cli.options import Drive, Model
 from drivecomm.cli.output import complain, say, tell
 from drivecomm.cli.signals import until_stopped
+from drivecomm.cli.start_watch import Watch
 from drivecomm.errors import DriveCommError, DriveError, UsageError, near
 from drivecomm.protocol import LinkLoss
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from threading import Event
 
     from drivecomm import bus
     from drivecomm.client import ServedDrive
-    from drivecomm.protocol import DriveConfig, DriveStatus, Stop
+    from drivecomm.protocol import DriveConfig, Stop
 
 
 def start(
@@ -173,38 +172,6 @@ def _start_and_stay(
             kept.until(stop)
         watch.tell(done="stop commanded", text="stop commanded; watchdog as it was")
     return DriveError.exit_code if watch.fault else 0
-
-
-class Watch:
-    """Tells what happens to a drive that is kept in hand, each thing once."""
-
-    def __init__(self, name: DriveConfig, stop: Event, *, as_json: bool) -> None:
-        self._name = name
-        self._stop = stop
-        self._as_json = as_json
-        self._failing = ""
-        self.fault = False
-
-    def tell(self, *, done: str, text: str, **further: object) -> None:
-        """Say what has been done."""
-        tell(f"{self._name.name}  {text}", as_json=self._as_json, **self._name.labels, done=done, **further)
-
-    def failed(self, error: DriveCommError) -> None:
-        """Say that the drive could not be spoken to."""
-        if str(error) != self._failing:
-            self._failing = str(error)
-            complain(error, as_json=self._as_json, where=time.strftime("%H:%M:%S"))
-
-    def answered(self, status: DriveStatus) -> None:
-        """Take note of how the drive is; a fault ends it."""
-        if self._failing:
-            self._failing = ""
-            self.tell(done="answers again", text="answers again")
-        if status.fault and not self.fault:
-            self.fault = True
-            fault = " ".join(str(part) for part in (status.fault_code, status.fault_text) if part)
-            self.tell(done="fault", text=f"has a fault{f' ({fault})' if fault else ''}", fault_code=status.fault_code)
-            self._stop.set()
 
 
 def _choice(drive: bus.Drive) -> str:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from threading import Event
 
-    from drivecomm.cli.start import Watch
+    from drivecomm.cli.start_watch import Watch
     from drivecomm.client import ServedDrive
     from drivecomm.protocol import LinkLoss
 

@@ -18,8 +18,7 @@ from .runtime_folders import (
     is_private as is_private,
     users_folder as users_folder,
 )
-from .served_bus import ServedBus as ServedBus
-from .served_drive import ServedDrive as ServedDrive
+from .served_bus import ServedBus as ServedBus, ServedDrive as ServedDrive
 from .wire import (
     Json as Json,
     drive_options as drive_options,

@@ -8,9 +8,9 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Self
 
 from drivecomm.bus import carry_out_async, reaching
+from drivecomm.client.line_of_server import LineOfServer
 from drivecomm.client.line_streams import since, statistics
 from drivecomm.client.line_trace import traced
-from drivecomm.client.served_bus import LineOfServer
 from drivecomm.client.served_drive import SentDrive
 from drivecomm.errors import LinkError
 

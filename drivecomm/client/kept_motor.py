@@ -13,7 +13,7 @@ from drivecomm.errors import DriveCommError, LinkError
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from drivecomm.client.served_drive import ServedDrive
+    from drivecomm.client.served_bus import ServedDrive
 
 LONGEST_LEASE_S = 30.0
 SHORTEST_LEASE_S = 2.0

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from drivecomm.capture import Piece, Record
+    from drivecomm.client.line_of_server import LineOfServer
     from drivecomm.client.registration import Registration
-    from drivecomm.client.served_bus import LineOfServer
     from drivecomm.protocol import LineSettings, Message
 
 Listener: TypeAlias = "Callable[[TraceEvent], None]"

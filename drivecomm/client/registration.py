@@ -13,6 +13,7 @@ import os
 import time
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, fields
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,10 +26,12 @@ if TYPE_CHECKING:
 _RECORD = ".server.json"
 _SOCKET = ".sock"
 _LONGEST_RECORD = 1 << 20
+_LONGEST_SOCKET = 100
 # Whoever only looks holds the lock for an instant.
 _LOCK_S = 1.0
 _TRY_AGAIN_S = 0.01
 _READS = 3
+_LOCKED_BYTE = 1 << 30
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,8 +67,19 @@ def identity(plant: str | Path) -> str:
 
 
 def local_socket(plant: str | Path) -> Path:
-    """Return the socket on which the server of a plant is reached."""
-    return folder_of_servers() / f"{identity(plant)}{_SOCKET}"
+    """Return the socket on which the server of a plant is reached; its folder is this user's alone.
+
+    Clients find it by the server's record. Raises PermissionError for a folder that belongs to somebody else.
+    """
+    usual = folder_of_servers() / f"{identity(plant)}{_SOCKET}"
+    if len(os.fsencode(usual)) <= _LONGEST_SOCKET:
+        return usual
+    # The system has no room for a longer path of a socket.
+    from tempfile import gettempdir  # noqa: PLC0415 - seldom needed
+
+    short = Path(gettempdir()) / f"drivecomm-{os.getuid()}" / f"{identity(plant)[-8:]}{_SOCKET}"
+    _make_private(short.parent)
+    return short
 
 
 @contextmanager
@@ -75,9 +89,7 @@ def register(server: Registration) -> Iterator[Path]:
     Raises UsageError where a server of this plant runs already, OSError where no record can be written.
     """
     record = folder_of_servers() / f"{identity(server.plant)}{_RECORD}"
-    record.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if not (os.environ.get("RUNTIME_DIRECTORY") or is_private(record.parent)):
-        raise PermissionError(f"{record.parent} belongs to another user, or others can write to it")
+    _make_private(record.parent)
     if (other := server_of_plant(server.plant)) is not None:
         raise _runs_already(other)
     descriptor = _locked(record)
@@ -88,10 +100,13 @@ def register(server: Registration) -> Iterator[Path]:
         os.write(descriptor, json.dumps(asdict(server)).encode())
         yield record
     finally:
-        # While it is still locked, so that nobody else's record is removed.
+        # While it is still locked, so that nobody else's record is removed; Windows removes no file that is open.
         with suppress(OSError):
             record.unlink()
         os.close(descriptor)
+        if os.name != "posix":
+            with suppress(OSError):
+                record.unlink()
 
 
 def server_of_plant(plant: str | Path) -> Registration | None:
@@ -125,6 +140,12 @@ def servers() -> Iterator[Registration]:
         for name in names:
             if (found := _running(folder / name)) is not None:
                 yield found
+
+
+def _make_private(folder: Path) -> None:
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if not (os.environ.get("RUNTIME_DIRECTORY") or is_private(folder)):
+        raise PermissionError(f"{folder} belongs to another user, or others can write to it")
 
 
 def _running(record: Path) -> Registration | None:
@@ -161,9 +182,9 @@ def _read(descriptor: int) -> Registration:
 
 def _is_held(descriptor: int) -> bool:
     try:
-        import fcntl  # noqa: PLC0415 - Windows has none, and there the process alone counts
+        import fcntl  # noqa: PLC0415 - Windows has none
     except ImportError:
-        return True
+        return not _locks_a_byte(descriptor, for_good=False)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except OSError:
@@ -206,11 +227,26 @@ def _take(descriptor: int) -> bool:
     try:
         import fcntl  # noqa: PLC0415 - as above
     except ImportError:
-        return True
+        return _locks_a_byte(descriptor, for_good=True)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
+    return True
+
+
+def _locks_a_byte(descriptor: int, *, for_good: bool) -> bool:
+    """Lock a record as Windows can: a byte far behind its content, which everybody may read then as before."""
+    windows: Any = import_module("msvcrt")
+    os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
+    try:
+        windows.locking(descriptor, windows.LK_NBLCK, 1)
+        if not for_good:
+            windows.locking(descriptor, windows.LK_UNLCK, 1)
+    except OSError:
+        return False
+    finally:
+        os.lseek(descriptor, 0, os.SEEK_SET)
     return True
 
 

@@ -2,144 +2,64 @@
 
 from __future__ import annotations
 
-import os
 import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, NoReturn, Self
 
-from drivecomm.client.connection import LONGEST_S, LocalServer
-from drivecomm.client.served_drive import READING, ServedBroadcast, ServedDrive
-from drivecomm.client.wire import error_of, result_of
-from drivecomm.errors import UsageError, shortened
-from drivecomm.protocol import LINE_FACT_NAMES, DriveConfig
+from drivecomm.bus import BroadcastVerbs, Sent, carry_out, reaching
+from drivecomm.client.line_of_server import LineOfServer
+from drivecomm.client.served_drive import SentDrive
+from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
     from collections import Counter
     from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
     from pathlib import Path
 
-    from drivecomm.bus import Found, Job, LineChoices, Member
-    from drivecomm.capture import Record
-    from drivecomm.client.registration import Registration
-    from drivecomm.link import CommandCall, Health, Peer, Port, Statistics, TraceEvent
+    from drivecomm.bus import Found, Goal, Job, LineChoices
+    from drivecomm.errors import DriveCommError
+    from drivecomm.link import Health, Port, Statistics, TraceEvent
     from drivecomm.polling import PollItem, PollResult
-    from drivecomm.protocol import LineSettings, Model
+    from drivecomm.protocol import DriveStatus, Model
     from drivecomm.transport import Engine
 
-# What a call may take in all unless its drive says otherwise, and the way there and back.
-_CALL_S = 30.0
-_WAY_S = 5.0
-_VALID_S = 10
 
+class ServedDrive(SentDrive["ServedBus"]):
+    """One drive on a line of a server, with all that `Drive` offers; made by `ServedBus.drive`.
 
-class LineOfServer:
-    """What buses of a server have in common: which drives there are, and what is sent of them.
-
-    line: what the server calls it. drives: those of its plant on this line, with what holds for them on it. trace:
-    called for everything that happens on the line, record: gets every byte, both for as long as the bus is open.
-    facts: line facts for all drives, and what else `open_bus` takes, which is the server's to decide.
+    Whatever the server or the drive answers with is raised as `Drive` raises it; ServerLostError where it is gone.
     """
 
-    def __init__(
-        self,
-        server: Registration,
-        line: str,
-        drives: Iterable[DriveConfig] = (),
-        *,
-        trace: Callable[[TraceEvent], None] | None = None,
-        record: Record | None = None,
-        **facts: Any,
-    ) -> None:
-        self.server = LocalServer(server)
-        self.line = line
-        self.port = server.lines.get(line, "")
-        self._facts = {name: value for name, value in facts.items() if name in LINE_FACT_NAMES and value is not None}
-        self._known = {str(each): each for each in drives}
-        self._trace = trace
-        self._record = record
-        self._before: Mapping[str, Statistics] | None = None
+    _bus: ServedBus
+
+    def wait_for(self, goal: Goal, timeout_s: float = 10.0) -> DriveStatus:
+        """Ask for the status until the drive is in a state, or "at_reference"; as `Drive.wait_for`."""
+        reached: DriveStatus = carry_out(self, reaching(self.name, goal, timeout_s, self.bus.now))
+        return reached
+
+
+class ServedBroadcast(BroadcastVerbs["ServedBus"], Sent):
+    """All drives of one protocol on a line of a server at once, as `Broadcast` has them."""
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """The drives of the server's plant on this line, as PROTOCOL:ADDRESS."""
-        return tuple(sorted(self._known))
+    def place(self) -> str:
+        """Where the server has them."""
+        from urllib.parse import quote  # noqa: PLC0415 - for those who ask
 
-    @property
-    def settings(self) -> LineSettings | None:
-        """The line settings of its first drive; None without any."""
-        first = next(iter(self._known.values()), None)
-        return None if first is None else self.member(first, read_only=False).peer.facts.settings
+        return f"/api/v1/lines/{quote(self._bus.line, safe='')}/drives/{self._peer.name}"
 
-    def described(
-        self,
-        protocol: str,
-        address: int,
-        model: object,
-        set_up: object,
-        options: Mapping[str, Any],
-        *,
-        read_only: bool,
-    ) -> dict[str, Any]:
-        """Return what is said of a drive, as `SentDrive` takes it. Raises UsageError for what no server does."""
-        if set_up:
-            raise UsageError(
-                f"{protocol}:{shortened(address)} cannot be set up through a server; write these parameters, or end "
-                f"{self.server.registration} and try again"
-            )
-        known = self._known.get(f"{protocol}:{address}")
-        given = {**self._facts, **options, **({} if model is None else {"model": model})}
-        of_plant = {} if known is None else dict(known.options)
-        return {
-            "config": DriveConfig(protocol=protocol, address=address, options={**of_plant, **given}),
-            "said": _news(given, of_plant),
-            "known": known,
-            "read_only": read_only,
-        }
+    def send(self, verb: str, arguments: dict[str, Any], job: Callable[[], Job[Any]]) -> Any:
+        """Have the server carry out a verb."""
+        job()
+        return self._bus.carry_out(self, verb, arguments)
 
-    def member(self, config: DriveConfig, *, read_only: bool) -> Member:
-        """Return what a drive is made of here, as a bus of one's own would make it. Raises UsageError."""
-        from drivecomm.bus import Roster  # noqa: PLC0415 - for those who ask what sends nothing
+    def request(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what is sent besides the verb."""
+        return {"arguments": arguments, "arm": True}
 
-        options = dict(config.options)
-        model = options.pop("model", None)
-        return Roster(self._facts).member(config.protocol, config.address, model, None, options, read_only=read_only)
-
-    def carry_out(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Any:
-        """Have the server carry out a verb; each kind of bus says whether that is waited for or awaited."""
-        raise NotImplementedError
-
-    def sent(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Any:
-        """Have the server carry out a verb, and return its result; raises the error that it ends with."""
-        content = {"id": os.urandom(8).hex(), **of.request(arguments)}
-        limit_s = float(content.get("options", {}).get("deadline_s", _CALL_S)) + _WAY_S
-        reads = verb in READING
-        if not reads:
-            # As long as a server lets a command wait for its turn; one that hung meanwhile does not carry it out later.
-            content |= {"issued_s": time.time(), "valid_s": _VALID_S}
-        post = self.server.read if reads else self.server.order
-        answer = post(f"{of.place}/{verb}", content, limit_s=max(limit_s, LONGEST_S))
-        if answer.get("error"):
-            raise of.own_error(error_of(answer["error"]))
-        return result_of(answer.get("result"))
-
-    def command(self, peer: Peer) -> CommandCall | None:  # noqa: ARG002 - see `Bus`
-        """Take no note of what is commanded: the server does, for everybody."""
-        return None
-
-    def storing(self, peer: Peer, parameter: str) -> None:
-        """Count no writes to EEPROM: the server does, for everybody."""
-
-    def watched(self, peer: Peer, silence_s: float | None) -> None:
-        """Take no note of a watchdog: the server does, of the motors that it keeps."""
-
-    def wall_time(self) -> float:
-        """Return the time in seconds since 1970."""
-        return time.time()
-
-    @property
-    def real_time(self) -> bool:
-        """Whether time passes by itself, as it does here."""
-        return True
+    def own_error(self, error: DriveCommError) -> DriveCommError:
+        """Return the error that the server has answered with."""
+        return error
 
 
 class ServedBus(LineOfServer):
@@ -293,17 +213,3 @@ class ServedBus(LineOfServer):
     def _check_open(self) -> None:
         if self._closed:
             raise UsageError("this bus is closed; open it again with open_bus")
-
-
-def _news(given: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what is said of a drive and the server does not know."""
-    news = {name: value for name, value in given.items() if name not in known or known[name] != value}
-    return {**news, "model": _found_from_anywhere(news["model"])} if "model" in news else news
-
-
-def _found_from_anywhere(model: Any) -> str:
-    """Return a model as its name, or its file wherever the server was started."""
-    if not isinstance(model, str | os.PathLike):
-        raise UsageError("a model that was made by a program cannot be sent to a server; give its name or its file")
-    text = os.fspath(model)
-    return os.path.abspath(text) if text.endswith(".toml") else text  # noqa: PTH100

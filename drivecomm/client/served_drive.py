@@ -8,20 +8,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drivecomm.bus import BroadcastVerbs, DriveVerbs, Exchanges, ReadOnly, Sent, carry_out, reaching
+from drivecomm.bus import DriveVerbs, Exchanges, ReadOnly, Sent
+from drivecomm.client.line_of_server import READING
 from drivecomm.errors import DriveCommError, ReadOnlyError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.bus import Goal, Job, Member
-    from drivecomm.client.served_bus import LineOfServer, ServedBus
-    from drivecomm.protocol import DriveConfig, DriveStatus
+    from drivecomm.bus import Job, Member
+    from drivecomm.client.line_of_server import LineOfServer
+    from drivecomm.protocol import DriveConfig
 
 B = TypeVar("B", bound="LineOfServer")
-
-READING = frozenset({"read", "polled", "status", "identify", "probe"})
-"""Verbs that command nothing: they may be sent twice, and need no right to command the drive."""
 
 _MADE_LATER = frozenset({"_peer", "_exchanges", "model"})
 
@@ -81,8 +79,12 @@ class SentDrive(DriveVerbs[B], Sent):
         if "_exchanges" in vars(self) and isinstance(self._exchanges.operations, ReadOnly):
             self._exchanges.operations.reason = reason
 
-    def watched(self, silence_s: float | None) -> None:
-        """Take no note of how long its watchdog waits: the server does, of the motors that it keeps."""
+    def watched(self, silence_s: float | None) -> Any:
+        """Let the server know how long its watchdog waits, so that its questions feed it; to be awaited, as verbs are.
+
+        A motor that the server keeps is fed by what the server knows itself.
+        """
+        return self._bus.carry_out(self, "watched", {"silence_s": silence_s})
 
     def send(self, verb: str, arguments: dict[str, Any], job: Callable[[], Job[Any]]) -> Any:
         """Have the server carry out a verb."""
@@ -127,44 +129,6 @@ class SentDrive(DriveVerbs[B], Sent):
             made.operations.reason = self._reason
         self._peer, self.model = made.peer, made.model
         self._exchanges = Exchanges(made.peer.name, made.operations, made.model)
-
-
-class ServedDrive(SentDrive["ServedBus"]):
-    """One drive on a line of a server, with all that `Drive` offers; made by `ServedBus.drive`.
-
-    Whatever the server or the drive answers with is raised as `Drive` raises it; ServerLostError where it is gone.
-    """
-
-    _bus: ServedBus
-
-    def wait_for(self, goal: Goal, timeout_s: float = 10.0) -> DriveStatus:
-        """Ask for the status until the drive is in a state, or "at_reference"; as `Drive.wait_for`."""
-        reached: DriveStatus = carry_out(self, reaching(self.name, goal, timeout_s, self.bus.now))
-        return reached
-
-
-class ServedBroadcast(BroadcastVerbs["ServedBus"], Sent):
-    """All drives of one protocol on a line of a server at once, as `Broadcast` has them."""
-
-    @property
-    def place(self) -> str:
-        """Where the server has them."""
-        from urllib.parse import quote  # noqa: PLC0415 - for those who ask
-
-        return f"/api/v1/lines/{quote(self._bus.line, safe='')}/drives/{self._peer.name}"
-
-    def send(self, verb: str, arguments: dict[str, Any], job: Callable[[], Job[Any]]) -> Any:
-        """Have the server carry out a verb."""
-        job()
-        return self._bus.carry_out(self, verb, arguments)
-
-    def request(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what is sent besides the verb."""
-        return {"arguments": arguments, "arm": True}
-
-    def own_error(self, error: DriveCommError) -> DriveCommError:
-        """Return the error that the server has answered with."""
-        return error
 
 
 def _can_be_sent(value: object) -> bool:

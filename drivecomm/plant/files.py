@@ -24,7 +24,7 @@ armed = true                        # optional: may be written and commanded; re
 poll = [{ parameters = ["output_frequency"], period_s = 0.2, priority = 1 }]
                                     # optional: what is polled of it; each second and alike unless said; also options
                                     # of the protocol for reading, such as options = { type = "long" }
-link_loss = { policy = "ramp", watchdog_s = 5 }
+link_loss = { policy = "trip", watchdog_s = 5 }
                                     # optional: hold, ramp, coast or trip when its master falls silent; after 5 s
 network = { http = ["start", "reset"], write = ["480"] }
                                     # optional: what may be done with it over a network, by the kind of door

@@ -94,8 +94,8 @@ class Plant:
 
     def drive(self, name: str) -> DriveConfig:
         """Return a drive by its name, or by PROTOCOL:ADDRESS where that is one drive only. Raises UsageError."""
-        same = [drive for drive in self.drives if str(drive) == name]
-        if name in map(_name, self.drives) or not same:
+        # Asked for each value of a served plant, almost always by its name.
+        if name in map(_name, self.drives) or not (same := [drive for drive in self.drives if str(drive) == name]):
             return _named(name, self.drives, f"{self._in_file}there is no drive")
         if len(same) > 1:
             names = " and ".join(map(_name, same))

@@ -1,10 +1,8 @@
 from .audit import Audit as Audit
+from .callers import ANONYMOUS as ANONYMOUS, LOCAL as LOCAL, Caller as Caller, Role as Role
 from .credentials import new_token as new_token, password_hash as password_hash, token_hash as token_hash
 from .door import (
-    ANONYMOUS as ANONYMOUS,
-    LOCAL as LOCAL,
     Answer as Answer,
-    Caller as Caller,
     Changes as Changes,
     Command as Command,
     Door as Door,
@@ -14,8 +12,8 @@ from .door import (
     LoggedIn as LoggedIn,
     MakeDoor as MakeDoor,
     Outcome as Outcome,
-    Role as Role,
     ServedPlant as ServedPlant,
+    Stopped as Stopped,
 )
 from .freshness import check_fresh as check_fresh
 from .leases import Lease as Lease, Leases as Leases
@@ -29,6 +27,7 @@ from .observations import (
     Event as Event,
     EventKind as EventKind,
     LineState as LineState,
+    RememberedFault as RememberedFault,
 )
 from .places import (
     audit_file as audit_file,

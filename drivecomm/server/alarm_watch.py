@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from drivecomm.server.alarms import Alarm, PlantAlarms
-    from drivecomm.server.door import Caller, ServedPlant
+    from drivecomm.server.callers import Caller
+    from drivecomm.server.door import ServedPlant
 
 
 class AlarmWatch:

@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from drivecomm.server.door import Answer, Caller, Command
+    from drivecomm.server.callers import Caller
+    from drivecomm.server.door import Answer, Command
     from drivecomm.server.leases import Lease
 
 LONGEST_WAIT_S = 2.0

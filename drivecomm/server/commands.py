@@ -6,11 +6,13 @@ A stop goes another way: whoever is known may give it, and nothing is waited for
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from inspect import signature
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from drivecomm.client import drive_options
 from drivecomm.errors import (
@@ -24,23 +26,31 @@ from drivecomm.errors import (
     UsageError,
     meant,
 )
-from drivecomm.protocol import DriveState, Stop, parse_drive
-from drivecomm.server.door import LOCAL, Answer, Command, Role
+from drivecomm.protocol import DriveState, Stop, exact, parse_drive
+from drivecomm.server.callers import Role
+from drivecomm.server.door import Answer, Command, Stopped
 from drivecomm.server.freshness import check_fresh
-from drivecomm.server.kept import KeepOrder, KeptMotor
+from drivecomm.server.keep_orders import keep_order, kept_if_remote
 from drivecomm.server.rights import NEEDS, Needs
+from drivecomm.server.wanted import Wanted
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from drivecomm.bus import AsyncBroadcast, AsyncDrive
+    from drivecomm.link import CommandCall
     from drivecomm.protocol import DriveConfig
+    from drivecomm.server.callers import Caller
     from drivecomm.server.core import Core
-    from drivecomm.server.door import Caller, Outcome
+    from drivecomm.server.door import Outcome
     from drivecomm.server.leases import Lease
     from drivecomm.server.served_line import ServedLine
 
     Whom: TypeAlias = AsyncDrive | AsyncBroadcast
+
+T = TypeVar("T")
+
+_log = logging.getLogger("drivecomm.server")
 
 _ALL = "*"
 """The address of all drives of a protocol."""
@@ -64,76 +74,125 @@ class Commands:
             self._core.rights.check(caller, command, config)
             if command.verb == "stop":
                 return await self._stop(caller, command, line, config)
-            begin = partial(self._begin, caller, _kept_if_remote(caller, command), line, config, time.monotonic())
+            # From now on a stop cancels it.
+            call = line.order.called(_on_bus(config))
+            begin = partial(
+                self._begin, caller, kept_if_remote(caller, command), line, config, call=call, came_s=time.monotonic()
+            )
             return await self._core.answers.once(caller, command, begin)
-        except DriveCommError as error:
+        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+            answer = Answer(id=command.id, outcome="refused", error=_error(command, error))
             if NEEDS.get(command.verb, _UNKNOWN).commands:
-                self._core.audit.refused(caller, command, _flat(error))
-            return Answer(id=command.id, outcome="refused", error=error)
+                _noted(self._core.audit.refused, caller, command, _flat(error))
+            return answer
 
     async def _stop(self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig) -> Answer:
         """Stop a drive, or all of a protocol, and let go of it where it was kept."""
-        core, name, how, asked_s = self._core, config.name, _how(command.arguments), time.time()
-        kept = core.kept.get(name)
-        if kept is not None:
-            kept.stop_by(how)
-        number = core.audit.stop_asked(caller, command)
+        core, name, how, asked_s = self._core, config.name, stop_kind(command.arguments), time.time()
+        line.order.stop_called(_on_bus(config))
+        number = _noted(core.audit.stop_asked, caller, command) or 0
         core.table.happened("command", f"stop ({how.value})", drive=name, line=line.line.name, who=str(caller))
         try:
             whom = await self._built(line, config, arm=False)
             answer = Answer(id=command.id, outcome="done", result=await whom.stop(how))
         except UsageError as error:
             answer = Answer(id=command.id, outcome="refused", error=error)
-        except DriveCommError as error:
-            answer = Answer(id=command.id, outcome="open", error=error)
+        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+            answer = Answer(id=command.id, outcome="open", error=_error(command, error))
             core.table.happened("command", f"stop is not confirmed: {_flat(error)}", drive=name, who=str(caller))
-        if kept is not None:
-            core.release(name)
-        core.audit.outcome(caller, command, number, answer)
-        core.remember(caller, command, answer, asked_s)
+        if answer.outcome != "refused":
+            for each in line.drives if config.address < 0 else [config]:
+                if each.protocol == config.protocol:
+                    core.kept.release(each.name, how)
+        _noted(core.audit.outcome, caller, command, number, answer)
+        _noted(core.remember, caller, command, answer, asked_s)
         return answer
 
-    async def stop_all(self, caller: Caller, how: Stop, lines: Sequence[str] = ()) -> Sequence[tuple[str, Answer]]:
-        """Stop all drives, or those of these lines, all lines at the same time; returns an answer for each of them."""
+    async def stop_all(self, caller: Caller, how: Stop, lines: Sequence[str] = ()) -> Sequence[Stopped]:
+        """Stop all drives, or those of these lines, all lines at the same time: by a broadcast first, then each."""
         named = [self._core.line(name) for name in lines] or list(self._core.lines.values())
         answers = await asyncio.gather(*(self._stop_line(caller, line, how) for line in named))
         return [each for on_line in answers for each in on_line]
 
-    async def _stop_line(self, caller: Caller, line: ServedLine, how: Stop) -> Sequence[tuple[str, Answer]]:
-        async def stop(config: DriveConfig) -> tuple[str, Answer]:
+    async def _stop_line(self, caller: Caller, line: ServedLine, how: Stop) -> Sequence[Stopped]:
+        name = line.line.name
+
+        async def stop_everybody(everybody: AsyncBroadcast, used: Stop) -> Stopped:
+            to_all = Command(drive=everybody.peer.name, line=name, verb="stop", arguments={"how": used.value})
+            answer = await self._stop_everybody(caller, to_all, line, everybody)
+            return Stopped(line=name, drive=to_all.drive, how=used, answer=answer)
+
+        async def stop(config: DriveConfig) -> Stopped:
             used = how
-            try:
+            # The stop says it again.
+            with suppress(Exception):
                 able = (await self._built(line, config, arm=False)).capabilities.stops
                 used = how if how in able else Stop.RAMP
-            except DriveCommError:
-                # The stop says it again.
-                pass
             stopping = Command(drive=config.name, verb="stop", arguments={"how": used.value})
-            return config.name, await self.carry_out(caller, stopping)
+            return Stopped(line=name, drive=config.name, how=used, answer=await self.carry_out(caller, stopping))
 
-        return await asyncio.gather(*map(stop, line.drives))
+        # In the order in which they are asked for here; a broadcast that waits or fails holds up no other stop.
+        to_all = [stop_everybody(each, used) for each, used in _broadcasts(line, how)]
+        return await asyncio.gather(*to_all, *map(stop, line.drives))
+
+    async def _stop_everybody(
+        self, caller: Caller, command: Command, line: ServedLine, everybody: AsyncBroadcast
+    ) -> Answer:
+        """Stop all drives of a protocol by one telegram, which nobody confirms."""
+        try:
+            self._core.rights.check(caller, replace(command, line=""), line.drives[0])
+        except DriveCommError as error:
+            return Answer(id="", outcome="refused", error=error)
+        line.order.stop_called(command.drive)
+        number = _noted(self._core.audit.stop_asked, caller, command) or 0
+        answer = Answer(id="", outcome="open")
+        try:
+            await line.opened()
+            await everybody.stop(stop_kind(command.arguments))
+        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+            answer = Answer(id="", outcome="open", error=_error(command, error))
+        _noted(self._core.audit.outcome, caller, command, number, answer)
+        return answer
 
     async def _begin(
-        self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig, came_s: float
+        self,
+        caller: Caller,
+        command: Command,
+        line: ServedLine,
+        config: DriveConfig,
+        *,
+        call: CommandCall,
+        came_s: float,
     ) -> Answer:
         """Carry out what is no stop. came_s: when it came, on the clock of `time.monotonic`."""
         if not NEEDS[command.verb].commands:
             try:
                 whom = await self._built(line, config, arm=False)
+                if command.verb == "watched":
+                    self._watched(whom, config, **command.arguments)
+                    return Answer(id=command.id, outcome="done")
                 return Answer(id=command.id, outcome="done", result=await _asked(whom, command))
             except UsageError as error:
                 return Answer(id=command.id, outcome="refused", error=error)
-            except DriveCommError as error:
-                return Answer(id=command.id, outcome="failed", error=error)
+            except Exception as error:  # noqa: BLE001 - whoever asks is answered
+                return Answer(id=command.id, outcome="failed", error=_error(command, error))
         fresh = partial(check_fresh, command, session=self._core.session)
         fresh(time_s=time.time())
         lease, alone = self._lease(caller, command, config)
         try:
-            check = partial(self._still_fresh, fresh, came_s)
-            return await self._command(caller, command, line, config, lease=lease, still_fresh=check)
+            wanted = Wanted(self._core, lease, call, fresh, came_s)
+            return await self._command(caller, command, line, config, wanted)
         finally:
             if alone:
                 self._core.leases.release(lease)
+
+    def _watched(self, whom: AsyncDrive, config: DriveConfig, *, silence_s: Any = None, **unknown: Any) -> None:
+        """Take note how long a drive's watchdog waits; of one that is kept, its keeper knows better."""
+        if unknown:
+            raise UsageError(f"watched has no argument {min(unknown)!r}; it has silence_s")
+        known = None if silence_s is None else float(exact(silence_s, "watchdog time"))
+        if config.name not in self._core.kept:
+            whom.watched(known)
 
     def _lease(self, caller: Caller, command: Command, config: DriveConfig) -> tuple[Lease, bool]:
         """Return the lease under which a command is given, and whether it was taken for it alone."""
@@ -146,56 +205,34 @@ class Commands:
 
     def _kept_by(self, command: Command, config: DriveConfig) -> str:
         """Return the link-loss policy under which a command has its motor kept, empty where it does not."""
-        order = _keep_order(command, config)
+        order = keep_order(command, config)
         return "" if order is None or order.policy == "hold" else order.policy
 
     async def _command(
-        self,
-        caller: Caller,
-        command: Command,
-        line: ServedLine,
-        config: DriveConfig,
-        *,
-        lease: Lease,
-        still_fresh: Callable[[], None],
+        self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig, wanted: Wanted
     ) -> Answer:
         core = self._core
-        if core.ending:
-            raise UsageError("the server ends; nothing is commanded through it any more but a stop")
+        wanted.check()
         asked_s = time.time()
-        number = await core.audit.asked(caller, command, lease)
+        number = await core.audit.asked(caller, command, wanted.lease)
         try:
+            await core.kept.settled(config.name, command.valid_s)
             whom = await self._built(line, config, arm=command.arm)
-            still_fresh()
-            order = _keep_order(command, config)
-            result = await (_asked(whom, command) if order is None else self._keep(whom, config, order, lease))
+            wanted.check_fresh()
+            wanted.check()
+            order = keep_order(command, config)
+            if order is None:
+                result = await _asked(whom, command)
+            else:
+                result = await core.kept.begin(whom, config, order, wanted.lease, wanted.check)
             answer = Answer(id=command.id, outcome="done", result=result)
-        except DriveCommError as error:
-            answer = Answer(id=command.id, outcome=_outcome(error), error=error)
+        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+            answer = Answer(id=command.id, outcome=_outcome(error), error=_error(command, error))
         text = _said(command) if answer.error is None else f"{_said(command)}: {answer.outcome}, {_flat(answer.error)}"
         core.table.happened("command", text, drive=config.name, line=line.line.name, who=str(caller))
-        core.audit.outcome(caller, command, number, answer)
-        core.remember(caller, command, answer, asked_s)
+        _noted(core.audit.outcome, caller, command, number, answer)
+        _noted(core.remember, caller, command, answer, asked_s)
         return answer
-
-    def _still_fresh(self, fresh: Callable[..., None], came_s: float) -> None:
-        fresh(time_s=time.time(), waited_s=time.monotonic() - came_s)
-
-    async def _keep(self, whom: Any, config: DriveConfig, order: KeepOrder, lease: Lease) -> Mapping[str, Any]:
-        """Start a motor and keep it in hand; returns what its commander wants to know of that."""
-        core = self._core
-        if config.name in core.kept:
-            raise LeaseError(f"{config.name} is kept running already; stop it first")
-        kept = KeptMotor(whom, order, core.teller(config))
-        if order.policy != "hold":
-            core.kept[config.name] = kept
-        try:
-            await kept.begin()
-        except BaseException:
-            core.kept.pop(config.name, None)
-            raise
-        core.watch(config.name, lease)
-        return {"policy": order.policy, "watchdog": kept.watchdog}
 
     def _found(self, command: Command) -> tuple[ServedLine, DriveConfig]:
         """Return the line and the drive that are meant. Raises UsageError."""
@@ -212,18 +249,23 @@ class Commands:
         await line.opened()
         if config.address < 0:
             return await asyncio.to_thread(line.bus.broadcast, config.protocol, **config.options)
-        if not arm and config in line.drives:
+        known = next((each for each in line.drives if each.name == config.name), config)
+        if not arm and replace(config, read_only_reason=known.read_only_reason) in line.drives:
             return line.drive(config.name)
         reason = "" if arm else config.why_read_only(self._core.plant.file)
         return await asyncio.to_thread(replace(config, read_only_reason=reason).build, line.bus.drive)
 
 
-def _kept_if_remote(caller: Caller, command: Command) -> Command:
-    """Return a command; a start from a network is one that is kept, by the policy that the plant file says."""
-    if caller.door == LOCAL or command.verb not in ("start", "reverse"):
-        return command
-    reverse = command.verb == "reverse" or bool(command.arguments.get("reverse"))
-    return replace(command, verb="keep", arguments={**command.arguments, "reverse": reverse})
+def _broadcasts(line: ServedLine, how: Stop) -> Iterator[tuple[AsyncBroadcast, Stop]]:
+    """Yield what reaches all drives of each protocol at once, and how that stops them.
+
+    Drives that could all at once only coast (VABus), where that was not asked for, are stopped one by one.
+    """
+    for everybody in line.everybody:
+        able = everybody.capabilities.stops
+        used = next((each for each in (how, Stop.RAMP) if each in able), Stop.COAST)
+        if used in able and (used is how or used is not Stop.COAST):
+            yield everybody, used
 
 
 def _on(line: ServedLine, text: str) -> DriveConfig:
@@ -231,35 +273,25 @@ def _on(line: ServedLine, text: str) -> DriveConfig:
     protocol, _, address = text.partition(":")
     if address == _ALL:
         return replace(parse_drive(f"{protocol}:0"), name=text, address=-1, line=line.line.name)
-    known = next((each for each in line.drives if text in (each.name, str(each))), None)
-    return known or replace(parse_drive(text), line=line.line.name)
+    if (named := next((each for each in line.drives if each.name == text), None)) is not None:
+        return named
+    meant_by_it = replace(parse_drive(text), line=line.line.name)
+    known = next((each for each in line.drives if str(each) == str(meant_by_it)), None)
+    return meant_by_it if known is None else known.with_options(**meant_by_it.options)
 
 
-def _how(arguments: Mapping[str, Any]) -> Stop:
+def _on_bus(config: DriveConfig) -> str:
+    """Return what a bus calls a drive, or all of a protocol."""
+    return str(config) if config.address >= 0 else f"{config.protocol}:{_ALL}"
+
+
+def stop_kind(arguments: Mapping[str, Any]) -> Stop:
+    """Return the kind of stop that is asked for. Raises UsageError."""
     text = str(arguments.get("how", "ramp"))
     known = [stop.value for stop in Stop]
     if text not in known:
         raise UsageError(f"unknown kind of stop {text!r}; {meant(text, known, 'use one of')}")
     return Stop(text)
-
-
-def _keep_order(command: Command, config: DriveConfig) -> KeepOrder | None:
-    """Return how a motor is to be kept by a command, None for one that keeps none. Raises UsageError."""
-    given = dict(command.arguments)
-    if command.verb != "keep":
-        return None
-    said = config.link_loss
-    policy = given.pop("policy", None) or (said.policy if said else None)
-    if policy is None:
-        raise UsageError(
-            f"no motor is started without saying what it does when its commander falls silent; write link_loss of "
-            f"{config.name} into the plant file, or give policy"
-        )
-    usual_s: Any = said.watchdog_s if said and said.policy == policy else 5
-    unknown = given.keys() - {"watchdog_s", "reverse", "percent", "hz"}
-    if unknown:
-        raise UsageError(f"keep has no argument {min(unknown)!r}; it has policy, watchdog_s, reverse, percent and hz")
-    return KeepOrder(policy=policy, **{"watchdog_s": usual_s, **given})
 
 
 async def _asked(whom: Any, command: Command) -> Any:
@@ -285,8 +317,10 @@ def _said(command: Command) -> str:
     return f"{command.verb}({given})" if given else command.verb
 
 
-def _outcome(error: DriveCommError) -> Outcome:
+def _outcome(error: Exception) -> Outcome:
     """Return what is known of a command that ended with this error."""
+    if not isinstance(error, DriveCommError):
+        return "open"
     if isinstance(error, UsageError | CommandCancelledError):
         return "refused"
     if isinstance(error, NotAnsweringError):
@@ -295,5 +329,22 @@ def _outcome(error: DriveCommError) -> Outcome:
     return "open" if isinstance(error, ReplyError | LinkError) else "failed"
 
 
+def _error(command: Command, error: Exception) -> DriveCommError:
+    """Return an error as an answer has it; one that nobody raised on purpose is a mistake, of a package perhaps."""
+    if isinstance(error, DriveCommError):
+        return error
+    _log.error("%s of %s", command.verb, command.drive, exc_info=error)
+    return DriveCommError(f"{command.verb} of {command.drive} has failed by a mistake in the program: {error!r}")
+
+
+def _noted(write: Callable[..., T], *content: Any) -> T | None:
+    """Have something written down; that this fails keeps nobody from what is done, a stop least of all."""
+    try:
+        return write(*content)
+    except Exception:  # noqa: BLE001 - see above
+        _log.exception("writing down a command")
+        return None
+
+
 def _flat(error: Exception) -> str:
-    return " ".join(str(error).split())
+    return " ".join(str(error).split()) or type(error).__name__

@@ -6,6 +6,7 @@ All of it runs in one event loop and never blocks; doors have threads of their o
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
 from contextlib import suppress
 from dataclasses import replace
@@ -13,20 +14,21 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from drivecomm.errors import DriveCommError, UsageError, meant
 from drivecomm.server.commands import Commands
-from drivecomm.server.kept import Story
+from drivecomm.server.kept_motors import KeptMotors
 from drivecomm.server.leases import Leases
+from drivecomm.server.observations import RememberedFault
 from drivecomm.server.repeats import Repeats
 from drivecomm.server.rights import Rights
 from drivecomm.server.served_line import ServedLine
 from drivecomm.server.table import Table
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig, Reading
-    from drivecomm.server.door import Answer, Caller, Command
-    from drivecomm.server.kept import KeptMotor
+    from drivecomm.server.callers import Caller
+    from drivecomm.server.door import Answer, Command
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event
 
@@ -63,6 +65,8 @@ class Recorder(Protocol):
         """Take what a drive remembers of its faults, the newest first."""
 
 
+_log = logging.getLogger("drivecomm.server")
+
 LOOK_S = 0.1
 """How often it is looked whether a lease is over."""
 
@@ -93,7 +97,7 @@ class Core:
         self.table = Table(loop.call_later)
         self.lines: dict[str, ServedLine] = {}
         self.leases = Leases()
-        self.kept: dict[str, KeptMotor] = {}
+        self.kept = KeptMotors(self.table)
         self.audit, self.journal = audit, journal
         self.answers = Repeats()
         self._users_file = users_file
@@ -102,9 +106,11 @@ class Core:
         self._status_period_s = status_period_s
         self._port_of = port_of or _said_port
         self.ending = False
-        self._kept_by: dict[str, str] = {}
-        self._under_way: set[asyncio.Task[None]] = set()
-        self._stories: dict[str, Story] = {}
+        self.changing: frozenset[str] = frozenset()
+        """Drives that are exchanged by another plant just now; nothing commands them meanwhile."""
+        self._reading_fault_logs: dict[str, asyncio.Task[None]] = {}
+        self.fault_logs: dict[str, tuple[RememberedFault, ...]] = {}
+        """What drives remembered of their faults when they were asked last, the newest first."""
         self._looking: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
@@ -120,6 +126,7 @@ class Core:
             self._looking.cancel()
         await self.release_all()
         await asyncio.gather(*(line.close() for line in self.lines.values()), return_exceptions=True)
+        await asyncio.gather(*self._reading_fault_logs.values(), return_exceptions=True)
 
     def line(self, name: str) -> ServedLine:
         """Return a line. Raises UsageError."""
@@ -130,89 +137,37 @@ class Core:
     def drives(self) -> Sequence[DriveState]:
         """Return how all drives are, in the order of the plant."""
         found = {each.name: each for line in list(self.lines.values()) for each in line.states()}
-        return [self._with_commander(found[each.name]) for each in self.plant.drives if each.name in found]
+        return [self._completed(found[each.name]) for each in self.plant.drives if each.name in found]
 
     def drive(self, name: str) -> DriveState:
         """Return how one drive is. Raises UsageError."""
         config = self.plant.drive(name)
-        return self._with_commander(next(each for each in self.line(config.line).states() if each.name == config.name))
+        found = next((each for each in self.line(config.line).states() if each.name == config.name), None)
+        if found is None:
+            raise UsageError(f"{config.name} is not served yet; the plant file is being read again")
+        return self._completed(found)
 
-    def _with_commander(self, state: DriveState) -> DriveState:
-        kept, lease = self.kept.get(state.name), self.leases.holder_of(state.name, now=time.monotonic())
-        if kept is None and lease is None:
-            return state
-        return replace(state, lease=lease, kept="" if kept is None else kept.order.policy)
-
-    # Motors that are kept
-
-    def teller(self, config: DriveConfig) -> Callable[[str, str, Mapping[str, Any]], None]:
-        """Return what tells of a motor that is kept from now on: as an event, and to those who follow it."""
-        story = self._stories[config.name] = Story()
-
-        def tell(done: str, text: str, further: Mapping[str, Any]) -> None:
-            if done in ("not answering", "answers again", "failed"):
-                self.table.happened("link loss", text, drive=config.name, line=config.line)
-            story.tell({"done": done, "text": text, **further})
-
-        return tell
-
-    async def following(self, drive: str) -> AsyncIterator[Mapping[str, Any]]:
-        """Tell what has happened, and happens, to the motor that was kept last, until it is kept no more."""
-        if drive in self._stories:
-            async for item in self._stories[drive]:
-                yield item
-
-    def watch(self, drive: str, lease: Lease) -> None:
-        """Keep a motor for as long as this lease holds."""
-        if drive in self.kept:
-            self._kept_by[drive] = lease.key
-
-    def release(self, drive: str) -> None:
-        """Treat a kept motor by its policy from now on."""
-        kept = self.kept.pop(drive, None)
-        self._kept_by.pop(drive, None)
-        if kept is not None:
-            task = asyncio.create_task(self._released(drive, kept), name=f"releasing {drive}")
-            self._under_way.add(task)
-            task.add_done_callback(self._under_way.discard)
+    def _completed(self, state: DriveState) -> DriveState:
+        kept, lease = self.kept.policy(state.name), self.leases.holder_of(state.name, now=time.monotonic())
+        fault_log = self.fault_logs.get(state.name, ())
+        return replace(state, lease=lease, kept=kept, fault_log=fault_log) if kept or lease or fault_log else state
 
     async def release_all(self) -> None:
         """Treat each motor that is kept by its policy, and let nobody have one started any more."""
         self.ending = True
-        for name in list(self.kept):
-            self.release(name)
-        await asyncio.gather(*self._under_way, return_exceptions=True)
-
-    async def _released(self, drive: str, kept: KeptMotor) -> None:
-        try:
-            await kept.release()
-        except DriveCommError as error:
-            text = f"{drive} may be running, because its stop is not confirmed: {' '.join(str(error).split())}"
-            self.table.happened("link loss", text, drive=drive)
-        self._stories[drive].end()
+        await self.kept.release_all()
 
     async def _look(self) -> None:
         """End leases when their time is over, and what was kept under them."""
         while True:
             await asyncio.sleep(LOOK_S)
-            for lease in self.leases.expire(time.monotonic()):
-                self.lapsed(lease)
-            for name in [name for name, kept in self.kept.items() if kept.over]:
-                self.release(name)
-
-    def lapsed(self, lease: Lease) -> None:
-        """Take note that a lease was not renewed, and treat the motor that was kept under it by its policy."""
-        if self._kept_by.get(lease.drive) == lease.key:
-            policy = self.kept[lease.drive].order.policy if lease.drive in self.kept else ""
-            text = f"{lease.holder} does not renew their lease; the motor is treated by its policy, {policy}"
-            self.table.happened("link loss", text, drive=lease.drive, who=str(lease.holder))
-            self.release(lease.drive)
-
-    def given_back(self, lease: Lease) -> None:
-        """Treat the motor that was kept under a lease by its policy, because its commander wants no more of it."""
-        if self._kept_by.get(lease.drive) == lease.key:
-            self.table.happened("command", "kept no more", drive=lease.drive, who=str(lease.holder))
-            self.release(lease.drive)
+            try:
+                for lease in self.leases.expire(time.monotonic()):
+                    self.kept.lapsed(lease)
+                self.kept.look()
+            except Exception:  # noqa: BLE001 - the server goes on
+                # Whoever looks after leases must not end before the server does.
+                _log.exception("looking after leases")
 
     def remember(self, caller: Caller, command: Command, answer: Answer, asked_s: float) -> None:
         """Write a command into the history."""
@@ -231,22 +186,27 @@ class Core:
 
         Lines whose port and settings are as before are not closed; drives that are as before go on being kept.
         """
-        before, self.plant = self.plant, plant
-        told = []
+        before, told = self.plant, []
         old, new = {line.name: line for line in before.lines}, {line.name: line for line in plant.lines}
-        for config in before.drives:
-            if config not in plant.drives:
-                self.table.forget({config.name})
-                if config.name in self.kept:
-                    self.release(config.name)
-        await asyncio.gather(*self._under_way, return_exceptions=True)
-        for name, known in old.items():
-            if known != new.get(name):
-                await self.lines.pop(name).close()
+        closed = {name for name, known in old.items() if known != new.get(name)}
+        gone = {each.name for each in before.drives if each.line in closed or each not in plant.drives}
+        self.changing = frozenset(gone)
+        # As what they were started as, while their line is open.
+        await self.kept.release_all(gone)
+        self.plant = plant
+        for name in old:
+            gone_here = {each.name for each in before.on_line(name)} & gone
+            served = self.lines.get(name)
+            if name in closed:
+                if served is not None:
+                    del self.lines[name]
+                    await asyncio.gather(served.close(), return_exceptions=True)
+                # Their values came until now.
+                self.table.forget(gone_here)
                 told.append(f"line {name} {'is closed' if name not in new else 'is opened anew'}")
-            elif before.on_line(name) != plant.on_line(name):
-                served = self.lines[name]
+            elif before.on_line(name) != plant.on_line(name) and served is not None:
                 await served.pause()
+                self.table.forget(gone_here)
                 served.has(self._drives_of(name))
                 served.start()
                 told.append(f"line {name} has other drives, or other values to poll")
@@ -255,6 +215,7 @@ class Core:
                 self._add(line)
                 if name not in old:
                     told.append(f"line {name} is new")
+        self.changing = frozenset()
         self.rights = Rights(plant.file, self._users_file)
         for text in told:
             self.table.happened("server", text)
@@ -262,18 +223,18 @@ class Core:
 
     def _add(self, line: PlantLine) -> None:
         try:
-            port = self._port_of(line)
-        except UsageError as error:
-            self.table.happened("line", str(error), line=line.name)
+            served = ServedLine(
+                line,
+                self._drives_of(line.name),
+                self.table,
+                port=self._port_of(line),
+                status_period_s=self._status_period_s,
+                tripped=self._tripped,
+            )
+        except Exception as error:  # noqa: BLE001 - a line that cannot be served costs the others nothing
+            self.table.happened("line", " ".join(str(error).split()), line=line.name)
             return
-        served = self.lines[line.name] = ServedLine(
-            line,
-            self._drives_of(line.name),
-            self.table,
-            port=port,
-            status_period_s=self._status_period_s,
-            tripped=self._tripped,
-        )
+        self.lines[line.name] = served
         served.start()
 
     def _drives_of(self, line: str) -> Sequence[DriveConfig]:
@@ -282,21 +243,32 @@ class Core:
 
     def _tripped(self, drive: str) -> None:
         """Have the log of a drive that has a fault since now read, where its model says where that is."""
-        reading = asyncio.create_task(self._read_fault_log(drive), name=f"fault log of {drive}")
-        self._under_way.add(reading)
-        reading.add_done_callback(self._under_way.discard)
+        if drive not in self._reading_fault_logs:
+            reading = asyncio.create_task(self._read_fault_log(drive), name=f"fault log of {drive}")
+            self._reading_fault_logs[drive] = reading
+            reading.add_done_callback(lambda _: self._reading_fault_logs.pop(drive))
 
     async def _read_fault_log(self, name: str) -> None:
-        drive = self.line(self.plant.drive(name).line).drive(name)
-        if self.journal is None or drive.model is None:
-            return
-        entries = []
-        for parameter in drive.model.fault_log:
-            # One that this drive does not have is left out.
-            with suppress(DriveCommError):
-                entries.append(await drive.polled(parameter))
-        if entries:
-            self.journal.add_fault_log(name, entries, time_s=time.time())
+        try:
+            drive = self.line(self.plant.drive(name).line).drive(name)
+            entries = []
+            for parameter in drive.model.fault_log if drive.model is not None else ():
+                # One that this drive does not have is left out.
+                with suppress(DriveCommError):
+                    entries.append(await drive.polled(parameter))
+            if entries:
+                time_s = time.time()
+                self.fault_logs[name] = tuple(_remembered(place, each, time_s) for place, each in enumerate(entries, 1))
+                if self.journal is not None:
+                    self.journal.add_fault_log(name, entries, time_s=time_s)
+        except Exception:  # noqa: BLE001 - the server goes on
+            _log.exception("fault log of %s", name)
+
+
+def _remembered(place: int, reading: Reading, time_s: float) -> RememberedFault:
+    return RememberedFault(
+        place=place, address=reading.parameter, value=str(reading.value), text=reading.text, time_s=time_s
+    )
 
 
 def _said_port(line: PlantLine) -> str:

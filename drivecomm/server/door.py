@@ -8,7 +8,6 @@ fails, the server says so, and starts it again after a while; nothing else notic
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 if TYPE_CHECKING:
@@ -16,51 +15,12 @@ if TYPE_CHECKING:
 
     from drivecomm.errors import DriveCommError
     from drivecomm.plant import Plant
-    from drivecomm.protocol import Value
+    from drivecomm.protocol import Stop, Value
     from drivecomm.server.alarms import Alarm
+    from drivecomm.server.callers import Caller
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState
     from drivecomm.tomlfile import Table
-
-
-LOCAL = "local"
-"""The door for programs of this machine."""
-
-ANONYMOUS = "anonymous"
-"""What callers are called who have not said who they are; no user is called so."""
-
-
-class Role(IntEnum):
-    """What somebody may do; each role may also do what those before it may."""
-
-    NOBODY = 0
-    VIEW = 1
-    """See values, states and events."""
-    OPERATE = 2
-    """Start, reset and reverse motors, and set references."""
-    COMMISSION = 3
-    """Write parameters, call what a protocol has of its own, scan and examine lines."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Caller:
-    """Who asks.
-
-    name: a user's, or what is known of them. door: by which they came, "local" for programs of this machine that found
-    the server's own socket.
-    """
-
-    name: str
-    role: Role
-    door: str
-
-    def __str__(self) -> str:
-        return f"{self.name} ({self.door})"
-
-    @property
-    def door_kind(self) -> str:
-        """The kind of door, with which its name begins: "http" of "http 127.0.0.1:8080"."""
-        return self.door.partition(" ")[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,6 +64,16 @@ class Answer:
     outcome: Outcome
     result: Any = None
     error: DriveCommError | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stopped:
+    """What came of stopping one of many. drive: its name, or PROTOCOL:* for a broadcast. how: the way that was used."""
+
+    line: str
+    drive: str
+    how: Stop
+    answer: Answer
 
 
 class Changes(Protocol):
@@ -202,8 +172,8 @@ class ServedPlant(Protocol):
     async def command(self, caller: Caller, command: Command) -> Answer:
         """Carry out a command, if this caller may; never raises what is about the command, it is in the answer."""
 
-    async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[tuple[str, Answer]]:
-        """Stop all drives, those of some lines only if named; all lines at once; returns an answer for each drive."""
+    async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[Stopped]:
+        """Stop all drives, those of some lines only if named; all lines at once: by a broadcast first, then each."""
 
     async def take_lease(self, caller: Caller, drive: str, seconds: float) -> Lease:
         """Take the right to command a drive. Raises LeaseError while somebody else has it."""

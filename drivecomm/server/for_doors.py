@@ -7,8 +7,9 @@ import time
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import NotAllowedError, UsageError
-from drivecomm.protocol import Stop
-from drivecomm.server.door import LOCAL, Command, Role
+from drivecomm.server.callers import LOCAL, Role
+from drivecomm.server.commands import stop_kind
+from drivecomm.server.door import Command
 from drivecomm.server.examining import Crossing, examination
 from drivecomm.server.rights import NEEDS
 from drivecomm.server.table import ChangesFor
@@ -18,8 +19,9 @@ if TYPE_CHECKING:
 
     from drivecomm.plant import Plant
     from drivecomm.server.alarms import Alarm
+    from drivecomm.server.callers import Caller
     from drivecomm.server.core import Core
-    from drivecomm.server.door import Answer, Caller, Examination, History, KnownUsers
+    from drivecomm.server.door import Answer, Examination, History, KnownUsers, Stopped
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState
 
@@ -90,9 +92,9 @@ class PlantForDoors:
         """Carry out a command, if this caller may; goes on when whoever asked has gone."""
         return await self._handed(self._core.commands.carry_out(caller, command))
 
-    async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[tuple[str, Answer]]:
-        """Stop all drives, those of some lines only if named; all lines at once."""
-        return await self._handed(self._core.commands.stop_all(caller, Stop(how), lines))
+    async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[Stopped]:
+        """Stop all drives, those of some lines only if named; all lines at once: by a broadcast first, then each."""
+        return await self._handed(self._core.commands.stop_all(caller, stop_kind({"how": how}), lines))
 
     async def take_lease(self, caller: Caller, drive: str, seconds: float) -> Lease:
         """Take the right to command a drive."""
@@ -123,7 +125,7 @@ class PlantForDoors:
     def kept_events(self, caller: Caller, drive: str) -> AsyncIterator[Mapping[str, Any]]:
         """Tell what happens to the motor that the server keeps running, until it does so no more."""
         _check(caller, Role.VIEW)
-        return Crossing(lambda: self._core.following(drive), self._loop).items()
+        return Crossing(lambda: self._core.kept.following(drive), self._loop).items()
 
     def examine(
         self, caller: Caller, line: str, what: Examination, choices: Mapping[str, Any]
@@ -146,7 +148,7 @@ class PlantForDoors:
 
     async def _end(self, caller: Caller, drive: str, key: str) -> None:
         lease = self._core.leases.end(caller, drive, key, now=time.monotonic())
-        self._core.given_back(lease)
+        self._core.kept.given_back(lease)
 
     async def _handed(self, work: Coroutine[Any, Any, T]) -> T:
         """Have the core do something, and wait for it. What was begun is done, even if nobody waits any more."""

@@ -3,42 +3,42 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass
+from collections import deque
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import keep_async
 from drivecomm.client import error_content
-from drivecomm.errors import DriveCommError
+from drivecomm.errors import CommandCancelledError, DriveCommError
+from drivecomm.link import Backoff
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Mapping
 
     from drivecomm.bus import AsyncDrive
-    from drivecomm.protocol import DriveStatus, LinkLoss, Stop
+    from drivecomm.protocol import DriveStatus, Stop
+    from drivecomm.server.keep_orders import KeepOrder
 
+_AGAIN_FIRST_S, _AGAIN_LONGEST_S = 0.2, 2.0
+"""How soon a stop that is not confirmed is tried again."""
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class KeepOrder:
-    """How a motor is to be started and kept. watchdog_s: of the drive's own watchdog. percent, hz: set before."""
-
-    policy: LinkLoss
-    watchdog_s: Any = 5
-    reverse: bool = False
-    percent: Any = None
-    hz: Any = None
+MOST_TOLD = 200
+"""So much of what has happened to one motor is told to whoever asks for it later; the history has it all."""
 
 
 class Story:
     """What has happened to a kept motor since it was started, for all who want to know, whenever they begin to ask."""
 
     def __init__(self) -> None:
-        self._told: list[Mapping[str, Any]] = []
+        self._told: deque[Mapping[str, Any]] = deque(maxlen=MOST_TOLD)
+        self._number = 0
         self._over = False
         self._more = asyncio.Event()
 
     def tell(self, item: Mapping[str, Any]) -> None:
         """Add something."""
         self._told.append(item)
+        self._number += 1
         self._woken()
 
     def end(self) -> None:
@@ -51,10 +51,11 @@ class Story:
         place = 0
         while True:
             more = self._more
-            while place < len(self._told):
-                yield self._told[place]
-                place += 1
-            if self._over and place == len(self._told):
+            while place < self._number:
+                first = self._number - len(self._told)
+                place = max(place, first) + 1
+                yield self._told[place - 1 - first]
+            if self._over and place == self._number:
                 return
             await more.wait()
 
@@ -66,16 +67,22 @@ class Story:
 class KeptMotor:
     """A motor that was started for somebody and is kept in hand until it is released.
 
-    told: hears what happens to it, each thing once: a word for programs, a sentence, and more.
+    told: hears what happens to it, each thing once: a word for programs, a sentence, and more. check: raises when it
+    must not be started any more; asked right before it is.
     """
 
     def __init__(
-        self, drive: AsyncDrive, order: KeepOrder, told: Callable[[str, str, Mapping[str, Any]], None]
+        self,
+        drive: AsyncDrive,
+        order: KeepOrder,
+        told: Callable[[str, str, Mapping[str, Any]], None],
+        check: Callable[[], None],
     ) -> None:
         self.order = order
         self._drive = drive
         self._told = told
-        self._failing = ""
+        self._check = check
+        self._failing: type[DriveCommError] | None = None
         self._fault = False
         self._end = asyncio.Event()
         self._keeper = keep_async(
@@ -84,10 +91,10 @@ class KeptMotor:
         self._task: asyncio.Task[None] | None = None
 
     async def begin(self) -> None:
-        """Set its watchdog, start it, and keep it from now on. Raises what either raises; then nothing is kept."""
+        """Set its watchdog, start it, and keep it from now on. Raises what either raises; release it then."""
         begun: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._task = asyncio.create_task(self._keep(begun), name=f"keeping {self._drive.name}")
-        self._task.add_done_callback(_heard)
+        self._task.add_done_callback(lambda _: self._set_off(begun, self._released_first()))
         try:
             await asyncio.shield(begun)
         except asyncio.CancelledError:
@@ -101,44 +108,60 @@ class KeptMotor:
 
     @property
     def over(self) -> bool:
-        """Whether it is kept no longer."""
-        return self._task is None or self._task.done()
+        """Whether it is to be kept no longer."""
+        return self._end.is_set() or self._task is None or self._task.done()
 
     def stop_by(self, how: Stop) -> None:
         """Let it be stopped so when it is released, whatever its policy says."""
         self._keeper.stop_by(how)
 
     async def release(self) -> None:
-        """Treat it by its policy and set its watchdog as it was; returns when that is done. Raises what that raises."""
+        """Treat it by its policy and set its watchdog as it was; returns when its stop is confirmed, however long."""
         self._end.set()
         if self._task is not None:
-            await asyncio.shield(self._task)
+            await asyncio.wait([self._task])
+
+    def leave_alone(self) -> None:
+        """Try no more to stop it: its own watchdog acts as soon as nobody speaks to it."""
+        if self._task is not None:
+            self._task.cancel()
 
     async def _keep(self, begun: asyncio.Future[None]) -> None:
-        order = self.order
+        entered, failed = False, None
         try:
             async with self._keeper as kept:
+                entered = True
                 self._tell("watchdog set", f"watchdog: {kept.watchdog} without this program")
-                if not self._end.is_set():
+                try:
                     await self._start()
-                begun.set_result(None)
-                self._tell(
-                    "started",
-                    "started; Ctrl-C stops it and sets the watchdog as it was",
-                    link_loss=order.policy,
-                    watchdog_s=order.watchdog_s,
-                )
-                if order.policy != "hold":
-                    await self._end.wait()
-        except Exception as error:
-            if begun.done():
-                told = {"error": error_content(error)} if isinstance(error, DriveCommError) else {}
-                self._tell("failed", " ".join(str(error).split()), **told)
-                raise
-            begun.set_exception(error)
-        else:
-            if order.policy != "hold":
-                self._tell("stop commanded", "stop commanded; watchdog as it was")
+                except Exception as error:  # noqa: BLE001 - whoever began it is told, when it is stopped
+                    failed = error
+                else:
+                    begun.set_result(None)
+                    await self._kept()
+        except Exception as error:  # noqa: BLE001 - whoever began it is told, or who follows it
+            if not entered:
+                self._set_off(begun, error)
+                return
+            if failed is not None:
+                self._set_off(begun, failed)
+            await self._stop_later(error)
+            return
+        if failed is not None:
+            self._set_off(begun, failed)
+        elif self.order.policy != "hold":
+            self._tell("stop commanded", "stop commanded; watchdog as it was")
+
+    async def _kept(self) -> None:
+        order = self.order
+        self._tell(
+            "started",
+            "started; Ctrl-C stops it and sets the watchdog as it was",
+            link_loss=order.policy,
+            watchdog_s=order.watchdog_s,
+        )
+        if order.policy != "hold":
+            await self._end.wait()
 
     async def _start(self) -> None:
         drive, order = self._drive, self.order
@@ -146,22 +169,63 @@ class KeptMotor:
         # Some drives take a reference only from whoever commands them, so a motor that runs is commanded first.
         runs = given and (await drive.status()).running
         if given and not runs:
+            self._check_wanted()
             await drive.set_reference(percent=order.percent, hz=order.hz)
+        self._check_wanted()
         await drive.start(reverse=order.reverse)
         if runs:
+            self._check_wanted()
             await drive.set_reference(percent=order.percent, hz=order.hz)
 
+    def _check_wanted(self) -> None:
+        """Raise when it is to be released before it is started; nothing is awaited between this and the telegram."""
+        self._check()
+        if self._end.is_set():
+            raise self._released_first()
+
+    def _set_off(self, begun: asyncio.Future[None], error: Exception) -> None:
+        """Tell whoever began it that it is not kept."""
+        if not begun.done():
+            begun.set_exception(error)
+
+    def _released_first(self) -> CommandCancelledError:
+        return CommandCancelledError(f"{self._drive.name} was released before it was started")
+
+    async def _stop_later(self, error: Exception) -> None:
+        """Try to stop it until that is confirmed: polls feed its watchdog as soon as it answers again."""
+        told, waiting, loop = False, Backoff(_AGAIN_FIRST_S, _AGAIN_LONGEST_S), asyncio.get_running_loop()
+        while not self._keeper.stopped:
+            if not told:
+                self._not_as_wished("may be running, because its stop is not confirmed, and is tried again", error)
+                told = True
+            waiting.failed(loop.time())
+            await asyncio.sleep(waiting.over_at - loop.time())
+            try:
+                await self._keeper.__aexit__(None, None, None)
+            except Exception as again:  # noqa: BLE001 - it is told, or tried again
+                error = again
+            else:
+                self._tell("stop commanded", "stop commanded; watchdog as it was")
+                return
+        self._not_as_wished("is stopped, but its watchdog may not be set as it was", error)
+
+    def _not_as_wished(self, what: str, error: Exception) -> None:
+        told = {"error": error_content(error)} if isinstance(error, DriveCommError) else {}
+        self._tell("failed", f"{self._drive.name} {what}: {_flat(error)}", **told)
+
     def _tell(self, done: str, text: str, **further: Any) -> None:
-        self._told(done, text, further)
+        # Whoever hears it does not keep the motor from being stopped.
+        with suppress(Exception):
+            self._told(done, text, further)
 
     def _failed(self, error: DriveCommError) -> None:
-        if str(error) != self._failing:
-            self._failing = str(error)
-            self._tell("not answering", " ".join(str(error).split()), error=error_content(error))
+        if type(error) is not self._failing:
+            self._failing = type(error)
+            self._tell("not answering", _flat(error), error=error_content(error))
 
     def _answered(self, status: DriveStatus) -> None:
-        if self._failing:
-            self._failing = ""
+        if self._failing is not None:
+            self._failing = None
             self._tell("answers again", "answers again")
         if status.fault and not self._fault:
             self._fault = True
@@ -170,7 +234,5 @@ class KeptMotor:
             self._end.set()
 
 
-def _heard(task: asyncio.Task[None]) -> None:
-    """Take the error of a motor that nobody released: it was told already."""
-    if not task.cancelled():
-        task.exception()
+def _flat(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

@@ -11,7 +11,7 @@ from drivecomm.errors import LeaseError, UsageError, shortened
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.server.door import Caller
+    from drivecomm.server.callers import Caller
 
 LONGEST_S = 30.0
 """For so long a lease is given at most; it is renewed for longer."""
@@ -91,8 +91,9 @@ class Leases:
         return lease if now < until else None
 
     def all(self, *, now: float) -> Sequence[Lease]:
-        """Return all leases."""
-        return [lease for lease, until in self._held.values() if now < until]
+        """Return all leases; may be called from any thread."""
+        # A copy, because other threads ask, too.
+        return [lease for lease, until in list(self._held.values()) if now < until]
 
     def _own(self, caller: Caller, drive: str, key: str, now: float) -> Lease:
         lease = self.holder_of(drive, now=now)

@@ -14,8 +14,8 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import FileFormatError, NotAllowedError
+from drivecomm.server.callers import Caller
 from drivecomm.server.credentials import new_token, password_fits, password_hash, token_hash
-from drivecomm.server.door import Caller
 from drivecomm.server.users import read_users
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
     from drivecomm.plant.watching import Reachability
     from drivecomm.polling import ResultQuality
-    from drivecomm.protocol import DriveConfig, DriveStatus, Reading
+    from drivecomm.protocol import DriveConfig, DriveStatus, LinkLoss, Reading
     from drivecomm.server.leases import Lease
 
 STATUS = "status"
@@ -42,6 +42,17 @@ class CurrentValue:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RememberedFault:
+    """A fault in a drive's own log. place: 1 for the newest. value: its code. time_s: when the drive was asked."""
+
+    place: int
+    address: str
+    value: str
+    text: str = ""
+    time_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DriveState:
     """A drive as it was last seen.
 
@@ -49,7 +60,8 @@ class DriveState:
     was none or the drive has fallen silent. fault: what it tripped with, empty without a fault. error: why the last
     question failed. answered_s: when it last answered, in seconds since 1970. lease: who commands it now. kept: the
     link-loss policy under which this server keeps it running, empty where it does not. counters: by the names in
-    `drivecomm.link.COUNTERS`. reply_s: the mean of its reply times.
+    `drivecomm.link.COUNTERS`. reply_s: the mean of its reply times. policies: the link-loss policies that it can be
+    started with. fault_log: what it remembered of its faults when it was asked last, the newest first.
     """
 
     config: DriveConfig
@@ -63,6 +75,8 @@ class DriveState:
     kept: str = ""
     counters: Mapping[str, int] = field(default_factory=dict)
     reply_s: float = 0.0
+    policies: tuple[LinkLoss, ...] = ()
+    fault_log: tuple[RememberedFault, ...] = ()
 
     @property
     def name(self) -> str:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from drivecomm.errors import FileFormatError
 from drivecomm.server.history import History
+from drivecomm.server.observations import RememberedFault
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -13,6 +16,10 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Value
     from drivecomm.server.observations import Event
+
+
+_LATEST = 10_000
+"""So many remembered faults are looked through."""
 
 
 class Past:
@@ -42,3 +49,17 @@ class Past:
             return [each.event for each in found]
 
         return await asyncio.to_thread(read)
+
+
+def remembered_faults(file: Path) -> dict[str, tuple[RememberedFault, ...]]:
+    """Return what drives remembered of their faults when they were asked last, as a history has it; by drive."""
+    found: dict[str, list[RememberedFault]] = {}
+    with suppress(FileFormatError), History(file) as history:
+        # Each log of a drive begins with its place 1; the last one counts.
+        for each in history.fault_logs(limit=_LATEST):
+            entries = [] if each.place == 1 else found.get(each.drive, [])
+            remembered = RememberedFault(
+                place=each.place, address=each.address, value=each.value, text=each.text, time_s=each.time_s
+            )
+            found[each.drive] = [*entries, remembered]
+    return {drive: tuple(entries) for drive, entries in found.items()}

@@ -13,7 +13,8 @@ from drivecomm.errors import DriveCommError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Mapping
 
-    from drivecomm.server.door import Answer, Caller, Command
+    from drivecomm.server.callers import Caller
+    from drivecomm.server.door import Answer, Command
 
 REMEMBERED_S = 600.0
 MOST = 10_000
@@ -57,6 +58,7 @@ class Repeats:
         if once is None or _broken(once.task):
             of_caller.pop(command.id, None)
             once = of_caller[command.id] = _Once(asked, asyncio.create_task(act()), self._clock())
+            once.task.add_done_callback(_without_frames)
             while len(of_caller) > MOST:
                 of_caller.popitem(last=False)
         return await asyncio.shield(once.task)
@@ -68,6 +70,16 @@ class Repeats:
                 known.popitem(last=False)
             if not known:
                 del self._known[caller]
+
+
+def _without_frames(task: asyncio.Task[Answer]) -> None:
+    """Let go of where the error of an answer came from: it would keep all that was at hand there for ten minutes."""
+    if task.cancelled() or task.exception() is not None:
+        return
+    error: BaseException | None = task.result().error
+    while error is not None:
+        error.with_traceback(None)
+        error = error.__cause__ or error.__context__
 
 
 def _broken(task: asyncio.Task[Answer]) -> bool:

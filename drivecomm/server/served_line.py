@@ -3,30 +3,35 @@
 from __future__ import annotations
 
 import asyncio
+import logging
+import time
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import open_bus_async
-from drivecomm.errors import DriveCommError, LinkError, OvertakenError, UsageError
-from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Statistics
+from drivecomm.bus import open_bus_async, policies
+from drivecomm.errors import DriveCommError, LinkError, NotSupported, OvertakenError, PortError, UsageError
+from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Commands, Statistics
 from drivecomm.plant.watching import STATUS, DriveView, OpenLine, SeenDrive, WatchedLine, changes, is_silence
 from drivecomm.polling import PollItem, poll_async
+from drivecomm.protocol import LINE_FACT_NAMES
 from drivecomm.server.observations import CurrentValue, DriveState, LineState
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from drivecomm.bus import AsyncBus, AsyncDrive
+    from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive
     from drivecomm.plant import PlantLine
     from drivecomm.polling import PollResult
-    from drivecomm.protocol import DriveConfig
+    from drivecomm.protocol import DriveConfig, LinkLoss, Model
     from drivecomm.server.observations import EventKind
     from drivecomm.server.table import Table
 
 _KINDS: Mapping[str, EventKind] = {"fault": "fault", "silent": "silent", "warning": "warning", "change": "state"}
 
-
 _NOTHING = Statistics()
+
+_log = logging.getLogger("drivecomm.server")
 
 
 class ServedLine:
@@ -48,6 +53,8 @@ class ServedLine:
     ) -> None:
         self.line = line
         self.bus: AsyncBus = open_bus_async(port, **line.opening)
+        self.order = Commands()
+        """Which of the commands that wait in this server a stop has cancelled; the bus has its own for those it has."""
         self._port_name = port if isinstance(port, str) else line.reached_at
         self._table = table
         self._status_period_s = status_period_s
@@ -55,10 +62,14 @@ class ServedLine:
         self._open = (
             OpenLine(WatchedLine(name=line.name, port=port, drives=tuple(drives)), self.bus) if drives else None
         )
+        self._configs: tuple[DriveConfig, ...] = ()
         self._seen: dict[str, SeenDrive] = {}
         self._unusable: dict[str, UsageError] = {}
+        self._policies: dict[str, tuple[LinkLoss, ...]] = {}
         self._polls = self._missed = 0
         self._up, self._error = False, ""
+        self._silent_with_line: set[str] = set()
+        """Drives of which nobody has said yet whether they are silent by themselves, too."""
         self._tried = asyncio.Event()
         self._never_open: DriveCommError | None = None
         self._tasks: list[asyncio.Task[None]] = []
@@ -71,26 +82,49 @@ class ServedLine:
 
     def has(self, drives: Sequence[DriveConfig]) -> None:
         """Take these drives for those that the line has; what is known of those that stay is kept."""
-        self._configs = tuple(drives)
-        known, self._seen, self._unusable = self._seen, {}, {}
+        self.everybody = tuple(self._broadcasts(drives))
+        seen: dict[str, SeenDrive] = {}
+        unusable: dict[str, UsageError] = {}
         for config in drives:
             try:
                 drive = config.build(self.bus.drive)
-            except UsageError as error:
-                self._unusable[config.name] = error
+            except Exception as error:  # noqa: BLE001 - a package that is broken costs the others nothing
+                unusable[config.name] = (
+                    error if isinstance(error, UsageError) else UsageError(f"{config.name} cannot be made: {error!r}")
+                )
                 continue
             if self._open is None:
                 self._open = OpenLine(WatchedLine(name=self.line.name, port="", drives=tuple(drives)), self.bus)
             view = DriveView(drive=config, line=self.line.name)
-            if (before := known.get(config.name)) is not None:
+            if (before := self._seen.get(config.name)) is not None:
                 view = replace(before.view, drive=config)
-            self._seen[config.name] = SeenDrive(self._open, drive, view)
+            self._policies[config.name] = _policies(drive.model)
+            seen[config.name] = SeenDrive(self._open, drive, view)
+            if wrong := _wrong_policy(config, drive.model):
+                self._table.happened("link loss", wrong, drive=config.name, line=self.line.name)
+        # In one go, because doors look at it from threads of their own.
+        self._configs, self._seen, self._unusable = tuple(drives), seen, unusable
+
+    def _broadcasts(self, drives: Sequence[DriveConfig]) -> Iterator[AsyncBroadcast]:
+        """Yield what reaches all drives of each protocol at once, once for each of the settings that they have."""
+        made = []
+        for config in drives:
+            own = {name: value for name, value in config.options.items() if name not in {*LINE_FACT_NAMES, "model"}}
+            # Where there is none, drives are reached one by one.
+            with suppress(NotSupported, UsageError):
+                everybody = self.bus.broadcast(config.protocol, **config.options)
+                key = (config.protocol, everybody.peer.facts.settings, own)
+                if key not in made:
+                    made.append(key)
+                    yield everybody
 
     def drive(self, name: str) -> AsyncDrive:
         """Return a drive of the plant. Raises UsageError for one that cannot be made from what the plant says."""
-        if name in self._unusable:
-            raise self._unusable[name]
-        return self._seen[name].drive
+        if (error := self._unusable.get(name)) is not None:
+            raise error.with_traceback(None)
+        if (seen := self._seen.get(name)) is None:
+            raise UsageError(f"{name} is not on line {self.line.name} any more")
+        return seen.drive
 
     def state(self) -> LineState:
         """Return how the line is."""
@@ -107,10 +141,11 @@ class ServedLine:
         """Return how its drives are."""
         counted = self.bus.statistics
         found = []
-        for config in self._configs:
-            seen, line = self._seen.get(config.name), self.line.name
+        configs, known, unusable = self._configs, self._seen, self._unusable
+        for config in configs:
+            seen, line = known.get(config.name), self.line.name
             if seen is None:
-                error = _flat(self._unusable[config.name])
+                error = _flat(unusable[config.name]) if config.name in unusable else ""
                 found.append(DriveState(config=config, line=line, reachability="silent", error=error))
                 continue
             view, told = seen.view, counted.get(seen.drive.name, _NOTHING)
@@ -125,6 +160,7 @@ class ServedLine:
                     answered_s=seen.answered_s,
                     counters=told.counters,
                     reply_s=told.reply_times.mean_s,
+                    policies=self._policies[config.name],
                 )
             )
         return found
@@ -133,7 +169,7 @@ class ServedLine:
         """Wait until it is known whether the line can be opened. Raises what the last attempt raised."""
         await self._tried.wait()
         if self._never_open is not None:
-            raise self._never_open
+            raise self._never_open.with_traceback(None)
 
     def start(self) -> None:
         """Open and poll from now on."""
@@ -149,27 +185,35 @@ class ServedLine:
     async def close(self) -> None:
         """Poll no more, and give the port back."""
         await self.pause()
+        self._never_open = UsageError(f"line {self.line.name} is closed")
+        self._tried.set()
         await self.bus.close()
 
     async def _serve(self) -> None:
-        await self._open_port()
-        items = self._plan()
-        if not items:
-            return
-        async for result in poll_async(items):
-            self._take(result)
+        waiting, loop = Backoff(REOPEN_FIRST_S, REOPEN_LONGEST_S), asyncio.get_running_loop()
+        while True:
+            try:
+                await self._open_port()
+                if not (items := self._plan()):
+                    return
+                async for result in poll_async(items):
+                    self._take(result)
+            except Exception as error:  # noqa: BLE001 - the line is polled again
+                _log.exception("line %s is polled again", self.line.name)
+                self._lost(f"polling has failed: {_flat(error)}")
+                waiting.failed(loop.time())
+                await asyncio.sleep(waiting.over_at - loop.time())
 
     async def _open_port(self) -> None:
         waiting, loop = Backoff(REOPEN_FIRST_S, REOPEN_LONGEST_S), asyncio.get_running_loop()
         while True:
             try:
                 await self.bus.__aenter__()
-            except (LinkError, UsageError) as error:
-                self._never_open = error
+            except Exception as error:  # noqa: BLE001 - whatever a port does, it is tried again
+                self._never_open = error if isinstance(error, DriveCommError) else PortError(_flat(error))
                 self._tried.set()
-                self._is_up(False, _flat(error))
-                for seen in self._seen.values():
-                    self._update(seen, replace(seen.view, reachability="silent", status=None, error=_flat(error)))
+                self._silent_with_line.update(self._seen)
+                self._lost(_flat(error))
                 waiting.failed(loop.time())
                 await asyncio.sleep(max(0.05, waiting.over_at - loop.time()))
             else:
@@ -177,6 +221,15 @@ class ServedLine:
                 self._tried.set()
                 self._is_up(True)
                 return
+
+    def _lost(self, why: str) -> None:
+        """Take note that nothing is asked any more for the time being: no value is good then."""
+        self._is_up(False, why)
+        for seen in self._seen.values():
+            self._update(seen, replace(seen.view, reachability="silent", status=None, fault="", error=why))
+        for value in self._table.values():
+            if value.drive in self._seen and value.quality != "bad":
+                self._table.put_value(replace(value, reading=None, quality="bad", cause=why, time_s=time.time()))
 
     def _plan(self) -> list[PollItem[SeenDrive]]:
         items = []
@@ -232,11 +285,18 @@ class ServedLine:
         if not is_silence(result.error):
             self._answered(seen, result)
         elif seen.view.reachability != "silent" or seen.view.error != result.cause:
-            self._is_up(not isinstance(result.error, LinkError), result.cause)
+            lost = isinstance(result.error, LinkError)
+            self._is_up(not lost, result.cause)
+            if lost:
+                self._silent_with_line.add(result.drive)
+            elif result.drive in self._silent_with_line:
+                self._silent_with_line.discard(result.drive)
+                self._table.happened("silent", result.cause, drive=result.drive, line=self.line.name)
             self._update(seen, replace(seen.view, reachability="silent", status=None, fault="", error=result.cause))
 
     def _answered(self, seen: SeenDrive, result: PollResult) -> None:
         self._is_up(True)
+        self._silent_with_line.discard(result.drive)
         seen.answered_s = result.time_s
         view = seen.view
         if result.parameter == STATUS:
@@ -263,12 +323,29 @@ class ServedLine:
             self._tripped(view.name)
 
     def _is_up(self, up: bool, error: str = "") -> None:
-        if up is not self._up:
-            if not up or self._error:
-                self._table.happened("line", "works again" if up else error, line=self.line.name)
-            self._up = up
-        self._error = error
+        if up and not self._up and self._error:
+            self._table.happened("line", "works again", line=self.line.name)
+        elif not up and (self._up or not self._error):
+            self._table.happened("line", error, line=self.line.name)
+        self._up, self._error = up, error
+
+
+def _policies(model: Model | None) -> tuple[LinkLoss, ...]:
+    """Return the link-loss policies with which drives of a model can be started; hold needs nothing of the drive."""
+    return tuple(dict.fromkeys(("hold", *policies(model))))
+
+
+def _wrong_policy(config: DriveConfig, model: Model | None) -> str:
+    """Return why a drive cannot be started with the policy that the plant says for it; empty where it can."""
+    said, able = config.link_loss, _policies(model)
+    if said is None or said.policy in able:
+        return ""
+    why = "whose model is not known" if model is None else f"a drive of model {model.name}"
+    return (
+        f"{config.name}, {why}, cannot be started with the link_loss policy {said.policy} of the plant file; "
+        f"write {' or '.join(able)} there"
+    )
 
 
 def _flat(error: Exception) -> str:
-    return " ".join(str(error).split())
+    return " ".join(str(error).split()) or type(error).__name__

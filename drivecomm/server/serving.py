@@ -10,6 +10,7 @@ import sys
 import time
 from contextlib import AsyncExitStack, contextmanager, suppress
 from functools import partial
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import Registration, local_socket, register, written_again
@@ -19,12 +20,13 @@ from drivecomm.server.alarm_watch import AlarmWatch
 from drivecomm.server.alarms import PlantAlarms, read_alarms
 from drivecomm.server.audit import Audit
 from drivecomm.server.core import Core
+from drivecomm.server.event_log import EventLog
 from drivecomm.server.for_doors import PlantForDoors
 from drivecomm.server.history import Journal
 from drivecomm.server.http import LocalDoor
 from drivecomm.server.logins import Users
 from drivecomm.server.notify import ServiceManager
-from drivecomm.server.past import Past
+from drivecomm.server.past import Past, remembered_faults
 from drivecomm.server.places import state_folder
 from drivecomm.server.settings import read_settings
 from drivecomm.server.supervision import OpenDoor, kind_of_door
@@ -36,12 +38,19 @@ if TYPE_CHECKING:
 
     from drivecomm.plant import PlantLine
     from drivecomm.server.door import Door
-    from drivecomm.server.observations import Event, EventKind
+    from drivecomm.server.observations import EventKind
     from drivecomm.server.settings import ServerSettings
 
 _log = logging.getLogger("drivecomm.server")
 
 _TURN_S = 0.001
+
+_ROOMS = (
+    *("bus", "capture", "client", "commissioning", "commissioning.doctor", "commissioning.parameter_sets", "link"),
+    *("models", "plant", "plant.value_log", "plant.value_plots", "plant.watching", "polling", "protocol"),
+    *("protocol.schema", "server.alarms", "server.history", "server.http", "transport", "virtual"),
+)
+"""What threads of a server load parts of, the first time that somebody asks for it."""
 
 _OPEN_S = 5.0
 """How long doors may take to open before the server says that it is ready without them."""
@@ -60,16 +69,21 @@ class Serving:
         port_of: Callable[[PlantLine], Any] | None = None,
         doors: Sequence[Door] | None = None,
     ) -> None:
+        for room in _ROOMS:
+            # Each reads the list of its names; Python 3.11 fails where two threads do that at the same time.
+            import_module(f"drivecomm.{room}")
         self.path = path
         self.plant = read_plant(path)
         self.settings = read_settings(path)
         self.socket = local_socket(path)
+        self._local = LocalDoor(self.socket)
         self._rules = read_alarms(self.settings.alarms, self.plant.drives)
         self._port_of = port_of
         said = self.settings.doors
         self._made = [kind_of_door(kind)(table) for kind, table in said] if doors is None else list(doors)
         self._manager = ServiceManager()
         self._reading: asyncio.Task[None] | None = None
+        self._wished = 0
         self._end: asyncio.Event | None = None
         self._core: Core | None = None
         self._alarms: PlantAlarms | None = None
@@ -111,7 +125,9 @@ class Serving:
                 status_period_s=self.settings.status_period_s,
                 port_of=self._port_of,
             )
-            core.table.listen(lambda _, events: _logged(events))
+            if self.settings.history:
+                core.fault_logs.update(await asyncio.to_thread(remembered_faults, self.settings.history.file))
+            core.table.listen(EventLog(lambda line: line in core.lines and core.lines[line].state().up).take)
             await stack.enter_async_context(core)
             plant = PlantForDoors(
                 core,
@@ -119,13 +135,12 @@ class Serving:
                 users=Users(self.settings.users, self._tell("server")) if self.settings.users else None,
                 history=Past(self.settings.history.file) if self.settings.history else None,
             )
-            doors = [OpenDoor(door, plant, self._tell("door")) for door in (LocalDoor(self.socket), *self._made)]
+            doors = [OpenDoor(door, plant, self._tell("door")) for door in (self._local, *self._made)]
             if self._rules:
-                alarms = AlarmWatch(
-                    PlantAlarms(
-                        plant, self._rules, file=state_folder(self.path) / "alarms.json", write_event=self._written
-                    )
+                self._alarms = PlantAlarms(
+                    plant, self._rules, file=state_folder(self.path) / "alarms.json", write_event=self._written
                 )
+                alarms = AlarmWatch(self._alarms)
                 plant.alarms_are(alarms)
                 doors.append(OpenDoor(alarms, plant, self._tell("alarm")))
             stack.push_async_callback(_closed, doors)
@@ -134,24 +149,33 @@ class Serving:
                 raise PortError(
                     f"the server cannot be reached at {self.socket}: {doors[0].failed or 'it does not open'}"
                 )
+            # Where there are no unix sockets, it is known only now how the server is reached.
+            written_again(record, self._registration())
             with self._signals(core, record):
                 feeding = asyncio.create_task(self._manager.feed_watchdog())
                 self._manager.ready(self._size(core))
                 core.table.happened("server", f"begins, drivecomm {__version__}")
-                ready(plant)
-                await self._end.wait()
-                self._manager.stopping("stops the motors that it keeps")
-                core.table.happened("server", "ends")
-                # While everybody can still see it.
-                await core.release_all()
-                feeding.cancel()
+                try:
+                    ready(plant)
+                    await self._end.wait()
+                finally:
+                    self._manager.stopping("stops the motors that it keeps")
+                    core.table.happened("server", "ends")
+                    # While everybody can still see it.
+                    await core.release_all()
+                    if self._reading is not None:
+                        # One that is under way ends with its lines in order.
+                        await asyncio.wait([self._reading])
+                    feeding.cancel()
 
     def _registration(self) -> Registration:
         history = self.settings.history
         return Registration(
             plant=str(self.path.resolve()),
             name=self.settings.name,
-            socket=str(self.socket),
+            socket=self._local.socket,
+            port=self._local.port,
+            token=self._local.token,
             lines={line.name: line.reached_at for line in self.plant.lines},
             started_s=time.time(),
             history=str(history.file) if history else None,
@@ -195,18 +219,18 @@ class Serving:
             "SIGINT": end.set,
             "SIGHUP": partial(self._read_again, core, record),
         }
-        taken = []
+        taken: list[Callable[[], object]] = []
         for name, do in wished.items():
-            # Neither Windows nor a thread of a test has them.
-            with suppress(AttributeError, NotImplementedError, RuntimeError, ValueError):
-                number = getattr(signal, name)
-                loop.add_signal_handler(number, do)
-                taken.append(number)
+            number = getattr(signal, name, None)
+            # A thread of a test has no signals.
+            with suppress(RuntimeError, ValueError):
+                if number is not None:
+                    taken.append(_on_signal(loop, number, do))
         try:
             yield
         finally:
-            for number in taken:
-                loop.remove_signal_handler(number)
+            for give_back in taken:
+                give_back()
 
     def _take_alarms(self, core: Core, settings: ServerSettings) -> None:
         try:
@@ -219,8 +243,15 @@ class Serving:
             core.table.happened("server", f"the alarms stay as they are: {error}")
 
     def _read_again(self, core: Core, record: Path) -> None:
+        self._wished += 1
         if self._reading is None or self._reading.done():
-            self._reading = asyncio.create_task(self._reload(core, record), name="reading the plant file again")
+            self._reading = asyncio.create_task(self._reload_all(core, record), name="reading the plant file again")
+
+    async def _reload_all(self, core: Core, record: Path) -> None:
+        """Read the plant file as often as it takes: it may have changed while it was read."""
+        while self._wished and not core.ending:
+            self._wished = 0
+            await self._reload(core, record)
 
     async def _reload(self, core: Core, record: Path) -> None:
         """Read the plant file again; one that cannot be read changes nothing."""
@@ -228,18 +259,35 @@ class Serving:
         try:
             plant = await asyncio.to_thread(read_plant, self.path)
             settings = await asyncio.to_thread(read_settings, self.path)
-        except (DriveCommError, OSError) as error:
+        except Exception as error:  # noqa: BLE001 - whatever the file holds, the server goes on
             core.table.happened("server", f"the plant file cannot be read, so that all stays as it is: {error}")
         else:
             said = await core.changed(plant)
             self.plant = plant
-            if settings.doors != self.settings.doors or settings.audit != self.settings.audit:
+            if _doors(settings) != _doors(self.settings) or settings.audit != self.settings.audit:
                 core.table.happened("server", "doors and files of the server change when it is started again")
             with suppress(OSError):
                 written_again(record, self._registration())
             self._take_alarms(core, settings)
             core.table.happened("server", f"plant file read again: {'; '.join(said) or 'nothing has changed'}")
         self._manager.ready(self._size(core))
+
+
+def _doors(settings: ServerSettings) -> list[object]:
+    return [(kind, table.content) for kind, table in settings.doors]
+
+
+def _on_signal(
+    loop: asyncio.AbstractEventLoop, number: signal.Signals, do: Callable[[], object]
+) -> Callable[[], object]:
+    """Have a signal call something in the loop; return what ends that. Raises RuntimeError and ValueError."""
+    try:
+        loop.add_signal_handler(number, do)
+    except NotImplementedError:
+        # The loops of Windows have none.
+        before = signal.signal(number, lambda *_: loop.call_soon_threadsafe(do))
+        return partial(signal.signal, number, before)
+    return partial(loop.remove_signal_handler, number)
 
 
 async def _opened(doors: list[OpenDoor]) -> None:
@@ -252,20 +300,3 @@ async def _opened(doors: list[OpenDoor]) -> None:
 
 async def _closed(doors: list[OpenDoor]) -> None:
     await asyncio.gather(*(asyncio.to_thread(door.close) for door in doors))
-
-
-def _logged(events: Sequence[Event]) -> None:
-    for event in events:
-        about = " ".join(part for part in (event.line, event.drive) if part)
-        level = logging.WARNING if event.kind in _LOUD else logging.INFO
-        _log.log(
-            level,
-            "%s%s: %s%s",
-            f"{about}: " if about else "",
-            event.kind,
-            event.text,
-            f" by {event.who}" if event.who else "",
-        )
-
-
-_LOUD = frozenset({"fault", "silent", "warning", "link loss", "door", "alarm"})

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import meant
-from drivecomm.server.door import LOCAL
+from drivecomm.server.callers import LOCAL
 from drivecomm.server.places import audit_file, history_file
 from drivecomm.tomlfile import SECONDS, TEXT, Kind, read_toml
 

@@ -73,7 +73,12 @@ class OpenDoor:
         while not self._closing:
             try:
                 await self.door.run(self._plant, self.opened.set)
-            except Exception as error:  # noqa: BLE001 - whatever a door does, the server goes on
+            except asyncio.CancelledError:
+                if self._closing:
+                    raise
+                self.failed = "it was cancelled from inside"
+                self._told(f"door {self.door.name} failed: {self.failed}")
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever a door does, the server goes on
                 if isinstance(error, AttributeError | TypeError | KeyError | NameError):
                     _log.exception("door %s", self.door.name)
                 self.failed = " ".join(str(error).split()) or type(error).__name__

@@ -5,6 +5,7 @@ Everything is put in by one thread. Others may read at any time: what they get a
 
 from __future__ import annotations
 
+import logging
 import time
 from collections import deque
 from itertools import count
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Collection, Sequence
 
     from drivecomm.server.observations import CurrentValue, EventKind
+
+_log = logging.getLogger("drivecomm.server")
 
 KEPT_EVENTS = 1000
 """Older ones are in the history."""
@@ -37,6 +40,7 @@ class Table:
         self._new_values: dict[tuple[str, str], CurrentValue] = {}
         self._new_events: list[Event] = []
         self._listeners: tuple[Listener, ...] = ()
+        self._listening = Lock()
         self._told_soon = False
 
     def put_value(self, value: CurrentValue) -> None:
@@ -58,7 +62,10 @@ class Table:
 
     def forget(self, drives: Collection[str]) -> None:
         """Forget the values of these drives."""
-        self._values = {key: each for key, each in self._values.items() if key[0] not in drives}
+        self._values, self._new_values = (
+            {key: each for key, each in known.items() if key[0] not in drives}
+            for known in (self._values, self._new_values)
+        )
 
     def values(self) -> Sequence[CurrentValue]:
         """Return all current values."""
@@ -70,10 +77,12 @@ class Table:
 
     def listen(self, listener: Listener) -> Callable[[], None]:
         """Have a listener told of what changes from now on; returns what ends that. May be called in any thread."""
-        self._listeners = (*self._listeners, listener)
+        with self._listening:
+            self._listeners = (*self._listeners, listener)
 
         def end() -> None:
-            self._listeners = tuple(each for each in self._listeners if each is not listener)
+            with self._listening:
+                self._listeners = tuple(each for each in self._listeners if each is not listener)
 
         return end
 
@@ -90,7 +99,11 @@ class Table:
             self._told_soon = False
             return
         for listener in self._listeners:
-            listener(values, events)
+            try:
+                listener(values, events)
+            except Exception:  # noqa: BLE001 - the server goes on
+                # The others are told all the same, and all of them of what comes next.
+                _log.exception("telling what has changed")
         self._later(TOGETHER_S, self._tell)
 
 

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import FileFormatError, UsageError, meant
+from drivecomm.server.callers import ANONYMOUS, Role
 from drivecomm.server.credentials import is_password_hash, is_token_hash
-from drivecomm.server.door import ANONYMOUS, Role
 from drivecomm.tomlfile import TABLES, TEXT, parse_toml, read_text_file, read_toml, toml_line, write_whole
 
 if TYPE_CHECKING:

@@ -82,6 +82,12 @@ class FakeServer:
         return {"id": body["id"], "outcome": "done", "result": plain(result), "error": None}
 
     def stop_all(self, how, lines):
+        kinds = {(each.line, each.protocol) for each in self.opened.plant.drives if not lines or each.line in lines}
+        for line, protocol in sorted(kinds):
+            everybody = self.bus(line).broadcast(protocol)
+            if Stop(how) in everybody.capabilities.stops:
+                everybody.stop(Stop(how))
+                yield {"drive": f"{protocol}:*", "line": line, "outcome": "open", "error": None, "how": how}
         for each in self.opened.plant.drives:
             if lines and each.line not in lines:
                 continue

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -139,3 +140,35 @@ def test_a_service_has_its_own_folder(file, tmp_path, monkeypatch):
 def test_the_token_is_not_shown(file):
     assert "secret" not in repr(Registration(plant=str(file), token="secret"))
     assert str(Registration(plant="hall.toml", pid=7)) == "drivecomm serve hall.toml (pid 7)"
+
+
+def test_a_folder_with_a_long_name_has_its_socket_elsewhere(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / ("long" * 30)))
+    monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
+    socket = local_socket(tmp_path / "plant.toml")
+    assert len(str(socket)) <= 100
+    assert socket.parent.stat().st_mode & 0o077 == 0
+
+
+def test_without_flock_a_byte_is_locked_instead(file, monkeypatch):
+    fcntl = pytest.importorskip("fcntl")
+
+    def locking(descriptor, mode, _count):
+        assert os.lseek(descriptor, 0, os.SEEK_CUR) > 1 << 20
+        fcntl.flock(descriptor, mode)
+
+    windows = SimpleNamespace(LK_NBLCK=fcntl.LOCK_EX | fcntl.LOCK_NB, LK_UNLCK=fcntl.LOCK_UN, locking=locking)
+    monkeypatch.setitem(sys.modules, "msvcrt", windows)
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    about = Registration(plant=str(file), port=4711, token="secret")
+    with register(about) as record:
+        assert server_of_plant(file) == about
+        with pytest.raises(UsageError, match="has a server already"), register(about):
+            pass
+        left = record.read_bytes()
+    assert server_of_plant(file) is None
+    # A server that was killed leaves its record.
+    record.write_bytes(left)
+    assert server_of_plant(file) is None
+    with register(about):
+        assert server_of_plant(file) == about

@@ -9,9 +9,9 @@ from fake_server import serving
 from running_server import running_server
 
 import drivecomm
-from drivecomm.bus import Broadcast, Bus, Drive
+from drivecomm.bus import Broadcast, Bus, Drive, keep, keep_async, set_watchdog
 from drivecomm.client import ServedBus, ServedDrive, json_text, parsed
-from drivecomm.client.served_drive import ServedBroadcast
+from drivecomm.client.served_bus import ServedBroadcast
 from drivecomm.errors import (
     DriveCommError,
     NotSupported,
@@ -210,3 +210,32 @@ def test_watching_through_a_server(plant):
     assert (pump.reachability, fan.reachability) == ("answers", "answers")
     assert pump.values["output_frequency"].reading
     assert telegrams
+
+
+def test_a_watchdog_is_fed_through_the_server_as_without_it(plant):
+    def carried_out(own_ports):
+        with drivecomm.open_plant(plant, own_ports=own_ports) as opened:
+            fan = opened.drive("fan")
+            set_watchdog(fan, "ramp", 1)
+            fan.set_reference(percent=50)
+            fan.start()
+            until = time.monotonic() + 3
+            while time.monotonic() < until:
+                running = fan.status().running
+                time.sleep(0.1)
+            fan.stop()
+            fan.wait_for(DriveState.READY)
+            return running
+
+    plant.write_text(plant.read_text(encoding="utf-8") + "armed = true\n", encoding="utf-8")
+    with running_server(plant):
+        assert carried_out(own_ports=False)
+    assert carried_out(own_ports=True)
+
+
+@pytest.mark.parametrize("keeping", [keep, keep_async])
+def test_a_drive_whose_watchdog_the_server_feeds_anyway_is_not_kept_from_here(plant, keeping):
+    with serving(plant), drivecomm.open_plant(plant) as opened:
+        with pytest.raises(UsageError, match=r"KeptMotor, or open the plant with own_ports=True"):
+            keeping(opened.drive("pump"), "trip")
+        keeping(opened.drive("pump"), "hold")

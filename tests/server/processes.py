@@ -57,11 +57,11 @@ class Served:
         self.process = None
         self.log = folder / "server.log"
 
-    def start(self, *options):
+    def start(self, *options, program=("-m", "drivecomm")):
         self.end(signal.SIGKILL)
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "drivecomm", "serve", str(self.plant), *options],
+                [sys.executable, *program, "serve", str(self.plant), *options],
                 env=self.environment, stdout=subprocess.PIPE, stderr=log, text=True, cwd=self.folder,
             )  # fmt: skip
         assert "stop with Ctrl-C" in self.process.stdout.readline(), self.log.read_text()
@@ -83,7 +83,7 @@ class Served:
         """Start a motor under a lease; return the lease's key."""
         self.until(lambda: self.drive(name)["reachability"] == "answers")
         key = self.ask(f"/api/v1/drives/{name}/lease", {"seconds": seconds})["key"]
-        answer = self.ask(f"/api/v1/drives/{name}/keep", {"id": f"keep {name}", "lease": key, "percent": 50})
+        answer = self.ask(f"/api/v1/drives/{name}/keep", {"id": f"keep {name} {key}", "lease": key, "percent": 50})
         assert answer["outcome"] == "done", answer
         self.until(lambda: self.runs(name))
         return key
@@ -113,26 +113,31 @@ class Served:
 
 
 @contextmanager
-def serving(folder, *, head=QUICK, tail="", start=True):
+def serving(folder, *, head=QUICK, tail="", start=True, **environment):
     """Serve a plant in a process of its own; yield it."""
+    file = folder / "plant.toml"
+    file.write_text(PLANT.format(head=head, tail=tail, yard="tcp:127.0.0.1:0", hall="tcp:127.0.0.1:0"))
+    with simulated(read_plant(file)) as (server, control):
+        places = {name: f"tcp:{address.partition('://')[2]}" for name, address in server.addresses.items()}
+        file.write_text(PLANT.format(head=head, tail=tail, **places))
+        with server_of(folder, control, start=start, **environment) as one:
+            yield one
+
+
+@contextmanager
+def server_of(folder, control, *, start=True, **environment):
+    """Serve plant.toml of a folder in a process of its own; yield it. control: of its virtual drives."""
     state = folder / "state"
     state.mkdir()
     # The path of a socket has room for a hundred characters.
     runtime = tempfile.mkdtemp(prefix="dc")
-    file = folder / "plant.toml"
-    file.write_text(PLANT.format(head=head, tail=tail, yard="tcp:127.0.0.1:0", hall="tcp:127.0.0.1:0"))
     before = os.environ.get("XDG_RUNTIME_DIR")
     os.environ["XDG_RUNTIME_DIR"] = runtime
+    one = Served(folder, control, {**os.environ, "STATE_DIRECTORY": str(state), **environment})
     try:
-        with simulated(read_plant(file)) as (server, control):
-            places = {name: f"tcp:{address.partition('://')[2]}" for name, address in server.addresses.items()}
-            file.write_text(PLANT.format(head=head, tail=tail, **places))
-            one = Served(folder, control, {**os.environ, "STATE_DIRECTORY": str(state)})
-            try:
-                yield one.start() if start else one
-            finally:
-                one.end(signal.SIGKILL)
+        yield one.start() if start else one
     finally:
+        one.end(signal.SIGKILL)
         shutil.rmtree(runtime, ignore_errors=True)
         if before is None:
             del os.environ["XDG_RUNTIME_DIR"]

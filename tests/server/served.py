@@ -81,7 +81,7 @@ def simulated(plant):
 
 
 @asynccontextmanager
-async def core_of(tmp_path, text=PLANT, *, audit=None, **further):
+async def core_of(tmp_path, text=PLANT, *, audit=None, status_period_s=0.05, **further):
     """Yield a core of this plant, and what controls its virtual drives."""
     file = tmp_path / "plant.toml"
     file.write_text(text)
@@ -91,14 +91,21 @@ async def core_of(tmp_path, text=PLANT, *, audit=None, **further):
             plant,
             session="this run",
             audit=audit or NoteBook(),
-            status_period_s=0.05,
-            port_of=lambda line: (
-                f"socket://{server.addresses[line.name].partition('://')[2] or server.addresses[line.name]}"
-            ),
-            **further,
+            status_period_s=status_period_s,
+            **{
+                "port_of": lambda line: (
+                    f"socket://{server.addresses[line.name].partition('://')[2] or server.addresses[line.name]}"
+                ),
+                **further,
+            },
         )
         async with core:
             yield core, control
+
+
+def runs(control, name):
+    """Whether the motor of a virtual drive turns, or is about to, whatever anybody was told."""
+    return next(each for each in control.order("show")["drives"] if each["name"] == name)["running"]
 
 
 async def until(condition, seconds=5.0):

@@ -21,7 +21,8 @@ from drivecomm.protocol import Stop
 from drivecomm.server import audit as audit_module
 from drivecomm.server.audit import Audit
 from drivecomm.server.audit_lines import AuditFile
-from drivecomm.server.door import Answer, Caller, Command, Role
+from drivecomm.server.callers import Caller, Role
+from drivecomm.server.door import Answer, Command
 from drivecomm.server.leases import Lease
 
 ANNA = Caller(name="anna", role=Role.OPERATE, door="http 127.0.0.1:8080")
@@ -351,7 +352,8 @@ KILLED = """
 import asyncio, sys
 from pathlib import Path
 from drivecomm.server.audit import Audit
-from drivecomm.server.door import Caller, Command, Role
+from drivecomm.server.callers import Caller, Role
+from drivecomm.server.door import Command
 
 async def main():
     audit = Audit(Path(sys.argv[1]), print, file_bytes=20_000, files=100)

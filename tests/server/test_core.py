@@ -1,14 +1,19 @@
 """The core of a server: what it knows of its drives, what becomes of commands, and of motors that it keeps."""
 
 import asyncio
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import pytest
-from served import ANOTHER, ENGINEER, OPERATOR, VIEWER, NoteBook, asked, awaited, core_of, until
+from served import ANOTHER, ENGINEER, OPERATOR, PLANT, VIEWER, NoteBook, asked, awaited, core_of, until
 
-from drivecomm.errors import NotAllowedError
+import drivecomm
+from drivecomm.errors import NotAllowedError, UsageError
+from drivecomm.protocol import Stop
 
 
 @pytest.fixture
@@ -161,7 +166,7 @@ class TestKept:
             assert (await asked(served, VIEWER, "pump", "stop")).outcome == "done"
             await until(lambda: state(served, "pump").status and not state(served, "pump").status.running)
             assert state(served, "pump").kept == ""
-            story = [item["done"] async for item in served.following("pump")]
+            story = [item["done"] async for item in served.kept.following("pump")]
             assert story == ["watchdog set", "started", "stop commanded"]
 
     @awaited
@@ -203,3 +208,91 @@ class TestReload:
             await until(lambda: value(served, "fan") is not None)
             before = value(served, "fan").source_s
             await until(lambda: value(served, "fan").source_s > before)
+
+
+def test_a_server_loads_every_room_before_it_has_threads(tmp_path):
+    file = tmp_path / "plant.toml"
+    file.write_text(PLANT)
+    package = Path(drivecomm.__file__).parent
+    rooms = {".".join(each.parent.relative_to(package).parts) for each in package.rglob("__init__.pyi")} - {""}
+    needed = sorted(room for room in rooms if room.partition(".")[0] not in ("testing", "traffic", "cli"))
+    program = (
+        "import sys; from pathlib import Path; from drivecomm.server import Serving; Serving(Path(sys.argv[1]));"
+        "print([room for room in sys.argv[2:] if f'drivecomm.{room}' not in sys.modules])"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", program, str(file), *needed], capture_output=True, text=True, check=True
+    )  # fmt: skip
+    assert found.stdout == "[]\n"
+
+
+@awaited
+async def test_all_are_stopped_by_broadcasts_first(core):
+    book = NoteBook()
+    async with core(audit=book) as (served, _):
+        await until(lambda: all(each.reachability == "answers" for each in served.drives()))
+        sent = []
+        served.lines["yard"].bus.listen(sent.append)
+        told = await served.commands.stop_all(OPERATOR, Stop.RAMP)
+        assert [(each.line, each.drive, each.how, each.answer.outcome) for each in told] == [
+            ("hall", "pump", Stop.RAMP, "done"),
+            ("yard", "danfoss-fc:*", Stop.RAMP, "open"),
+            ("yard", "fan", Stop.RAMP, "done"),
+            ("yard", "mixer", Stop.RAMP, "done"),
+        ]
+        order = [each.drive for each in sent if each.what == "sent"]
+        first = order.index("danfoss-fc:*")
+        # Then each by itself; one that answers late is asked again.
+        assert [*dict.fromkeys(order[first + 1 :])][:2] == ["danfoss-fc:3", "danfoss-fc:4"]
+        assert book.stops == [("pump", "ramp"), ("danfoss-fc:*", "ramp"), ("fan", "ramp"), ("mixer", "ramp")]
+        told = await served.commands.stop_all(OPERATOR, Stop.COAST, ["hall"])
+        assert [each.drive for each in told] == ["vabus:*", "pump"]
+
+
+@awaited
+async def test_nobody_unknown_broadcasts_a_stop(core):
+    book, nobody = NoteBook(), replace(VIEWER, name="anonymous")
+    async with core(audit=book) as (served, _):
+        told = await served.commands.stop_all(nobody, Stop.COAST)
+        assert {each.answer.outcome for each in told} == {"refused"}
+        assert book.stops == []
+
+
+@awaited
+async def test_a_policy_that_a_drive_cannot_have_is_told_when_the_server_begins(core):
+    async with core(PLANT.replace('policy = "trip"', 'policy = "ramp"')) as (served, _):
+        told = [each for each in served.table.events() if each.kind == "link loss"]
+        assert [each.drive for each in told] == ["pump", "fan"]
+        assert told[0].text == (
+            "pump, a drive of model agile, cannot be started with the link_loss policy ramp of the plant file; "
+            "write hold or trip there"
+        )
+        assert state(served, "pump").policies == ("hold", "trip")
+        assert set(state(served, "fan").policies) == {"hold", "ramp", "trip"}
+        assert state(served, "mixer").policies == ("hold",)
+
+
+@awaited
+async def test_what_a_drive_remembers_of_its_faults_is_shown(core):
+    async with core() as (served, control):
+        await until(lambda: state(served, "fan").reachability == "answers")
+        assert state(served, "fan").fault_log == ()
+        control.order("trip", drive="fan", code=14)
+        await until(lambda: state(served, "fan").fault_log)
+        first = state(served, "fan").fault_log[0]
+        assert (first.place, first.value) == (1, "14")
+
+
+@awaited
+async def test_how_long_a_watchdog_waits_is_taken_down_for_programs_of_this_machine(core):
+    async with core() as (served, _):
+        await until(lambda: all(each.reachability == "answers" for each in served.drives()))
+        answer = await asked(served, ENGINEER, "fan", "watched", arguments={"silence_s": 2})
+        assert (answer.outcome, answer.result) == ("done", None)
+        for wrong in ({"silence_s": "soon"}, {"seconds": 2}):
+            answer = await asked(served, ENGINEER, "fan", "watched", arguments=wrong)
+            assert answer.outcome == "refused"
+            assert isinstance(answer.error, UsageError)
+        far = replace(ENGINEER, door="http 127.0.0.1:1")
+        answer = await asked(served, far, "fan", "watched", arguments={"silence_s": 2})
+        assert (answer.outcome, type(answer.error)) == ("refused", NotAllowedError)

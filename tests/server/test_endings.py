@@ -4,6 +4,7 @@ import json
 import os
 import resource
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -40,16 +41,59 @@ def test_a_server_that_is_told_to_end_stops_what_it_keeps_and_sets_the_watchdog_
         assert server_of_plant(served.plant) is None
 
 
-def test_a_server_that_is_stopped_for_long_leaves_the_motor_to_the_watchdog_and_starts_nothing_after_it(tmp_path):
+WITHOUT_UNIX = """
+import asyncio, signal, sys
+
+def refused(*_):
+    raise NotImplementedError
+
+asyncio.SelectorEventLoop.add_signal_handler = refused
+from drivecomm.server.http import door
+door._HAS_UNIX_SOCKETS = False
+from drivecomm.cli import main
+raise SystemExit(main())
+"""
+
+
+def test_without_unix_sockets_and_signals_in_the_loop_it_is_found_and_ends_as_elsewhere(tmp_path):
+    with serving(tmp_path, start=False) as served:
+        served.start(program=("-c", WITHOUT_UNIX))
+        found = server_of_plant(served.plant)
+        assert (found.socket, found.port > 0, len(found.token) > 20) == ("", True, True)
+        served.keep("fan")
+        status = subprocess.run(
+            [sys.executable, "-m", "drivecomm", "status", "fan", "--plant", str(served.plant)],
+            capture_output=True, text=True, timeout=30, check=False,
+        )  # fmt: skip
+        assert "running" in status.stdout, status.stderr
+        served.process.send_signal(signal.SIGINT)
+        assert served.process.wait(20) == 0
+        assert served.process.stdout.read() == "ended\n"
+        served.until(lambda: not served.runs("fan"), 1)
+        assert "Traceback" not in served.log.read_text()
+        assert server_of_plant(served.plant) is None
+
+
+@pytest.mark.parametrize(
+    "seconds", [0, pytest.param(10, marks=pytest.mark.soak), pytest.param(60, marks=pytest.mark.soak)]
+)
+def test_a_server_that_is_stopped_for_long_leaves_the_motor_to_the_watchdog_and_starts_nothing_after_it(
+    tmp_path, seconds
+):
     with serving(tmp_path) as served:
         served.keep("fan", seconds=30)
         served.process.send_signal(signal.SIGSTOP)
         try:
             served.until(lambda: not served.runs("fan"), 6)
+            time.sleep(seconds)
         finally:
             served.process.send_signal(signal.SIGCONT)
         time.sleep(1.5)
         assert not served.runs("fan")
+        served.until(lambda: served.drive("pump")["reachability"] == "answers")
+        if seconds > 30:
+            assert served.drive("fan")["lease"] is None
+            served.until(lambda: served.drive("fan")["kept"] == "")
 
 
 def test_a_commander_that_dies_has_its_motor_treated_by_the_policy(tmp_path):
@@ -154,3 +198,64 @@ def test_a_clock_that_is_set_changes_no_lease(tmp_path):
         served.keep("fan", seconds=2)
         until_s = float(served.drive("fan")["lease"]["until_s"])
         assert abs(until_s - time.time() - 2) < 3
+
+
+ALARM = """
+[[alarm]]
+name = "no answer"
+drives = ["fan"]
+on = "silent"
+"""
+
+
+def test_alarms_are_read_again_with_the_plant_file(tmp_path):
+    with serving(tmp_path, tail=ALARM) as served:
+        served.plant.write_text(served.plant.read_text().replace("no answer", "fan is gone"))
+        served.process.send_signal(signal.SIGHUP)
+        served.until(lambda: any("plant file read again" in each["text"] for each in served.events("server")))
+        assert not any("started again" in each["text"] for each in served.events("server"))
+        served.control.order("power", drive="fan", state="off")
+        served.until(lambda: [each["rule"] for each in served.ask("/api/v1/alarms")] == ["fan is gone"], 20)
+
+
+CABLE = """\
+format = 1
+[server]
+status_period_s = 0.1
+[[line]]
+name = "yard"
+port = "socket://127.0.0.1:{port}"
+listen = "tcp:127.0.0.1:{port}"
+"""
+ON_CABLE = """\
+[[drive]]
+name = "fan {address}"
+drive = "danfoss-fc:{address}"
+"""
+
+
+def test_a_line_that_is_lost_is_told_once_and_opened_again(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with serving(tmp_path, start=False) as served:
+        served.plant.write_text(CABLE.format(port=port) + "".join(ON_CABLE.format(address=at) for at in range(1, 6)))
+        simulate = [sys.executable, "-m", "drivecomm", "simulate", str(served.plant)]
+
+        def all_are(reachability):
+            return {each["reachability"] for each in served.ask("/api/v1/drives")} == {reachability}
+
+        served.start()
+        served.until(lambda: all_are("silent"))
+        with subprocess.Popen(simulate, stdout=subprocess.PIPE, text=True) as simulator:
+            served.until(lambda: all_are("answers"))
+            simulator.kill()
+        served.until(lambda: all_are("silent"))
+        assert sum(each["kind"] == "silent" for each in served.events()) == 10
+        with subprocess.Popen(simulate, stdout=subprocess.PIPE, text=True) as simulator:
+            served.until(lambda: all_are("answers"), 20)
+            served.end(signal.SIGTERM)
+            simulator.kill()
+        told = [line for line in served.log.read_text().splitlines() if " warning " in line]
+        assert [text.partition("warning ")[2][:11] for text in told if "works again" not in text] == ["yard: line:"] * 2
+        assert sum("works again" in text for text in told) == 2
+        assert "answers again" not in served.log.read_text()

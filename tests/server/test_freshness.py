@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from drivecomm.errors import LeaseError, NotAllowedError, UsageError
-from drivecomm.server.door import Answer, Caller, Command, Role
+from drivecomm.server.callers import Caller, Role
+from drivecomm.server.door import Answer, Command
 from drivecomm.server.freshness import check_fresh
 from drivecomm.server.repeats import MOST, REMEMBERED_S, Repeats
 
@@ -111,6 +112,29 @@ def test_without_an_id_each_acts():
     async def test():
         repeats, act = Repeats(), Acting()
         assert [(await repeats.once(ANNA, replace(START, id=""), act)).result for _ in range(3)] == [1, 2, 3]
+
+    run(test)
+
+
+def test_where_an_error_came_from_is_not_remembered():
+    """Frames hold all that was at hand there."""
+
+    def refuse():
+        raise NotAllowedError("not now") from KeyError("why")
+
+    async def act():
+        try:
+            refuse()
+        except NotAllowedError as error:
+            return Answer(id="1", outcome="refused", error=error)
+
+    async def test():
+        repeats = Repeats()
+        await repeats.once(ANNA, START, act)
+        answer = await repeats.once(ANNA, START, act)
+        assert str(answer.error) == "not now"
+        assert answer.error.__traceback__ is None
+        assert isinstance(answer.error.__cause__, KeyError)
 
     run(test)
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from drivecomm.errors import LeaseError, UsageError
-from drivecomm.server.door import Caller, Role
+from drivecomm.server.callers import Caller, Role
 from drivecomm.server.leases import Leases
 
 ANNA = Caller(name="anna", role=Role.OPERATE, door="http 127.0.0.1:8080")

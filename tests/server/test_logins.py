@@ -7,8 +7,8 @@ import pytest
 
 from drivecomm.errors import FileFormatError, NotAllowedError
 from drivecomm.server import credentials
+from drivecomm.server.callers import Caller, Role
 from drivecomm.server.credentials import password_hash, token_hash
-from drivecomm.server.door import Caller, Role
 from drivecomm.server.logins import LOGGED_IN_S, LONGEST_WAIT_S, MOST_LOGINS, Users
 from drivecomm.server.users import User, add_user, remove_user
 
@@ -145,6 +145,7 @@ def test_many_guesses_at_once_are_no_more_than_one_after_the_other(users):
     assert {"the name or the password is wrong"} < set(said)
 
 
+@pytest.mark.soak
 def test_names_without_end_fill_no_memory(users):
     for number in range(3000):
         with pytest.raises(NotAllowedError):
@@ -152,6 +153,7 @@ def test_names_without_end_fill_no_memory(users):
     assert len(users._failures) <= 1024
 
 
+@pytest.mark.soak
 def test_logins_without_end_fill_no_memory_and_push_no_other_user_out(users, file, clock):
     add_user(file, User(name="carla", role=Role.VIEW, password=password_hash("password")))
     clock.now += 2

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from drivecomm.errors import UsageError
-from drivecomm.server import logs
+from drivecomm.server import Event, logs
+from drivecomm.server.event_log import EventLog
 from drivecomm.server.logs import Repetitions, RotatingFile, WaitingHandler, for_journal, for_people, logging_to
 
 LOGGER = logging.getLogger("drivecomm.server")
@@ -310,3 +311,46 @@ with logging_to({place}, "info"):
     logging.getLogger("drivecomm.server").info("ready")
 """
     return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=30, check=False)
+
+
+class TestEventsOfALostLine:
+    @pytest.fixture
+    def logged(self, caplog):
+        caplog.set_level(logging.INFO, "drivecomm.server")
+        up = {"hall": True, "yard": True}
+        log = EventLog(up.get)
+
+        def log_all(*events):
+            caplog.clear()
+            log.take([], [Event(number=1, time_s=0.0, text="...", **each) for each in events])
+            return [f"{each.levelname} {each.message}" for each in caplog.records]
+
+        return up, log_all
+
+    def test_of_its_drives_nothing_is_said(self, logged):
+        up, log_all = logged
+        up["hall"] = False
+        lost = [
+            {"kind": "line", "line": "hall"},
+            {"kind": "silent", "line": "hall", "drive": "pump"},
+            {"kind": "silent", "line": "hall", "drive": "mixer"},
+            {"kind": "silent", "line": "yard", "drive": "fan"},
+        ]
+        assert log_all(*lost) == ["WARNING hall: line: ...", "WARNING yard fan: silent: ..."]
+        up["hall"] = True
+        back = [
+            {"kind": "line", "line": "hall"},
+            {"kind": "answers", "line": "hall", "drive": "pump"},
+            {"kind": "silent", "line": "hall", "drive": "mixer"},
+            {"kind": "answers", "line": "yard", "drive": "fan"},
+        ]
+        assert log_all(*back) == [
+            "WARNING hall: line: ...", "WARNING hall mixer: silent: ...", "INFO yard fan: answers: ..."
+        ]  # fmt: skip
+        later = [{"kind": "answers", "line": "hall", "drive": name} for name in ("pump", "mixer")]
+        assert log_all(*later) == ["INFO hall pump: answers: ...", "INFO hall mixer: answers: ..."]
+
+    def test_who_did_it(self, logged):
+        assert logged[1]({"kind": "command", "line": "hall", "drive": "pump", "who": "eva (local)"}) == [
+            "INFO hall pump: command: ..., by eva (local)"
+        ]

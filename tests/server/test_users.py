@@ -6,8 +6,8 @@ import pytest
 
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.server import credentials
+from drivecomm.server.callers import Role
 from drivecomm.server.credentials import is_password_hash, new_token, password_fits, password_hash, token_hash
-from drivecomm.server.door import Role
 from drivecomm.server.users import User, add_user, read_users, remove_user
 
 HASH = token_hash("a token")

@@ -17,7 +17,7 @@ from drivecomm.testing import LineMaker
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.cli.demo.tour import Tour
+    from drivecomm.cli.demo.steps import Tour
     from drivecomm.testing import WatchedServer
 
 PLANT = """\

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -15,6 +13,7 @@ from rich.table import Table
 
 from drivecomm.cli.demo.served import served_plant
 from drivecomm.cli.demo.sites import case_for, real_site, virtual_sites
+from drivecomm.cli.demo.steps import Tour
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, sentence
 from drivecomm.errors import DriveCommError, TelegramError, UsageError
@@ -29,35 +28,6 @@ if TYPE_CHECKING:
 
 
 _FAULT_LOCK_S = 16.0
-
-
-@dataclass(slots=True)
-class Tour:
-    """A console to print on, and what has been done so far: title, whether it worked, what was seen."""
-
-    console: Console
-    steps: list[tuple[str, bool, str]] = field(default_factory=list)
-
-    @contextmanager
-    def step(self, title: str) -> Iterator[Callable[[str], None]]:
-        """Carry out a step; the block tells what it saw. Errors of the tree and failed checks fail the step."""
-        seen: list[str] = []
-        try:
-            yield seen.append
-        except (DriveCommError, AssertionError) as error:
-            self.steps.append((title, False, sentence(error)))
-            self.console.print(f"  [red]failed:[/red] {title}: {escape(sentence(error))}")
-        else:
-            self.steps.append((title, True, "; ".join(seen)))
-
-    def heading(self, text: str) -> None:
-        """Print the heading of a stop."""
-        self.console.print(f"\n[bold cyan]{escape(text)}[/bold cyan]")
-
-    @property
-    def failed(self) -> int:
-        """How many steps failed."""
-        return sum(not worked for _, worked, _ in self.steps)
 
 
 def scan(tour: Tour, site: Site) -> list[Found]:

@@ -56,7 +56,7 @@ def stop_all(line: LineOptions, path: Path | None, how: Stop) -> int:
     if served:
         for news in served:
             _show(news, how, as_json=line.json)
-        return 0 if all(news.error is None for news in served) else DriveError.exit_code
+        return 0 if all(news.error is None for news in served if news.drive) else DriveError.exit_code
     if path is None:
         return _without_a_plant(line, how)
     try:

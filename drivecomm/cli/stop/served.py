@@ -44,8 +44,7 @@ def all_stopped_by_server(plant: Path | None, port: str | None, how: Stop, *, as
     except LinkError as error:
         complain(f"{error}; the ports themselves are tried now", as_json=as_json)
         return []
-    lines_by_drive = _lines_by_drive(server)
-    return [_result(each, lines_by_drive.get(str(each["drive"]), "")) for each in answers]
+    return [_result(each) for each in answers]
 
 
 def one_stopped_by_server(port: str, drive: DriveConfig, how: Stop, said: dict[str, Any], *, as_json: bool) -> bool:
@@ -85,15 +84,12 @@ def _ordered(server: Registration, path: str, content: dict[str, Any]) -> Any:
     return LocalServer(server, alive_s=_ALIVE_S).order(path, content, limit_s=_LONGEST_S)
 
 
-def _lines_by_drive(server: Registration) -> dict[str, str]:
-    from drivecomm.plant import drives_of  # noqa: PLC0415 - as above
-
-    return {each.name: line for line in server.lines for each in drives_of(server, line)}
-
-
-def _result(answer: dict[str, Any], line: str) -> StopResult:
+def _result(answer: dict[str, Any]) -> StopResult:
     from drivecomm.cli.control.client import StopResult  # noqa: PLC0415 - as above
     from drivecomm.client import error_of  # noqa: PLC0415 - as above
 
     error = error_of(answer["error"]) if answer.get("error") else None
-    return StopResult(line=line, drive=str(answer["drive"]), how=Stop(answer["how"]), error=error)
+    name, line = str(answer["drive"]), str(answer["line"])
+    if name.endswith(":*"):
+        return StopResult(line=line, protocol=name.removesuffix(":*"), how=Stop(answer["how"]), error=error)
+    return StopResult(line=line, drive=name, how=Stop(answer["how"]), error=error)

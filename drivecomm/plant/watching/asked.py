@@ -7,14 +7,13 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import DriveError, LinkError, OvertakenError, ReplyError, UsageError
+from drivecomm.errors import DriveCommError, DriveError, LinkError, OvertakenError, ReplyError, UsageError
 from drivecomm.protocol import LINE_FACT_NAMES, Reading
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.bus import AsyncBus, AsyncDrive
-    from drivecomm.errors import DriveCommError
     from drivecomm.link import Port, TraceEvent
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.plant.watching.board import DriveView, Trend
@@ -60,7 +59,15 @@ class SeenDrive:
             self.drive.check_read(parameter, **options)
 
     async def polled(self, parameter: str, **options: Any) -> Reading:
-        """Read a parameter as a poll loop does, or the status with its fault."""
+        """Read a parameter as a poll loop does, or the status with its fault; what a package does wrong is an error."""
+        try:
+            return await self._asked(parameter, **options)
+        except DriveCommError:
+            raise
+        except Exception as error:
+            raise DriveCommError(f"{self.name} cannot be asked, by a mistake in its package: {error!r}") from error
+
+    async def _asked(self, parameter: str, **options: Any) -> Reading:
         if parameter != STATUS:
             return await self.drive.polled(parameter, **options)
         self.status = status = await self.drive.status()

@@ -71,10 +71,10 @@ async def _gone(asked: Asked) -> None:
 async def stop(asked: Asked) -> Response:
     """Stop all drives, or those of some lines."""
     how = asked.given.get("how", "ramp")
-    answers = await asked.plant.stop_all(asked.caller, how, asked.given.get("lines", ()))
+    stopped = await asked.plant.stop_all(asked.caller, how, asked.given.get("lines", ()))
     told = [
-        {"drive": drive, **answer_content(answer), "how": how if answer.result is None else plain(answer.result)}
-        for drive, answer in answers
+        {"line": each.line, "drive": each.drive, **answer_content(each.answer), "how": each.how.value}
+        for each in stopped
     ]
     return json_answer(told)
 

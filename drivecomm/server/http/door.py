@@ -110,23 +110,25 @@ class HttpDoor:
 class LocalDoor:
     """HTTP on a unix socket, for programs of this machine; without such sockets, on a loopback port with a secret.
 
-    port, token: how it is reached where there are no unix sockets, once it is open.
+    socket: the path of the unix socket. port, token: how it is reached where there are no such sockets, once it is
+    open; opened again it is reached the same way.
     """
 
     name = LOCAL
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self.port: int | None = None
-        self.token = ""
+        self.socket = str(path) if _HAS_UNIX_SOCKETS else ""
+        self.port = 0
+        self.token = "" if _HAS_UNIX_SOCKETS else secrets.token_urlsafe(32)
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises PortError."""
         from drivecomm.server.http.callers import SecretCallers, SocketCallers  # noqa: PLC0415 - loads starlette
 
-        if not _HAS_UNIX_SOCKETS:
-            listening = _listening(("127.0.0.1", 0))
-            self.port, self.token = listening.getsockname()[1], secrets.token_urlsafe(32)
+        if not self.socket:
+            listening = _listening(("127.0.0.1", self.port))
+            self.port = listening.getsockname()[1]
             await _run(plant, opened, listening, SecretCallers(self.token), name=self.name, names=[], local=True)
             return
         listening = _unix_socket(self._path)

@@ -8,8 +8,8 @@ from enum import Enum
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from drivecomm.protocol import DriveStatus, Reading
-from drivecomm.server import Event, LineState
+from drivecomm.protocol import DriveStatus, LinkLoss, Reading
+from drivecomm.server import Event, LineState, RememberedFault
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -103,14 +103,25 @@ SCHEMAS: Mapping[str, Schema] = {
     "EndedLease": _object({"drive": _TEXT}),
     "Drive": _object({
         "name": _TEXT, "drive": _TEXT, "line": _TEXT, "title": _TEXT, "model": _TEXT, "armed": _CHOICE,
+        "read_only_reason": _TEXT, "link_loss": _or_null(_ref("LinkLoss")),
+        "policies": {"type": "array", "items": _ref("Policy")},
+        "fault_log": {"type": "array", "items": _ref("RememberedFault")},
         "may": {"type": "array", "items": _TEXT}, "reachability": {"enum": ["asking", "answers", "silent"]},
         "state": _or_null(_TEXT), "status": _or_null(_ref("Status")), "fault": _TEXT, "error": _TEXT,
         "answered_s": _or_null(_NUMBER), "age_s": _or_null(_NUMBER), "lease": _or_null(_ref("Lease")), "kept": _TEXT,
         "counters": {"type": "object", "additionalProperties": _WHOLE}, "reply_s": _NUMBER, "values": _list("Value"),
-    }, "may: the verbs that you may use. kept: the link-loss policy under which the server keeps the motor running."),
+    }, "may: the verbs that you may use. policies: with which link-loss policies it can be started. fault_log: what "
+       "the drive remembered of its faults when it was asked last, the newest first. kept: the link-loss policy under "
+       "which the server keeps the motor running."),
     "Drives": _list("Drive"),
+    "Policy": {"enum": list(get_args(LinkLoss))},
+    "LinkLoss": _object({"policy": _ref("Policy"), "watchdog_s": _NUMBER}, "What the plant file says."),
+    "RememberedFault": _of_class(RememberedFault),
     "Answer": _object(_ANSWER, "open: it was sent, and whether the drive acted is not known."),
-    "Stops": {"type": "array", "items": _object({"drive": _TEXT, **_ANSWER, "how": _ANY})},
+    "Stops": {"type": "array", "items": _object(
+        {"line": _TEXT, "drive": _TEXT, **_ANSWER, "how": _TEXT},
+        "drive: PROTOCOL:* for a broadcast, which nobody confirms: its outcome is open, without an error.",
+    )},
     "Points": _object({"points": {"type": "array", "items": {
         "type": "array", "prefixItems": [_NUMBER, _or_null(_NUMBER), _QUALITY], "minItems": 3, "maxItems": 3,
     }}}, "Time, value and quality of each."),

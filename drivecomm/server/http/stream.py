@@ -198,6 +198,12 @@ class Streams:
             self._latest.pop(seen.key, None)
             self._latest[seen.key] = seen
 
+    def _forget(self) -> None:
+        """Forget what was seen of drives that the plant has no longer."""
+        there = {drive.name for drive in self._plant.plant.drives}
+        for key in [key for key in self._latest if key[0] not in there]:
+            del self._latest[key]
+
     async def _tick(self, group: _Group) -> None:
         while True:
             await asyncio.sleep(group.every_s)
@@ -206,6 +212,7 @@ class Streams:
     async def _ping(self) -> None:
         while True:
             await asyncio.sleep(PING_S)
+            self._forget()
             for group in list(self._groups.values()):
                 await self._write(group, list(group.clients), b": ping\n\n")
 
@@ -284,7 +291,7 @@ class Streams:
             if rest:
                 data += _message("values", f"[{','.join(seen.text(now) for seen in rest)}]")
             client.values, client.keeps_up = self._number, True
-        if data:
+        if data and not client.transport.is_closing():
             client.transport.write(_framed(data))
 
     def _after(self, group: _Group, number: int) -> list[_Seen]:

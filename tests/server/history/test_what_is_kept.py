@@ -13,6 +13,7 @@ from drivecomm.errors import FileFormatError, RefusedError, UsageError
 from drivecomm.protocol import Reading
 from drivecomm.server import Answer, Caller, Command, Role
 from drivecomm.server.history import History, Journal, journal as journals, log_row, schema, store
+from drivecomm.server.past import remembered_faults
 
 
 @pytest.fixture
@@ -335,3 +336,21 @@ def test_a_program_that_only_reads_loads_no_more_than_it_needs(file):
         "import sys; from drivecomm.server.history import History; print({'asyncio', 'serial'} & set(sys.modules))"
     )
     assert subprocess.check_output([sys.executable, "-c", program], text=True).strip() == "set()"
+
+
+def test_the_latest_fault_log_of_each_drive(file):
+    assert remembered_faults(file) == {}
+
+    def entry(value):
+        return Reading(parameter=f"15-30.{value}", value=value, raw=value, unit="", name="", text=f"fault {value}")
+
+    journal = Journal(file)
+    journal.add_fault_log("pump", [entry(3), entry(2), entry(1)], time_s=NOON)
+    journal.add_fault_log("fan", [entry(9)], time_s=NOON + 1)
+    journal.add_fault_log("pump", [entry(4), entry(3)], time_s=NOON + 2)
+    journal.close()
+    found = remembered_faults(file)
+    assert [(each.place, each.value, each.text, each.time_s) for each in found["pump"]] == [
+        (1, "4", "fault 4", NOON + 2), (2, "3", "fault 3", NOON + 2),
+    ]  # fmt: skip
+    assert [each.value for each in found["fan"]] == ["9"]

@@ -14,8 +14,8 @@ from types import SimpleNamespace
 from drivecomm.client import parsed
 from drivecomm.errors import LeaseError, NotAllowedError, UsageError
 from drivecomm.plant import Plant, PlantLine
-from drivecomm.protocol import DriveConfig, DriveState as Motion, DriveStatus, Reading
-from drivecomm.server import Answer, Caller, CurrentValue, DriveState, Event, Lease, LineState, Role
+from drivecomm.protocol import DriveConfig, DriveState as Motion, DriveStatus, Reading, Stop
+from drivecomm.server import Answer, Caller, CurrentValue, DriveState, Event, Lease, LineState, Role, Stopped
 
 STARTED_S = 1_700_000_000.0
 
@@ -191,7 +191,10 @@ class FakePlant:
 
     async def stop_all(self, caller, how, lines=()):
         self.stops.append((caller, how, tuple(lines)))
-        return [(name, Answer(id="", outcome="done")) for name in self.states]
+        return [
+            Stopped(line="main", drive=name, how=Stop(how), answer=Answer(id="", outcome="done"))
+            for name in self.states
+        ]
 
     async def take_lease(self, caller, drive, seconds):
         if drive in self.held and self.held[drive].holder != caller:

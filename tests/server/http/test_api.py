@@ -1,9 +1,12 @@
+from dataclasses import replace
 from decimal import Decimal
 
 import pytest
 from fake_plant import Client, value
 
 from drivecomm.client import parsed
+from drivecomm.protocol import LinkLossPolicy
+from drivecomm.server import RememberedFault
 
 
 @pytest.fixture
@@ -24,7 +27,18 @@ def test_the_plant(local):
 
 def test_drives(local, plant):
     plant.change(value("pump", amount="10.00"))
+    plant.states["fan"] = replace(
+        plant.states["fan"],
+        config=replace(plant.states["fan"].config, link_loss=LinkLossPolicy(policy="trip"), read_only_reason="no"),
+        policies=("hold", "trip"),
+        fault_log=(RememberedFault(place=1, address="15-30", value="14", text="earth fault", time_s=5.0),),
+    )
     pump, fan = local.get("/api/v1/drives").content
+    assert (pump["link_loss"], pump["fault_log"], pump["read_only_reason"]) == (None, [], "")
+    assert fan["link_loss"] == {"policy": "trip", "watchdog_s": 5.0}
+    assert fan["policies"] == ["hold", "trip"]
+    assert fan["fault_log"] == [{"place": 1, "address": "15-30", "value": "14", "text": "earth fault", "time_s": 5.0}]
+    assert fan["read_only_reason"] == "no"
     assert (pump["name"], pump["drive"], pump["line"], fan["name"]) == ("pump", "vabus:1", "main", "fan")
     assert pump["state"] == "running"
     assert pump["status"]["word"] == 0x0F07

@@ -127,6 +127,7 @@ def test_promtool_finds_nothing_to_say(local, plant):
     assert (found.returncode, found.stdout, found.stderr) == (0, b"", b"")
 
 
+@pytest.mark.soak
 @pytest.mark.skipif(not PROMETHEUS, reason="prometheus is not installed")
 def test_a_real_prometheus_scrapes_500_drives(tmp_path):
     polled = ("output_frequency", "output_current", "dc_link_voltage", "heat_sink_temperature")

@@ -4,6 +4,7 @@ import asyncio
 import socket
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 from fake_plant import Client, EventSource, FakePlant, served, value
@@ -88,6 +89,7 @@ def test_numbers_of_an_earlier_run_hide_nothing(local, plant):
         assert stream.next("events").data[0]["number"] == 1
 
 
+@pytest.mark.soak
 def test_who_does_not_read_gets_the_latest_and_the_number_of_lost_events(plant, door):
     with socket.create_connection(("127.0.0.1", door.port)) as slow, Client(door, "annaanna").stream() as quick:
         slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
@@ -152,6 +154,20 @@ def test_a_sign_of_life(plant, tmp_path, monkeypatch):
         stream.next("values")
         while b": ping" not in stream.line():
             pass
+
+
+def test_a_drive_that_the_plant_has_no_longer_is_forgotten(plant, tmp_path, monkeypatch):
+    monkeypatch.setattr(streams, "PING_S", 0.05)
+    with served(LocalDoor(tmp_path / "x.sock"), plant), Client(tmp_path / "x.sock").stream() as first:
+        first.next("values")
+        whole = plant.plant
+        plant.plant = replace(whole, drives=[each for each in whole.drives if each.name != "fan"])
+        plant.current = {key: each for key, each in plant.current.items() if key[0] != "fan"}
+        for _ in range(2):
+            while b": ping" not in first.line():
+                pass
+        with Client(tmp_path / "x.sock").stream() as second:
+            assert drives_of(second.next("values")) == {"pump"}
 
 
 def test_http_1_0_has_no_stream(local):

@@ -1,5 +1,7 @@
 """A Chromium for the tests of the page, and a plant for it to show."""
 
+import os
+
 import pytest
 from page_standin import StandIn
 
@@ -26,6 +28,16 @@ def browser():
             pytest.skip(f"Chromium does not start: {str(error).splitlines()[0]}")
         yield chromium
         chromium.close()
+
+
+@pytest.fixture
+def launched(browser):
+    """Return what starts another Chromium, which may be killed, with more in its environment."""
+
+    def launch(**environment):
+        return browser.browser_type.launch(executable_path=CHROMIUM, args=ARGUMENTS, env={**os.environ, **environment})
+
+    return launch
 
 
 @pytest.fixture

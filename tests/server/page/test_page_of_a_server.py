@@ -1,10 +1,14 @@
 """The page on a real server over a virtual plant, from signing in to the server's end."""
 
 import asyncio
+import os
 import re
+import signal
 import socket
 import threading
-from contextlib import contextmanager
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import pytest
 
@@ -154,3 +158,58 @@ def story(page_server, shown, control):
     page_server.serving.end()
     expect(page.locator("#banner")).to_contain_text("No connection since", timeout=SLOW_MS)
     expect(bar).to_contain_text("was ready")
+
+
+def test_a_browser_that_is_killed_has_its_motor_treated_by_the_policy(page_server, launched):
+    """As any client with a lease: it renews it no more."""
+    mark = f"killed-{os.getpid()}"
+    with simulated(read_plant(page_server.file)) as (addresses, control):
+        page_server.start(addresses)
+        try:
+            page = launched(DRIVECOMM_TEST=mark).new_page()
+            page.goto(f"{page_server.url}#/account", wait_until="domcontentloaded")
+            page.get_by_label("Name").fill("asha")
+            page.get_by_role("textbox", name="Password").fill("a long password")
+            page.get_by_role("button", name="Sign in", exact=True).click()
+            page.wait_for_selector("html[data-link=live]", timeout=SLOW_MS)
+            page.get_by_role("link", name="Plant", exact=True).click()
+            page.get_by_role("listitem", name="pump", exact=True).get_by_role("link", name="pump").click()
+            page.get_by_role("button", name="Take control").click()
+            page.get_by_label("Reference", exact=True).fill("50")
+            page.get_by_role("button", name="Set", exact=True).click()
+            page.get_by_role("button", name="Start…").click()
+            page.get_by_role("radio", name=re.compile("^ramp")).check()
+            page.get_by_role("button", name="Start pump now").click()
+            expect(page.locator(".drive-bar")).to_contain_text("running", timeout=SLOW_MS)
+            assert running(control)
+            kill_marked(mark)
+            killed = time.monotonic()
+            # The longest lease, and a ramp.
+            while running(control):
+                assert time.monotonic() < killed + 35
+                time.sleep(0.1)
+            told = [event.text for event in page_server.serving._core.table.events() if event.kind == "link loss"]
+            assert any("does not renew their lease; the motor is treated by its policy, ramp" in text for text in told)
+            time.sleep(2)
+            assert not running(control)
+        finally:
+            page_server.stop()
+
+
+def running(control):
+    return control.order("show")["drives"][0]["running"]
+
+
+def kill_marked(mark):
+    """Kill all processes that have this in their environment."""
+    found = []
+    for each in Path("/proc").iterdir():
+        with suppress(OSError):
+            if each.name.isdigit() and f"DRIVECOMM_TEST={mark}".encode() in (each / "environ").read_bytes().split(
+                b"\0"
+            ):
+                found.append(int(each.name))
+    assert found
+    for process in found:
+        with suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL)

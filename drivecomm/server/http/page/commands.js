@@ -50,7 +50,9 @@ export async function stopAll() {
   const number = ++asked;
   tell({ number, drive: "", words: "stop all", outcome: "asked" });
   try {
-    const answers = await persistently(() => ask("POST", "stop", { how: "ramp" }, { timeoutMs: 15000 }));
+    const all = await persistently(() => ask("POST", "stop", { how: "ramp" }, { timeoutMs: 15000 }));
+    // Nobody confirms a broadcast.
+    const answers = all.filter((answer) => !answer.drive.endsWith(":*"));
     const bad = answers.filter((answer) => answer.outcome !== "done");
     for (const answer of bad) {
       tell({ number: ++asked, drive: answer.drive, words: "stop", outcome: answer.outcome, text: answer.error?.text ?? "" });

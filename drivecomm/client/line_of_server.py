@@ -1,0 +1,155 @@
+"""A line that a server owns, as buses see it: which drives there are, and what is sent of them."""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.client.connection import LONGEST_S, LocalServer
+from drivecomm.client.wire import error_of, result_of
+from drivecomm.errors import UsageError, shortened
+from drivecomm.protocol import LINE_FACT_NAMES, DriveConfig
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from drivecomm.bus import Member
+    from drivecomm.capture import Record
+    from drivecomm.client.registration import Registration
+    from drivecomm.link import CommandCall, Peer, Statistics, TraceEvent
+    from drivecomm.protocol import LineSettings
+
+
+# What a call may take in all unless its drive says otherwise, and the way there and back.
+_CALL_S = 30.0
+_WAY_S = 5.0
+_VALID_S = 10
+
+
+READING = frozenset({"read", "polled", "status", "identify", "probe", "watched"})
+"""Verbs that command nothing: they may be sent twice, and need no right to command the drive."""
+
+
+class LineOfServer:
+    """What buses of a server have in common: which drives there are, and what is sent of them.
+
+    line: what the server calls it. drives: those of its plant on this line, with what holds for them on it. trace:
+    called for everything that happens on the line, record: gets every byte, both for as long as the bus is open.
+    facts: line facts for all drives, and what else `open_bus` takes, which is the server's to decide.
+    """
+
+    def __init__(
+        self,
+        server: Registration,
+        line: str,
+        drives: Iterable[DriveConfig] = (),
+        *,
+        trace: Callable[[TraceEvent], None] | None = None,
+        record: Record | None = None,
+        **facts: Any,
+    ) -> None:
+        self.server = LocalServer(server)
+        self.line = line
+        self.port = server.lines.get(line, "")
+        self._facts = {name: value for name, value in facts.items() if name in LINE_FACT_NAMES and value is not None}
+        self._known = {str(each): each for each in drives}
+        self._trace = trace
+        self._record = record
+        self._before: Mapping[str, Statistics] | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The drives of the server's plant on this line, as PROTOCOL:ADDRESS."""
+        return tuple(sorted(self._known))
+
+    @property
+    def settings(self) -> LineSettings | None:
+        """The line settings of its first drive; None without any."""
+        first = next(iter(self._known.values()), None)
+        return None if first is None else self.member(first, read_only=False).peer.facts.settings
+
+    def described(
+        self,
+        protocol: str,
+        address: int,
+        model: object,
+        set_up: object,
+        options: Mapping[str, Any],
+        *,
+        read_only: bool,
+    ) -> dict[str, Any]:
+        """Return what is said of a drive, as `SentDrive` takes it. Raises UsageError for what no server does."""
+        if set_up:
+            raise UsageError(
+                f"{protocol}:{shortened(address)} cannot be set up through a server; write these parameters, or end "
+                f"{self.server.registration} and try again"
+            )
+        known = self._known.get(f"{protocol}:{address}")
+        given = {**self._facts, **options, **({} if model is None else {"model": model})}
+        of_plant = {} if known is None else dict(known.options)
+        return {
+            "config": DriveConfig(protocol=protocol, address=address, options={**of_plant, **given}),
+            "said": _news(given, of_plant),
+            "known": known,
+            "read_only": read_only,
+        }
+
+    def member(self, config: DriveConfig, *, read_only: bool) -> Member:
+        """Return what a drive is made of here, as a bus of one's own would make it. Raises UsageError."""
+        from drivecomm.bus import Roster  # noqa: PLC0415 - for those who ask what sends nothing
+
+        options = dict(config.options)
+        model = options.pop("model", None)
+        return Roster(self._facts).member(config.protocol, config.address, model, None, options, read_only=read_only)
+
+    def carry_out(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Any:
+        """Have the server carry out a verb; each kind of bus says whether that is waited for or awaited."""
+        raise NotImplementedError
+
+    def sent(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Any:
+        """Have the server carry out a verb, and return its result; raises the error that it ends with."""
+        content = {"id": os.urandom(8).hex(), **of.request(arguments)}
+        limit_s = float(content.get("options", {}).get("deadline_s", _CALL_S)) + _WAY_S
+        reads = verb in READING
+        if not reads:
+            # As long as a server lets a command wait for its turn; one that hung meanwhile does not carry it out later.
+            content |= {"issued_s": time.time(), "valid_s": _VALID_S}
+        post = self.server.read if reads else self.server.order
+        answer = post(f"{of.place}/{verb}", content, limit_s=max(limit_s, LONGEST_S))
+        if answer.get("error"):
+            raise of.own_error(error_of(answer["error"]))
+        return result_of(answer.get("result"))
+
+    def command(self, peer: Peer) -> CommandCall | None:  # noqa: ARG002 - see `Bus`
+        """Take no note of what is commanded: the server does, for everybody."""
+        return None
+
+    def storing(self, peer: Peer, parameter: str) -> None:
+        """Count no writes to EEPROM: the server does, for everybody."""
+
+    def watched(self, peer: Peer, silence_s: float | None) -> None:
+        """Take no note of a watchdog: its drive lets the server know."""
+
+    def wall_time(self) -> float:
+        """Return the time in seconds since 1970."""
+        return time.time()
+
+    @property
+    def real_time(self) -> bool:
+        """Whether time passes by itself, as it does here."""
+        return True
+
+
+def _news(given: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what is said of a drive and the server does not know."""
+    news = {name: value for name, value in given.items() if name not in known or known[name] != value}
+    return {**news, "model": _found_from_anywhere(news["model"])} if "model" in news else news
+
+
+def _found_from_anywhere(model: Any) -> str:
+    """Return a model as its name, or its file wherever the server was started."""
+    if not isinstance(model, str | os.PathLike):
+        raise UsageError("a model that was made by a program cannot be sent to a server; give its name or its file")
+    text = os.fspath(model)
+    return os.path.abspath(text) if text.endswith(".toml") else text  # noqa: PTH100

@@ -1,0 +1,248 @@
+"""Motors that a server keeps: nothing goes on turning that nobody keeps, and a stop wins at every moment."""
+
+import asyncio
+import time
+from functools import partial
+
+import pytest
+from served import ENGINEER, OPERATOR, VIEWER, NoteBook, asked, awaited, core_of, runs, until
+
+from drivecomm.bus import read_watchdog_async
+from drivecomm.errors import CommandCancelledError, LeaseError
+
+HALF = {"percent": 50}
+
+
+@pytest.fixture
+def core(tmp_path):
+    return partial(core_of, tmp_path)
+
+
+def leased(core, caller, drive, seconds, key=""):
+    return core.leases.take(caller, drive, seconds, now=time.monotonic(), time_s=time.time(), key=key)
+
+
+async def keep(served, *, seconds=5.0, caller=OPERATOR, drive="pump", **arguments):
+    lease = leased(served, caller, drive, seconds)
+    answer = await asked(served, caller, drive, "keep", lease=lease.key, arguments={**HALF, **arguments})
+    assert answer.outcome == "done", answer.error
+    return lease
+
+
+async def begun(served, drive="pump"):
+    """Wait until a motor's watchdog is set, and it is not started yet."""
+    await until(lambda: served.drive(drive).kept)
+    async for item in served.kept.following(drive):
+        assert item["done"] == "watchdog set"
+        return
+
+
+async def stays_stopped(control, drive="pump", seconds=0.4):
+    ends = time.monotonic() + seconds
+    while time.monotonic() < ends:
+        assert not runs(control, drive)
+        await asyncio.sleep(0.01)
+
+
+class Gate(NoteBook):
+    """An audit that holds up what is to be written until it is opened."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.waits = asyncio.Event(), asyncio.Event()
+
+    async def asked(self, caller, command, lease=None):
+        self.waits.set()
+        await self.open.wait()
+        return await super().asked(caller, command, lease)
+
+
+class TestWhileItBegins:
+    @awaited
+    @pytest.mark.parametrize("drive", ["pump", "vabus:1", "vabus:01", "vabus:*"])
+    async def test_a_stop_wins(self, core, drive):
+        async with core() as (served, control):
+            lease = leased(served, OPERATOR, "pump", 5)
+            keeping = asyncio.create_task(asked(served, OPERATOR, "pump", "keep", lease=lease.key, arguments=HALF))
+            await begun(served)
+            line = "" if drive == "pump" else "hall"
+            stopped = await asked(served, ENGINEER, drive, "stop", line=line)
+            assert stopped.outcome == "done", stopped.error
+            await stays_stopped(control)
+            assert isinstance((await keeping).error, CommandCancelledError)
+            await until(lambda: served.drive("pump").kept == "")
+
+    @awaited
+    async def test_the_end_of_its_lease_releases_it(self, core):
+        async with core() as (served, control):
+            lease = leased(served, OPERATOR, "pump", 5)
+            keeping = asyncio.create_task(asked(served, OPERATOR, "pump", "keep", lease=lease.key, arguments=HALF))
+            await begun(served)
+            served.leases.renew(OPERATOR, "pump", lease.key, 0.001, now=time.monotonic(), time_s=time.time())
+            await keeping
+            await until(lambda: served.drive("pump").kept == "", 2)
+            await until(lambda: not runs(control, "pump"))
+            await stays_stopped(control)
+
+    @awaited
+    async def test_a_lease_given_back_releases_it(self, core):
+        async with core() as (served, control):
+            lease = leased(served, OPERATOR, "pump", 5)
+            keeping = asyncio.create_task(asked(served, OPERATOR, "pump", "keep", lease=lease.key, arguments=HALF))
+            await begun(served)
+            served.kept.given_back(served.leases.end(OPERATOR, "pump", lease.key, now=time.monotonic()))
+            assert (await keeping).outcome == "refused"
+            await stays_stopped(control)
+            await until(lambda: served.drive("pump").kept == "")
+
+    @awaited
+    async def test_the_end_of_the_server_wins(self, core):
+        async with core() as (served, control):
+            lease = leased(served, OPERATOR, "pump", 5)
+            keeping = asyncio.create_task(asked(served, OPERATOR, "pump", "keep", lease=lease.key, arguments=HALF))
+            await begun(served)
+            await served.release_all()
+            await stays_stopped(control)
+            assert (await keeping).outcome == "refused"
+
+    @awaited
+    async def test_one_that_cannot_begin_is_not_kept_and_its_story_ends(self, core):
+        async with core() as (served, control):
+            lease = leased(served, OPERATOR, "pump", 5)
+            control.order("trip", drive="pump", code=4)
+            order = {"lease": lease.key, "arguments": {"percent": 5000}}
+            assert (await asked(served, OPERATOR, "pump", "keep", **order)).outcome != "done"
+            async with asyncio.timeout(3):
+                _ = [item async for item in served.kept.following("pump")]
+            assert served.drive("pump").kept == ""
+
+
+class TestWhileTheAuditIsWritten:
+    @pytest.mark.parametrize("verb", ["keep", "start"])
+    @awaited
+    async def test_a_stop_wins(self, core, verb):
+        gate = Gate()
+        async with core(audit=gate) as (served, control):
+            lease = leased(served, ENGINEER, "pump", 5)
+            starting = asyncio.create_task(asked(served, ENGINEER, "pump", verb, lease=lease.key))
+            await gate.waits.wait()
+            assert (await asked(served, VIEWER, "pump", "stop")).outcome == "done"
+            gate.open.set()
+            answer = await starting
+            assert (answer.outcome, type(answer.error)) == ("refused", CommandCancelledError)
+            await stays_stopped(control)
+
+    @pytest.mark.parametrize("verb", ["keep", "start"])
+    @awaited
+    async def test_a_lease_that_is_over_then_commands_nothing(self, core, verb):
+        gate = Gate()
+        async with core(audit=gate) as (served, control):
+            lease = leased(served, ENGINEER, "pump", 0.05)
+            starting = asyncio.create_task(asked(served, ENGINEER, "pump", verb, lease=lease.key))
+            await asyncio.sleep(0.2)
+            leased(served, OPERATOR, "pump", 5)
+            gate.open.set()
+            answer = await starting
+            assert (answer.outcome, type(answer.error)) == ("refused", LeaseError)
+            await stays_stopped(control)
+
+    @pytest.mark.parametrize("verb", ["keep", "start"])
+    @awaited
+    async def test_a_server_that_ends_meanwhile_starts_nothing(self, core, verb):
+        gate = Gate()
+        async with core(audit=gate) as (served, control):
+            lease = leased(served, ENGINEER, "pump", 5)
+            starting = asyncio.create_task(asked(served, ENGINEER, "pump", verb, lease=lease.key))
+            await gate.waits.wait()
+            await served.release_all()
+            gate.open.set()
+            assert (await starting).outcome == "refused"
+            await stays_stopped(control)
+
+
+class TestTwo:
+    @awaited
+    async def test_only_one_keeps_a_motor(self, core):
+        async with core() as (served, _):
+            lease = leased(served, OPERATOR, "pump", 5)
+            answers = await asyncio.gather(
+                *(asked(served, OPERATOR, "pump", "keep", lease=lease.key, arguments=HALF) for _ in range(3))
+            )
+            assert sorted(each.outcome for each in answers) == ["done", "refused", "refused"]
+            assert served.drive("pump").kept == "trip"
+            await until(lambda: served.drive("pump").status.running)
+
+    @awaited
+    async def test_one_that_is_kept_anew_has_its_own_watchdog(self, core):
+        """What is released sets the watchdog as it was; that must not reach the next one."""
+        async with core() as (served, _):
+            lease = await keep(served)
+            assert (await asked(served, VIEWER, "pump", "stop")).outcome == "done"
+            again = await asked(served, OPERATOR, "pump", "keep", lease=lease.key, arguments=HALF)
+            assert again.outcome == "done", again.error
+            await asyncio.sleep(0.5)
+            assert served.drive("pump").kept == "trip"
+            assert served.drive("pump").status.running
+            assert (await read_watchdog_async(served.lines["hall"].drive("pump"))).policy == "trip"
+
+
+class TestReleased:
+    @awaited
+    async def test_a_stop_that_the_drive_does_not_know_releases_nothing(self, core):
+        async with core() as (served, control):
+            await keep(served)
+            for how in ("dc_brake", "slowly"):
+                answer = await asked(served, VIEWER, "pump", "stop", arguments={"how": how})
+                assert answer.outcome == "refused"
+            await asyncio.sleep(0.3)
+            assert served.drive("pump").kept == "trip"
+            assert runs(control, "pump")
+
+    @awaited
+    async def test_its_stop_is_tried_until_it_is_confirmed(self, core):
+        """Polls feed its watchdog: without another stop it would turn for ever once the line works again."""
+        async with core() as (served, control):
+            await keep(served, drive="fan", caller=ENGINEER, policy="ramp", seconds=0.6, watchdog_s=60)
+            await until(lambda: runs(control, "fan"))
+            now_s = max(line["time_s"] for line in control.order("show")["lines"])
+            control.order(
+                "fault", text=f'line = "yard"\nkind = "drop"\nof = "request"\nfrom_s = {now_s}\nuntil_s = {now_s + 6}'
+            )
+            await until(lambda: any("may be running" in each.text for each in served.table.events()), 5.5)
+            assert runs(control, "fan")
+            await until(lambda: not runs(control, "fan"), 10)
+            await until(lambda: "fan" not in served.kept)
+            assert served.drive("fan").lease is None
+
+    @awaited
+    async def test_nobody_else_starts_it_before_it_stands(self, core):
+        async with core() as (served, control):
+            await keep(served, drive="fan", caller=ENGINEER, policy="ramp", seconds=0.6, watchdog_s=60)
+            control.order("power", drive="fan", state="off")
+            await until(lambda: any("may be running" in each.text for each in served.table.events()), 15)
+            answer = await asked(served, ENGINEER, "fan", "start", valid_s=0.3)
+            assert answer.outcome == "refused"
+            assert "stop" in str(answer.error)
+            control.order("power", drive="fan", state="on")
+            await until(lambda: served.drive("fan").reachability == "answers", 20)
+            await asyncio.sleep(2.5)
+            assert (await asked(served, ENGINEER, "fan", "start")).outcome == "done"
+
+    @awaited
+    async def test_a_server_ends_although_a_stop_is_not_confirmed(self, core):
+        async with core() as (served, control):
+            await keep(served, drive="fan", caller=ENGINEER, policy="ramp", watchdog_s=60)
+            control.order("power", drive="fan", state="off")
+            began = time.monotonic()
+        assert time.monotonic() - began < 12
+        assert {task for task in asyncio.all_tasks() if task is not asyncio.current_task()} == set()
+
+    @pytest.mark.parametrize("drive", ["vabus:*", "vabus:01"])
+    @awaited
+    async def test_a_stop_by_another_name_releases_it(self, core, drive):
+        async with core() as (served, control):
+            await keep(served)
+            assert (await asked(served, ENGINEER, drive, "stop", line="hall")).outcome == "done"
+            await until(lambda: served.drive("pump").kept == "", 2)
+            await until(lambda: not runs(control, "pump"))
+            await stays_stopped(control)
