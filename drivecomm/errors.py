@@ -251,6 +251,11 @@ def unknown_key(key: str, known: Iterable[str]) -> str:
     return f"unknown key {key!r}; {near(key, names) or 'the keys are ' + ', '.join(names)}"
 
 
+def in_one_line(error: BaseException) -> str:
+    """Return what an error says without line breaks, its kind where it says nothing."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
 def shortened(name: object) -> str:
     """Return a name as a message shows it, in quotes; a very long one is cut."""
     try:

@@ -23,6 +23,7 @@ from .procedures import (
     check_write as check_write,
     reaching as reaching,
     read_parameter as read_parameter,
+    starting as starting,
     write_parameter as write_parameter,
 )
 from .read_only import ReadOnly as ReadOnly

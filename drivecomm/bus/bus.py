@@ -212,7 +212,7 @@ class Bus(SharedBus[Drive, Broadcast]):
         self.close()
 
     def _wait_for(self, turn: Turn, seconds: float, who: str) -> None:
-        if self._lock.is_mine():
+        if self._lock.is_mine_besides(turn):
             self._lock.leave(turn)
             raise UsageError("a trace function cannot use the bus that calls it")
         if not self._lock.wait(turn, seconds):

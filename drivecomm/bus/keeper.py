@@ -50,7 +50,8 @@ class Keeper(Generic[D]):
         if self._feeds and isinstance(drive, Sent):
             raise UsageError(
                 f"{drive.name} is on a line of a server, whose own questions would feed its watchdog although this "
-                "program had died; keep it with drivecomm.client.KeptMotor, or open the plant with own_ports=True"
+                "program had died; keep it with drivecomm.client.KeptMotor, or open the plant with own_ports=True",
+                says="own_ports=True",
             )
         self._watchdog_s = exact(watchdog_s, "watchdog time")
         self._every_s = float(self._watchdog_s) / REFRESHES_IN_TIME

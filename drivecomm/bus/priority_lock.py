@@ -124,10 +124,10 @@ class PriorityLock:
         """Whether somebody waits who wants to stop something."""
         return bool(self.waiting) and any(turn.rank is Rank.STOP and turn.held.locked() for turn in self.waiting)
 
-    def is_mine(self) -> bool:
-        """Whether this thread has its turn."""
+    def is_mine_besides(self, turn: Turn) -> bool:
+        """Whether this thread has another turn than this one, which may have come since it was asked for."""
         owner = self._owner
-        return owner is not None and owner.thread == get_ident() and owner.held.locked()
+        return owner is not None and owner is not turn and owner.thread == get_ident() and owner.held.locked()
 
     def _is_taken(self) -> bool:
         return self._owner is not None and self._owner.held.locked()

@@ -10,10 +10,12 @@ from collections.abc import Callable, Generator, Mapping
 from inspect import isawaitable
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
-from drivecomm.errors import NotSupported, StateError, UsageError, shortened
+from drivecomm.errors import NotSupported, OvertakenError, StateError, UsageError, shortened
 from drivecomm.protocol import DriveState, is_duration
 
 if TYPE_CHECKING:
+    from decimal import Decimal
+
     from drivecomm.bus.faces import Awaited, Blocking, Sent
     from drivecomm.protocol import DriveStatus, Stop, Value
 
@@ -104,6 +106,39 @@ async def carry_out_async(drive: Awaited | Sent, procedure: Procedure[T]) -> T:
         return result
     finally:
         procedure.close()
+
+
+def _nothing() -> None:
+    """Check nothing."""
+
+
+def starting(
+    *, reverse: bool, percent: Decimal | None, hz: Decimal | None, check: Callable[[], None] = _nothing
+) -> Procedure[None]:
+    """Start a motor, at a reference where one is given.
+
+    check: called right before each telegram that commands, and when a stop has overtaken what is asked before; what it
+    raises keeps all that follows from being sent.
+    """
+    given = percent is not None or hz is not None
+    # Some drives take a reference only from whoever commands them, so a motor that runs is commanded first.
+    try:
+        runs = given and (yield ask_status()).running
+    except OvertakenError:
+        check()
+        raise
+    if given and not runs:
+        check()
+        yield _set_reference(percent, hz)
+    check()
+    yield lambda drive: drive.start(reverse=reverse)
+    if runs:
+        check()
+        yield _set_reference(percent, hz)
+
+
+def _set_reference(percent: Decimal | None, hz: Decimal | None) -> Action:
+    return lambda drive: drive.set_reference(percent=percent, hz=hz)
 
 
 Goal: TypeAlias = DriveState | Literal["at_reference"]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, cast, get_args
 
 import typer
 
-from drivecomm.bus import keep, policies
+from drivecomm.bus import carry_out, keep, policies, starting
 from drivecomm.cli.control.server import control_server
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.one_drive import number
@@ -61,14 +61,7 @@ def start(
         usual_s = f"{said.watchdog_s:g}" if said and policy == said.policy else "5"
 
         def run() -> None:
-            given = percent is not None or hz is not None
-            # Some drives take a reference only from whoever commands them, so a motor that runs is commanded first.
-            runs = given and one.status().running
-            if given and not runs:
-                one.set_reference(percent=number(percent), hz=number(hz))
-            one.start(reverse=reverse)
-            if runs:
-                one.set_reference(percent=number(percent), hz=number(hz))
+            carry_out(one, starting(reverse=reverse, percent=number(percent), hz=number(hz)))
 
         if policy != "hold" and line.reaching(drive)[0].server is not None:
             # Loaded by those who go through a server only.

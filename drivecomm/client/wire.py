@@ -16,7 +16,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm import errors
-from drivecomm.errors import DriveCommError, RefusedError, TelegramError
+from drivecomm.errors import DriveCommError, RefusedError, TelegramError, in_one_line
 
 if TYPE_CHECKING:
     from drivecomm.protocol import DriveStatus, ParameterInfo, Reading
@@ -140,7 +140,7 @@ def error_content(error: DriveCommError) -> dict[str, Any]:
     """Return an error in plain form: its kind, its sentence, its exit code, and what it says of the drive."""
     content: dict[str, Any] = {
         "kind": type(error).__name__,
-        "text": " ".join(str(error).split()),
+        "text": in_one_line(error),
         "exit_code": error.exit_code,
     }
     if error.says:

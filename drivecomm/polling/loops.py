@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import DriveCommError, UsageError, shortened
+from drivecomm.errors import DriveCommError, UsageError, in_one_line, shortened
 from drivecomm.polling.one_line import D, Polling, poll_bus
 from drivecomm.polling.schedule import PollItem, PollResult, checked
 from drivecomm.protocol import is_duration
@@ -57,7 +57,7 @@ def readable(items: Sequence[PollItem[D]]) -> Sequence[PollItem[D]]:
         try:
             item.drive.check_read(item.parameter, **item.options)
         except UsageError as error:
-            refused.append(f"{item.name or item.drive.name} {item.parameter} ({' '.join(str(error).split())})")
+            refused.append(f"{item.name or item.drive.name} {item.parameter} ({in_one_line(error)})")
     if refused:
         raise UsageError(f"the plan has what can never be read, take it out: {', '.join(refused)}")
     return items

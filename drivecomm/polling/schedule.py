@@ -15,7 +15,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Protocol, TypeAlias, TypeVar
 
-from drivecomm.errors import DriveCommError, UsageError, shortened
+from drivecomm.errors import DriveCommError, UsageError, in_one_line, shortened
 from drivecomm.protocol import is_duration, is_whole
 
 if TYPE_CHECKING:
@@ -256,6 +256,6 @@ def _result(entry: _Entry[D], now: float, outcome: Reading | DriveCommError, tim
             PollResult,
             (item, drive, item.parameter, outcome, "", None, outcome.time_s, due_s, late_s, took_s, entry.missed),
         )
-    cause = " ".join(str(outcome).split())
+    cause = in_one_line(outcome)
     good = entry.good if entry.good is not None and now - entry.good_s <= item.keeps_s else None
     return PollResult(item, drive, item.parameter, good, cause, outcome, time_s, due_s, late_s, took_s, entry.missed)

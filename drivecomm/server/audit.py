@@ -22,7 +22,7 @@ from time import time
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import json_text
-from drivecomm.errors import NotAllowedError, shortened
+from drivecomm.errors import NotAllowedError, in_one_line, shortened
 from drivecomm.server.audit_lines import FILE_BYTES, FILES, AuditFile
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ class Audit:
 
     def outcome(self, caller: Caller, command: Command, number: int, answer: Answer) -> None:
         """Have it written what has come of a command, without waiting for it."""
-        said = {"outcome": answer.outcome, "why": "" if answer.error is None else " ".join(str(answer.error).split())}
+        said = {"outcome": answer.outcome, "why": "" if answer.error is None else in_one_line(answer.error)}
         self._record("outcome", caller, command, said, number)
 
     async def close(self) -> None:

@@ -24,6 +24,7 @@ from drivecomm.errors import (
     NotSupported,
     ReplyError,
     UsageError,
+    in_one_line,
     meant,
 )
 from drivecomm.protocol import DriveState, Stop, exact, parse_drive
@@ -83,7 +84,7 @@ class Commands:
         except Exception as error:  # noqa: BLE001 - whoever asks is answered
             answer = Answer(id=command.id, outcome="refused", error=_error(command, error))
             if NEEDS.get(command.verb, _UNKNOWN).commands:
-                _noted(self._core.audit.refused, caller, command, _flat(error))
+                _noted(self._core.audit.refused, caller, command, in_one_line(error))
             return answer
 
     async def _stop(self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig) -> Answer:
@@ -99,7 +100,7 @@ class Commands:
             answer = Answer(id=command.id, outcome="refused", error=error)
         except Exception as error:  # noqa: BLE001 - whoever asks is answered
             answer = Answer(id=command.id, outcome="open", error=_error(command, error))
-            core.table.happened("command", f"stop is not confirmed: {_flat(error)}", drive=name, who=str(caller))
+            core.table.happened("command", f"stop is not confirmed: {in_one_line(error)}", drive=name, who=str(caller))
         if answer.outcome != "refused":
             for each in line.drives if config.address < 0 else [config]:
                 if each.protocol == config.protocol:
@@ -228,7 +229,11 @@ class Commands:
             answer = Answer(id=command.id, outcome="done", result=result)
         except Exception as error:  # noqa: BLE001 - whoever asks is answered
             answer = Answer(id=command.id, outcome=_outcome(error), error=_error(command, error))
-        text = _said(command) if answer.error is None else f"{_said(command)}: {answer.outcome}, {_flat(answer.error)}"
+        text = (
+            _said(command)
+            if answer.error is None
+            else f"{_said(command)}: {answer.outcome}, {in_one_line(answer.error)}"
+        )
         core.table.happened("command", text, drive=config.name, line=line.line.name, who=str(caller))
         _noted(core.audit.outcome, caller, command, number, answer)
         _noted(core.remember, caller, command, answer, asked_s)
@@ -344,7 +349,3 @@ def _noted(write: Callable[..., T], *content: Any) -> T | None:
     except Exception:  # noqa: BLE001 - see above
         _log.exception("writing down a command")
         return None
-
-
-def _flat(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
-from drivecomm.errors import DriveCommError, UsageError, meant
+from drivecomm.errors import DriveCommError, UsageError, in_one_line, meant
 from drivecomm.server.commands import Commands
 from drivecomm.server.kept_motors import KeptMotors
 from drivecomm.server.leases import Leases
@@ -232,7 +232,7 @@ class Core:
                 tripped=self._tripped,
             )
         except Exception as error:  # noqa: BLE001 - a line that cannot be served costs the others nothing
-            self.table.happened("line", " ".join(str(error).split()), line=line.name)
+            self.table.happened("line", in_one_line(error), line=line.name)
             return
         self.lines[line.name] = served
         served.start()

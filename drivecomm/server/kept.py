@@ -7,15 +7,15 @@ from collections import deque
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import keep_async
+from drivecomm.bus import carry_out_async, keep_async, starting
 from drivecomm.client import error_content
-from drivecomm.errors import CommandCancelledError, DriveCommError
+from drivecomm.errors import CommandCancelledError, DriveCommError, in_one_line
 from drivecomm.link import Backoff
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Mapping
 
-    from drivecomm.bus import AsyncDrive
+    from drivecomm.bus import AsyncDrive, Procedure
     from drivecomm.protocol import DriveStatus, Stop
     from drivecomm.server.keep_orders import KeepOrder
 
@@ -133,7 +133,7 @@ class KeptMotor:
                 entered = True
                 self._tell("watchdog set", f"watchdog: {kept.watchdog} without this program")
                 try:
-                    await self._start()
+                    await carry_out_async(self._drive, self._starting())
                 except Exception as error:  # noqa: BLE001 - whoever began it is told, when it is stopped
                     failed = error
                 else:
@@ -163,19 +163,9 @@ class KeptMotor:
         if order.policy != "hold":
             await self._end.wait()
 
-    async def _start(self) -> None:
-        drive, order = self._drive, self.order
-        given = order.percent is not None or order.hz is not None
-        # Some drives take a reference only from whoever commands them, so a motor that runs is commanded first.
-        runs = given and (await drive.status()).running
-        if given and not runs:
-            self._check_wanted()
-            await drive.set_reference(percent=order.percent, hz=order.hz)
-        self._check_wanted()
-        await drive.start(reverse=order.reverse)
-        if runs:
-            self._check_wanted()
-            await drive.set_reference(percent=order.percent, hz=order.hz)
+    def _starting(self) -> Procedure[None]:
+        order = self.order
+        return starting(reverse=order.reverse, percent=order.percent, hz=order.hz, check=self._check_wanted)
 
     def _check_wanted(self) -> None:
         """Raise when it is to be released before it is started; nothing is awaited between this and the telegram."""
@@ -211,7 +201,7 @@ class KeptMotor:
 
     def _not_as_wished(self, what: str, error: Exception) -> None:
         told = {"error": error_content(error)} if isinstance(error, DriveCommError) else {}
-        self._tell("failed", f"{self._drive.name} {what}: {_flat(error)}", **told)
+        self._tell("failed", f"{self._drive.name} {what}: {in_one_line(error)}", **told)
 
     def _tell(self, done: str, text: str, **further: Any) -> None:
         # Whoever hears it does not keep the motor from being stopped.
@@ -221,7 +211,7 @@ class KeptMotor:
     def _failed(self, error: DriveCommError) -> None:
         if type(error) is not self._failing:
             self._failing = type(error)
-            self._tell("not answering", _flat(error), error=error_content(error))
+            self._tell("not answering", in_one_line(error), error=error_content(error))
 
     def _answered(self, status: DriveStatus) -> None:
         if self._failing is not None:
@@ -232,7 +222,3 @@ class KeptMotor:
             fault = " ".join(str(part) for part in (status.fault_code, status.fault_text) if part)
             self._tell("fault", f"has a fault{f' ({fault})' if fault else ''}", fault_code=status.fault_code)
             self._end.set()
-
-
-def _flat(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import open_bus_async, policies
-from drivecomm.errors import DriveCommError, LinkError, NotSupported, OvertakenError, PortError, UsageError
+from drivecomm.errors import DriveCommError, LinkError, NotSupported, OvertakenError, PortError, UsageError, in_one_line
 from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Commands, Statistics
 from drivecomm.plant.watching import STATUS, DriveView, OpenLine, SeenDrive, WatchedLine, changes, is_silence
 from drivecomm.polling import PollItem, poll_async
@@ -145,7 +145,7 @@ class ServedLine:
         for config in configs:
             seen, line = known.get(config.name), self.line.name
             if seen is None:
-                error = _flat(unusable[config.name]) if config.name in unusable else ""
+                error = in_one_line(unusable[config.name]) if config.name in unusable else ""
                 found.append(DriveState(config=config, line=line, reachability="silent", error=error))
                 continue
             view, told = seen.view, counted.get(seen.drive.name, _NOTHING)
@@ -200,7 +200,7 @@ class ServedLine:
                     self._take(result)
             except Exception as error:  # noqa: BLE001 - the line is polled again
                 _log.exception("line %s is polled again", self.line.name)
-                self._lost(f"polling has failed: {_flat(error)}")
+                self._lost(f"polling has failed: {in_one_line(error)}")
                 waiting.failed(loop.time())
                 await asyncio.sleep(waiting.over_at - loop.time())
 
@@ -210,10 +210,10 @@ class ServedLine:
             try:
                 await self.bus.__aenter__()
             except Exception as error:  # noqa: BLE001 - whatever a port does, it is tried again
-                self._never_open = error if isinstance(error, DriveCommError) else PortError(_flat(error))
+                self._never_open = error if isinstance(error, DriveCommError) else PortError(in_one_line(error))
                 self._tried.set()
                 self._silent_with_line.update(self._seen)
-                self._lost(_flat(error))
+                self._lost(in_one_line(error))
                 waiting.failed(loop.time())
                 await asyncio.sleep(max(0.05, waiting.over_at - loop.time()))
             else:
@@ -258,7 +258,9 @@ class ServedLine:
             seen.check_read(parameter, **options)
         except UsageError as error:
             self._table.put_value(
-                CurrentValue(drive=seen.view.name, name=parameter, reading=None, quality="bad", cause=_flat(error))
+                CurrentValue(
+                    drive=seen.view.name, name=parameter, reading=None, quality="bad", cause=in_one_line(error)
+                )
             )
             return False
         return True
@@ -345,7 +347,3 @@ def _wrong_policy(config: DriveConfig, model: Model | None) -> str:
         f"{config.name}, {why}, cannot be started with the link_loss policy {said.policy} of the plant file; "
         f"write {' or '.join(able)} there"
     )
-
-
-def _flat(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__

@@ -9,7 +9,7 @@ from importlib.metadata import entry_points
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import UsageError, meant
+from drivecomm.errors import UsageError, in_one_line, meant
 from drivecomm.link import Backoff
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class OpenDoor:
             except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever a door does, the server goes on
                 if isinstance(error, AttributeError | TypeError | KeyError | NameError):
                     _log.exception("door %s", self.door.name)
-                self.failed = " ".join(str(error).split()) or type(error).__name__
+                self.failed = in_one_line(error)
                 self._told(f"door {self.door.name} failed: {self.failed}")
             else:
                 self._told(f"door {self.door.name} has ended by itself")

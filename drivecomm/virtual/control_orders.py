@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.errors import DriveCommError, UsageError, in_one_line
 from drivecomm.plant import bytes_of, read_fault
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def answer_order(plant: VirtualPlant, text: bytes) -> bytes:
     try:
         told = {"ok": True, **_carried_out(plant, _order(text))}
     except DriveCommError as error:
-        told = {"ok": False, "error": " ".join(str(error).split())}
+        told = {"ok": False, "error": in_one_line(error)}
     return json.dumps(told).encode() + b"\n"
 
 

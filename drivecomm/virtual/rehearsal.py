@@ -13,7 +13,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import open_bus
-from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.errors import DriveCommError, UsageError, in_one_line
 from drivecomm.models import load_model
 from drivecomm.polling import FIRST_ROUND_S, poll_bus
 from drivecomm.protocol import LONGEST_DELAY_S, ParameterInfo, installed
@@ -138,7 +138,7 @@ def rehearse_round(plan: Plan, conditions: Conditions) -> Round:
                 try:
                     item.drive.read(item.parameter, **item.options)
                 except DriveCommError as error:
-                    cause = " ".join(str(error).split())
+                    cause = in_one_line(error)
                 causes.append(cause)
                 shares.append(ledger.close(settings[read.drive], bus.now()))
     return Round(shares=shares, causes=causes, settings=settings)

@@ -150,6 +150,17 @@ class TestThreads:
         give_back(turns, turn)
         assert take(turns, Rank.POLL)
 
+    def test_a_turn_that_comes_right_after_it_was_asked_for_is_no_other_one(self):
+        lock, first, mine = PriorityLock(), Turn(Rank.POLL), Turn(Rank.STOP)
+        with mine.held:
+            with first.held:
+                assert lock.ask(first)
+                assert lock.is_mine_besides(mine)
+                assert not lock.ask(mine)
+            lock.hand_on()
+            assert lock.has_come(mine)
+            assert not lock.is_mine_besides(mine)
+
     def test_ranks_overtake_and_equals_do_not(self):
         crowd = Crowd(PriorityLock())
         turn = take(crowd.turns, Rank.READ)

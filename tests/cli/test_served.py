@@ -2,11 +2,14 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
+from pathlib import Path
 
 import pytest
 from fake_server import FakeServer, serving
@@ -143,10 +146,12 @@ class Place:
 
 
 @pytest.fixture
-def place(tmp_path, capsys, monkeypatch):
+def place(request, tmp_path, capsys, monkeypatch):
     """A folder with a plant file, whose drives a thread serves."""
-    (tmp_path / "run").mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
+    # Sockets have room for a hundred characters.
+    runtime = Path(tempfile.mkdtemp(prefix="dc"))
+    request.addfinalizer(lambda: shutil.rmtree(runtime, ignore_errors=True))  # noqa: PT021 - whatever follows fails
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     for name in ("DRIVECOMM_PORT", "DRIVECOMM_PLANT", "RUNTIME_DIRECTORY"):
         monkeypatch.delenv(name, raising=False)
@@ -180,7 +185,11 @@ def started(*arguments, end=lambda process: process.send_signal(signal.SIGINT)):
         for text in process.stdout:
             said.append(text)
             if "started" in text:
-                end(process)
+                try:
+                    end(process)
+                except BaseException:
+                    process.kill()
+                    raise
         complaint = process.stderr.read()
     return process.returncode, masked("".join(said)), masked(complaint)
 

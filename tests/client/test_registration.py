@@ -63,7 +63,7 @@ def test_a_plant_is_known_by_any_name_of_its_file(file, tmp_path, monkeypatch):
         assert server_of_plant("hall.toml")
         assert server_of_plant("other.toml") is None
     assert identity(tmp_path / "link.toml") == identity(file)
-    assert local_socket(file).name == f"{identity(file)}.sock"
+    assert local_socket(file).name.endswith(f"{identity(file)[-8:]}.sock")
 
 
 def test_a_line_is_found_by_any_name_of_its_port(file, tmp_path):

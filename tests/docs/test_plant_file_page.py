@@ -32,7 +32,7 @@ def test_the_file_is_a_plant(files):
     pump, fan = read_plant(files / "plant.toml").drives
     assert (pump.armed, fan.armed) == (True, False)
     assert pump.poll[0].parameters == ("output_frequency", "480")
-    assert pump.link_loss.policy == "ramp"
+    assert pump.link_loss.policy == "trip"
 
 
 def test_all_that_a_network_can_be_allowed_stands_there():

@@ -9,7 +9,7 @@ import tempfile
 import time
 from contextlib import contextmanager
 
-from served import simulated
+from served_core import simulated
 
 from drivecomm.client import LocalServer, server_of_plant
 from drivecomm.plant import read_plant

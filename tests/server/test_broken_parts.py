@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 import pytest
-from served import ENGINEER, OPERATOR, VIEWER, NoteBook, asked, awaited, core_of, runs, until
+from served_core import ENGINEER, OPERATOR, VIEWER, NoteBook, asked, awaited, core_of, runs, until
 
 from drivecomm.bus import AsyncDrive
 from drivecomm.errors import UsageError

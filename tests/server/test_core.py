@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from served import ANOTHER, ENGINEER, OPERATOR, PLANT, VIEWER, NoteBook, asked, awaited, core_of, until
+from served_core import ANOTHER, ENGINEER, OPERATOR, PLANT, VIEWER, NoteBook, asked, awaited, core_of, until
 
 import drivecomm
 from drivecomm.errors import NotAllowedError, UsageError

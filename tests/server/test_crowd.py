@@ -9,7 +9,7 @@ from itertools import pairwise
 from statistics import median
 
 import pytest
-from served import ENGINEER, asked, awaited, core_of, until
+from served_core import ENGINEER, asked, awaited, core_of, until
 
 from drivecomm.server.for_doors import PlantForDoors
 from drivecomm.server.http import HttpDoor

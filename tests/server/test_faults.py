@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from processes import QUICK, server_of, serving
-from served import simulated
+from served_core import simulated
 
 from drivecomm.client import server_of_plant
 from drivecomm.plant import read_plant
@@ -67,9 +67,7 @@ class TestClients:
                 assert float(other.stdout.readline().split()[0])
             assert served.ask("/api/v1/drives/fan/stop", {"id": "1"})["outcome"] == "done"
 
-    @pytest.mark.parametrize(
-        "seconds", [2, pytest.param(10, marks=pytest.mark.soak), pytest.param(60, marks=pytest.mark.soak)]
-    )
+    @pytest.mark.parametrize("seconds", [2, pytest.param(40, marks=pytest.mark.soak)])
     def test_one_that_is_stopped_gets_the_latest_when_it_goes_on_and_fills_no_memory(self, tmp_path, seconds):
         with serving(tmp_path) as served, listening(served) as client:
             goes_on(served, "fan")
@@ -83,8 +81,11 @@ class TestClients:
             client.send_signal(signal.SIGCONT)
             # After what has waited in the system, something that came later.
             after = time.monotonic()
-            while float(client.stdout.readline().split()[0]) < after + 0.5:
-                pass
+            while line := client.stdout.readline():
+                if float(line.split()[0]) >= after + 0.5:
+                    return
+            # Whoever does not read for half a minute is cut off.
+            assert seconds > 30
 
 
 @pytest.fixture
@@ -200,7 +201,7 @@ def test_a_port_that_is_unplugged_and_put_in_again_costs_the_other_line_nothing(
             plugged.enter_context(line_alone(tmp_path, "hall", again))
             served.until(lambda: served.drive("pump")["reachability"] == "answers", 40)
             served.until(lambda: of_pump(served)["quality"] != "bad")
-            assert not served.runs("fan")
+            served.until(lambda: not served.runs("fan"), 3)
 
 
 def of_pump(served):
@@ -244,7 +245,7 @@ def test_a_clock_set_back_an_hour_and_forward_a_day_makes_no_lease_longer_and_st
             assert 1 < time.monotonic() - began < 4
             served.until(lambda: not served.runs("fan"))
             goes_on(served, "fan")
-            assert not served.runs("fan")
+            served.until(lambda: not served.runs("fan"), 3)
             assert of_fan(served)["quality"] != "bad"
         numbers = [each["number"] for each in served.events()]
         assert numbers == sorted(numbers)

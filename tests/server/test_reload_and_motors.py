@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 
 import pytest
-from served import ENGINEER, OPERATOR, VIEWER, asked, awaited, core_of, runs, until
+from served_core import ENGINEER, OPERATOR, VIEWER, asked, awaited, core_of, runs, until
 
 from drivecomm.errors import UsageError
 

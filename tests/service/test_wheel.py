@@ -1,7 +1,6 @@
 """The wheel, built from what git knows, and installed where nothing else is: what a user of pip or pipx gets."""
 
 import os
-import socket
 import subprocess
 import tomllib
 import venv
@@ -18,10 +17,14 @@ SYSTEMD = ROOT / "packaging" / "systemd"
 pytestmark = pytest.mark.soak
 
 
-def run(*command, **options):
-    done = subprocess.run(
+def tried(*command, **options):
+    return subprocess.run(
         [str(word) for word in command], capture_output=True, text=True, timeout=600, check=False, **options
     )
+
+
+def run(*command, **options):
+    done = tried(*command, **options)
     assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
     return done.stdout
 
@@ -33,9 +36,13 @@ class Environment:
         venv.create(folder, with_pip=True)
         self.folder = folder
         self.programs = folder / ("Scripts" if os.name == "nt" else "bin")
+        self.pip_words = (self.programs / "python", "-m", "pip", "--quiet", "--disable-pip-version-check")
 
     def pip(self, *arguments):
-        run(self.programs / "python", "-m", "pip", "--quiet", "--disable-pip-version-check", *arguments)
+        run(*self.pip_words, *arguments)
+
+    def pip_tried(self, *arguments):
+        return tried(*self.pip_words, *arguments)
 
     def drivecomm(self, *arguments):
         # Elsewhere than here, where the packages could be imported from the working folder.
@@ -47,11 +54,13 @@ class Environment:
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory):
-    try:
-        socket.create_connection(("pypi.org", 443), timeout=5).close()
-    except OSError as error:
-        pytest.skip(f"the package registry cannot be reached: {error}")
-    return Environment(tmp_path_factory.mktemp("bare") / "environment")
+    made = Environment(tmp_path_factory.mktemp("bare") / "environment")
+    # Whichever registry this machine's pip is set up for.
+    sought = ("download", "--no-cache-dir", "--no-deps", "--retries", "0", "--timeout", "5", "construct")
+    done = made.pip_tried(*sought, "--dest", made.folder / "reached", "--constraint", ROOT / "constraints.txt")
+    if done.returncode != 0:
+        pytest.skip(f"no package registry can be reached: {done.stderr.strip()[-300:]}")
+    return made
 
 
 @pytest.fixture(scope="module")

@@ -55,7 +55,7 @@ def test_the_example_in_the_documentation_of_the_module(read):
             reply_delay_s=0.005,
             needs_pause_s=0.001,
             poll=(PollGroup(parameters=("output_frequency",), period_s=0.2, priority=1),),
-            link_loss=LinkLossPolicy(policy="ramp", watchdog_s=5),
+            link_loss=LinkLossPolicy(policy="trip", watchdog_s=5),
             network=NetworkAccess(verbs={"http": ("start", "reset")}, write=("480",)),
             values={"480": 1000},
             motor={"rated_kw": 7.5},

@@ -17,7 +17,7 @@ from drivecomm.cli.output import sentence
 from drivecomm.cli.watch.panels import PADDING, columns_for, drive_panel, events_panel
 from drivecomm.cli.watch.screens import ParametersScreen, Question, TraceScreen
 from drivecomm.cli.watch.words import ASIDE, HOLD, clock, summary_of, why_not
-from drivecomm.errors import DriveCommError
+from drivecomm.errors import DriveCommError, in_one_line
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -285,7 +285,7 @@ class WatchScreen(App[Exception | None]):
             await command
         except DriveCommError as error:
             self.say(f"not {done}: {sentence(error, where=name)}")
-            self.watcher.note(name, f"not {done}: {' '.join(str(error).split())}")
+            self.watcher.note(name, f"not {done}: {in_one_line(error)}")
         else:
             self.say(f"{name} {done}")
             self.watcher.note(name, f"{done} from here")

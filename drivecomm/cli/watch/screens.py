@@ -13,7 +13,7 @@ from textual.screen import ModalScreen, Screen
 from textual.widgets import DataTable, Footer, RichLog, Static
 
 from drivecomm.cli.watch.words import ASIDE, WARNING, unit_of
-from drivecomm.errors import DriveCommError
+from drivecomm.errors import DriveCommError, in_one_line
 from drivecomm.link import trace_line
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ class ParametersScreen(Screen[None]):
         try:
             reading = await self._watcher.drive(self._drive).polled(info.address)
         except DriveCommError as error:
-            return Text(" ".join(str(error).split()), style=WARNING)
+            return Text(in_one_line(error), style=WARNING)
         text = Text(f"{reading.value} {unit_of(reading.unit)}".rstrip())
         return text.append(f"  {reading.text}", style=ASIDE) if reading.text else text
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import ask_identity, ask_status, read_parameter
 from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet, in_order
-from drivecomm.errors import DriveError, ReplyError, UnexpectedReplyError, UsageError
+from drivecomm.errors import DriveError, ReplyError, UnexpectedReplyError, UsageError, in_one_line
 from drivecomm.models import quantities
 from drivecomm.protocol import installed, resolve_options
 
@@ -79,7 +79,7 @@ def _read(
         except (DriveError, UsageError, ReplyError) as error:
             if isinstance(error, ReplyError) and not isinstance(error, UnexpectedReplyError):
                 yield from _must_be_there(error)
-            not_read[address] = " ".join(str(error).split())
+            not_read[address] = in_one_line(error)
             continue
         time = time or reading.time.replace(microsecond=0)
         entries[address] = _entry(address, info, reading, part, common.get(address) or common.get(info.address, ""))

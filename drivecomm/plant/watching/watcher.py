@@ -15,7 +15,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Self, cast
 
 from drivecomm.bus import open_bus_async
-from drivecomm.errors import LinkError, UsageError
+from drivecomm.errors import LinkError, UsageError, in_one_line
 from drivecomm.link import REOPEN_LONGEST_S, Statistics
 from drivecomm.models import quantities
 from drivecomm.plant import async_bus_of_server
@@ -169,7 +169,7 @@ class Watcher:
             await line.bus.__aenter__()
         except LinkError as error:
             for seen in self._on(line):
-                self._update(seen, _silent(seen.view, " ".join(str(error).split())))
+                self._update(seen, _silent(seen.view, in_one_line(error)))
             return error
         line.is_open = True
         line.now_s = line.bus.now()

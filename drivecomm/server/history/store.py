@@ -6,6 +6,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from drivecomm.client import json_text, plain
+from drivecomm.errors import in_one_line
 from drivecomm.server.history.records import whole_and_exponent
 from drivecomm.server.history.schema import ROWS_A_SEGMENT, open_for_writing
 
@@ -220,7 +221,7 @@ class Store:
                 (
                     *(round(asked_s * 1000), round(done_s * 1000), answer.id, caller.name, caller.door),
                     *(command.drive, command.verb, json_text(plain(command.arguments)), answer.outcome),
-                    "" if answer.error is None else " ".join(str(answer.error).split()),
+                    "" if answer.error is None else in_one_line(answer.error),
                 ),
             )
         elif isinstance(other, FaultLogRead):
