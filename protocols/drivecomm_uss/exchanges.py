@@ -277,8 +277,6 @@ class UssOperations:
         if words.has(status, words.FAULT):
             raise StateError("the drive has a fault and cannot start; reset it first")
         ours = words.lets_run(memory.word)
-        if words.has(status, words.ENABLED) and not ours:
-            raise StateError("the motor runs by a command that this program did not give; stop it first")
         yield from self._take_over_reference()
         if not ours or not words.has(status, words.ENABLED):
             memory.command(words.READY)

@@ -12,7 +12,7 @@ the two areas have is a setting of the drive, which no telegram shows.
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from construct import this
@@ -85,6 +85,13 @@ def _pzd(direction: Direction, count: int) -> tuple[Any, ...]:
 
 def _form(direction: Direction, kind: str, options: UssOptions) -> Form[Any]:
     """Return the form of one kind of telegram for these settings of a drive."""
+    return _form_of(
+        direction, kind, UssOptions(pkw_words=options.pkw_words, pzd_words=options.pzd_words, ind=options.ind)
+    )
+
+
+@cache
+def _form_of(direction: Direction, kind: str, options: UssOptions) -> Form[Any]:
     pkw, pzd = options.pkw_words, options.pzd_words
     reads: dict[str, Any] = {"special mirror broadcast address": lambda adr: adr}
     writes: dict[str, Any] = {"adr": lambda message: (*_flags(message), message.address)}

@@ -10,7 +10,7 @@ from drivecomm.protocol import Stop
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 PROTOCOLS = sorted(drivecomm.protocols())
-SOMETHING = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09"}
+SOMETHING = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09", "uss": "1082"}
 
 
 @pytest.fixture(params=PROTOCOLS)
@@ -25,7 +25,7 @@ def running(line):
 
 def set_off(bus, protocol):
     drive = bus.drive(protocol, 3)
-    if protocol in ("danfoss-fc", "vlt3500"):
+    if protocol in ("danfoss-fc", "uss", "vlt3500"):
         drive.set_reference(percent=50)
     else:
         drive.set_reference(hz=25)
@@ -73,7 +73,7 @@ def test_awaited_a_stop_by_another_is_not_undone_by_reading(line, who):
     async def program():
         async with drivecomm.open_bus_async(virtual.port) as bus:
             first, second = bus.drive(protocol, 3), bus.drive(protocol, 3)
-            if protocol in ("danfoss-fc", "vlt3500"):
+            if protocol in ("danfoss-fc", "uss", "vlt3500"):
                 await first.set_reference(percent=50)
             else:
                 await first.set_reference(hz=25)
@@ -129,7 +129,7 @@ def test_awaited_a_stop_that_is_written_as_a_parameter_is_not_undone():
 def test_a_second_program_starts_with_the_reference_that_is_set(line):
     protocol, virtual = line
     with drivecomm.open_bus(virtual.port) as bus:
-        percent = protocol in ("danfoss-fc", "vlt3500")
+        percent = protocol in ("danfoss-fc", "uss", "vlt3500")
         bus.drive(protocol, 3).set_reference(**({"percent": 50} if percent else {"hz": 25}))
     with drivecomm.open_bus(virtual.port) as bus:
         bus.drive(protocol, 3).start()
@@ -138,7 +138,7 @@ def test_a_second_program_starts_with_the_reference_that_is_set(line):
         assert virtual.drives[0].motor.output_hz == pytest.approx(25, abs=0.1)
     with drivecomm.open_bus(virtual.port) as bus:
         third = bus.drive(protocol, 3)
-        if protocol == "danfoss-fc":
+        if protocol in ("danfoss-fc", "uss"):
             # Its reference goes out with a control word, and no word is sent that was not commanded by who sends it.
             with pytest.raises(StateError, match="did not give"):
                 third.set_reference(percent=20)

@@ -105,6 +105,7 @@ def test_the_fields_of_every_protocol_are_json(protocol, caplog):
     with drivecomm.open_bus(line.port, trace=log_events()) as bus:
         bus.drive(protocol, 1).status()
         bus.drive(protocol, 1).identify()
+        bus.drive(protocol, 1).reset()
     assert len(caplog.records) > 2
     assert all(json.dumps(record.fields) for record in caplog.records)
 
