@@ -37,6 +37,8 @@ class Ask:
     more when its own reply can be believed.
     command: whether the request carries a command from which the drive's watchdog counts: a "new" one, or one that is
     "repeated", which is not sent when it is older than that watchdog waits; CommandTooOldError is thrown in instead.
+    mirrored: the reply is the request itself, sent back, which an echo is, too; so it follows a `Tell` that nobody
+    answers and that shows by what comes back whether the adapter echoes.
     reply_timeout_s: None for the drive's own.
     """
 
@@ -44,6 +46,7 @@ class Ask:
     attempts: int | None = None
     acts: bool = False
     nameless: bool = False
+    mirrored: bool = False
     urgent: bool = False
     command: Literal["", "new", "repeated"] = ""
     reply_timeout_s: float | None = None

@@ -156,9 +156,9 @@ class UssOperations:
         return self._set_reference(_steps(exact(hz, "reference") * 100 / self._options.hertz))
 
     def probe(self) -> Exchange[None]:
-        """Ask once for nothing (AK 0), with process words that command nothing."""
+        """Ask once for a telegram back that the drive does not evaluate; where it knows none, for nothing (AK 0)."""
         self._must_be_one_drive("probe")
-        return self._nothing(self._ask({}, attempts=1))
+        return self._look_in_mirror() if self._options.mirror else self._nothing(self._ask({}, attempts=1))
 
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read those parameters of the model that say what the drive is."""
@@ -359,6 +359,17 @@ class UssOperations:
                 with suppress(RefusedError):
                     found[name] = str((yield from self._read(self._target(address))).value)
         return found
+
+    def _look_in_mirror(self) -> Exchange[None]:
+        """Have a telegram of the drive's length sent back (A-11).
+
+        The special telegram before it is one that no drive here answers (A-4). If it comes back, so would the other one
+        from any address, by an adapter that echoes.
+        """
+        pkw, pzd = self._options.pkw_words, self._options.pzd_words
+        nothing = bytes(2 * ((4 if pkw == VARIABLE else pkw) + pzd)).hex(" ").upper()
+        yield Tell(message=self._request(special=True, data=""))
+        yield Ask(message=self._request(mirror=True, data=nothing), attempts=1, mirrored=True)
 
     def _nothing(self, exchange: Exchange[Reply]) -> Exchange[None]:
         yield from exchange

@@ -36,14 +36,15 @@ class UssOptions:
     eeprom_tasks: which tasks keep what they write over power-off, 11 to 14 as the USS specification says, 2 to 8 as
     NORD has it, or none, where the tables of a series end at 8.
 
-    broadcast: the drive obeys broadcasts; with a PKW area it then needs 4 words, for the broadcast enable array.
-    reverse_bit: the bit of the control word that reverses, -1 for none. right_bit: the bit that is set for the other
-    direction, where there is one. running_needs_control: a running motor trips when control word bit 10 is 0 (F07220 on
-    G120), so that every telegram repeats the command that holds, also those that only read. reference_parameter: where
-    the drive shows the reference it has from the bus, empty for nowhere. error_family: whose error numbers above 100
-    are meant. reference_frequency_hz: the frequency of 100 % (P2000 on MICROMASTER 4), for `set_reference(hz=)` and for
-    the output frequency of a status. state_timeout_s: how long a commanded state may take to come. reply_delay_s: of a
-    virtual drive.
+    mirror: the drive sends mirror telegrams back, so that `probe` needs nothing that it evaluates. broadcast: it obeys
+    broadcasts; with a PKW area it then needs 4 words, for the broadcast enable array. reverse_bit: the bit of the
+    control word that reverses, -1 for none. right_bit: the bit that is set for the other direction, where there is one.
+    running_needs_control: a running motor trips when control word bit 10 is 0 (F07220 on G120), so that every telegram
+    repeats the command that holds, also those that only read. reference_parameter: where the drive shows the reference
+    it has from the bus, empty for nowhere. error_family: whose error numbers above 100 are meant.
+    reference_frequency_hz: the frequency of 100 % (P2000 on MICROMASTER 4), for `set_reference(hz=)` and for the output
+    frequency of a status. state_timeout_s: how long a commanded state may take to come. reply_delay_s: of a virtual
+    drive.
     """
 
     pkw_words: int = VARIABLE
@@ -51,6 +52,7 @@ class UssOptions:
     ind: Ind = "page"
     index_base: int = 0
     eeprom_tasks: Literal["11-14", "2-8", "none"] = "11-14"
+    mirror: bool = True
     broadcast: bool = True
     reverse_bit: int = 11
     right_bit: int = -1
