@@ -55,7 +55,8 @@ class LineState:
     def reopened(self) -> None:
         """Forget what held for the port before it was opened anew."""
         self.settings = None
-        self.unclean = self.echoes = False
+        self.unclean = False
+        self.echoes = False
 
     def note(self, peer: Peer, what: What, data: bytes = b"", message: Message | None = None, detail: str = "") -> None:
         """Tell the trace function, if there is one."""
