@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+import time
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -14,8 +16,10 @@ from lines import MeasurementError
 from report import Figure, Section
 from yardstick import slowness
 
+from drivecomm.client import server_of_plant
+
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from equipment import Equipment
 
@@ -31,13 +35,28 @@ _STARTS: Mapping[str, tuple[Sequence[str], float | None]] = {
     "drivecomm --version": ((*_COMMAND, "--version"), 60.0),
     "drivecomm read": ((*_COMMAND, "read", "--port", "PORT", "vabus:1", "481"), 225.0),
     "drivecomm stop": ((*_COMMAND, "stop", "--port", "PORT", "vabus:1"), 225.0),
+    "drivecomm read, through a server": ((*_COMMAND, "read", "--plant", "PLANT", "pump", "481"), 150.0),
+    "drivecomm stop, through a server": ((*_COMMAND, "stop", "--plant", "PLANT", "pump"), 150.0),
     "drivecomm --help": ((*_COMMAND, "--help"), None),
     "drivecomm protocols": ((*_COMMAND, "protocols"), None),
 }
 """Arguments of the interpreter, and how many milliseconds they may take."""
 
+_PLANT = """\
+format = 1
+[[line]]
+name = "hall"
+port = "{port}"
+[[drive]]
+name = "pump"
+drive = "vabus:1"
+line = "hall"
+"""
+
 # A bare interpreter, on the undisturbed machine that the limits were set on.
 _QUIET_BARE_MS = 12.0
+
+_READY_WITHIN_S = 15.0
 
 
 def measure(equipment: Equipment) -> list[Section]:
@@ -51,15 +70,17 @@ def measure(equipment: Equipment) -> list[Section]:
     bare: list[float] = []
     with TemporaryDirectory() as folder:
         script = Path(__file__).with_name("serving_process.py")
-        serving = [sys.executable, str(script), "vabus", "1", folder]
+        serving = [sys.executable, str(script), "vabus", "2", folder]
         with subprocess.Popen(serving, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
             if process.stdin is None or process.stdout is None:
                 raise MeasurementError("the server has no pipes")
-            port = json.loads(process.stdout.readline())[0]
-            for _ in range(equipment.extent.starts):
-                bare.append(_processor_ms(["-I", "-c", "pass"]))
-                for name, (arguments, _) in _STARTS.items():
-                    taken[name].append(_processor_ms([port if each == "PORT" else each for each in arguments]))
+            port, served_port = json.loads(process.stdout.readline())
+            with _served(Path(folder) / "plant.toml", served_port) as plant:
+                places = {"PORT": port, "PLANT": str(plant)}
+                for _ in range(equipment.extent.starts):
+                    bare.append(_processor_ms(["-I", "-c", "pass"]))
+                    for name, (arguments, _) in _STARTS.items():
+                        taken[name].append(_processor_ms([places.get(each, each) for each in arguments]))
             process.stdin.close()
     slow = max(slowness(), min(bare) / _QUIET_BARE_MS)
     for name, (_, limit) in _STARTS.items():
@@ -69,6 +90,22 @@ def measure(equipment: Equipment) -> list[Section]:
             figure = Figure(name=f"ms for {name}", value=more, promise=limit, floor=limit * slow, better="less")
             section.figures.append(figure)
     return [section]
+
+
+@contextmanager
+def _served(plant: Path, port: str) -> Iterator[Path]:
+    """Serve a plant of one line in a process of its own."""
+    plant.write_text(_PLANT.format(port=port))
+    with subprocess.Popen([sys.executable, *_COMMAND, "serve", str(plant)], stdout=subprocess.DEVNULL) as server:
+        try:
+            until = time.monotonic() + _READY_WITHIN_S
+            while server_of_plant(plant) is None:
+                if time.monotonic() > until or server.poll() is not None:
+                    raise MeasurementError("the server does not come up")
+                time.sleep(0.05)
+            yield plant
+        finally:
+            server.terminate()
 
 
 def _processor_ms(arguments: Sequence[str]) -> float:

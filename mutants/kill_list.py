@@ -15,14 +15,17 @@ if TYPE_CHECKING:
 
 PAGE = HERE.parent / "docs" / "development" / "mutants.md"
 FRAMEWORK_PAGE = HERE.parent / "docs" / "development" / "mutants-framework.md"
-_BEGIN = "<!-- the list: written by mutants/run.py --write -->\n"
-_LIST = re.compile(re.escape(_BEGIN) + ".*", re.DOTALL)
+_SECTION = re.compile(r"^## .*?(?=^## |\Z)", re.MULTILINE | re.DOTALL)
 
 
-def write_page(page: Path, fates: Mapping[str, Sequence[Fate]]) -> None:
-    """Replace the list on a page, which stands at its end."""
-    tables = "\n".join(_table(group, each) for group, each in fates.items())
-    page.write_text(_LIST.sub(lambda _: _BEGIN + "\n" + tables, page.read_text(encoding="utf-8")), encoding="utf-8")
+def write_sections(page: Path, fates: Mapping[str, Sequence[Fate]]) -> None:
+    """Write the section of each of these groups in place of the one that there was; the others stay."""
+    text = page.read_text(encoding="utf-8")
+    sections = {each.group().partition("\n")[0]: each.group().rstrip() for each in _SECTION.finditer(text)}
+    for group, of_group in fates.items():
+        sections[f"## {group}"] = _table(group, of_group).rstrip()
+    head = _SECTION.sub("", text).rstrip()
+    page.write_text("\n\n".join([head, *(sections[title] for title in sorted(sections))]) + "\n", encoding="utf-8")
 
 
 def listed_ids(page: Path) -> list[str]:

@@ -1,11 +1,11 @@
 """Judge the conformance kit and the tests by mutants: each is planted, and has to be noticed.
 
     make mutants
-    python mutants/run.py [PROTOCOL ... | framework] [--only ID] [--write] [--jobs N]
+    python mutants/run.py [PROTOCOL | framework | THEME ...] [--only ID] [--write] [--jobs N]
 
 The kit judges those of the protocol packages, the tests those of the framework. Prints what killed each. Exit code 1
-when one survives that changes behaviour, or one does not that changes nothing. `--write` puts the lists into the pages
-of the documentation.
+when one survives that changes behaviour, or one does not that changes nothing. `--write` puts their lists into the
+pages of the documentation. A theme is a file of framework/.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import TYPE_CHECKING
 
-from kill_list import FRAMEWORK_PAGE, PAGE, write_page
+from kill_list import FRAMEWORK_PAGE, PAGE, write_sections
 from mutant import FRAMEWORK, framework_mutants_of, mutants_of, protocols, themes
 from planting import judged, judged_by_tests
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 def main() -> int:
     """Judge them; return the exit code."""
     packages = protocols()
-    known = [*packages, FRAMEWORK]
+    known = [*packages, FRAMEWORK, *themes()]
     parser = argparse.ArgumentParser(description="Judge the conformance kit and the tests by planted mistakes.")
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"only these, of {', '.join(known)}; all unless given")
     parser.add_argument("--only", metavar="ID", default="", help="the mutants with this in their id")
@@ -40,25 +40,26 @@ def main() -> int:
     given = parser.parse_args()
     if unknown := sorted(set(given.names) - set(known)):
         parser.error(f"there are no mutants of {unknown[0]!r}; they are of {', '.join(known)}")
-    names = given.names or known
+    names = given.names or [*packages, FRAMEWORK]
     chosen = [name for name in packages if name in names]
-    if given.write and (given.only or chosen not in ([], packages)):
-        parser.error("a list in the documentation is whole; give --write without --only, for all protocols or none")
+    if given.write and given.only:
+        parser.error("a list in the documentation is whole; give --write without --only")
     of_packages = {
         name: _hunt(name, _named(mutants_of(name), given.only), partial(judged, name), given.jobs) for name in chosen
     }
     of_framework = {
         theme: _hunt(theme, _named(framework_mutants_of(theme), given.only), judged_by_tests, given.jobs)
-        for theme in (themes() if FRAMEWORK in names else ())
+        for theme in themes()
+        if FRAMEWORK in names or theme in names
     }
     fates = [fate for each in (*of_packages.values(), *of_framework.values()) for fate in each]
     wrong = [fate for fate in fates if fate.survived != bool(fate.mutant.same)]
     for fate in wrong:
         print(f"wrong: {fate.mutant.id}: " + ("nothing noticed it" if fate.survived else f"{fate.check} noticed it"))
     if given.write and chosen:
-        write_page(PAGE, of_packages)
+        write_sections(PAGE, of_packages)
     if given.write and of_framework:
-        write_page(FRAMEWORK_PAGE, of_framework)
+        write_sections(FRAMEWORK_PAGE, of_framework)
     killed = sum(not fate.survived for fate in fates)
     print(f"{len(fates)} planted, {killed} killed, {sum(bool(fate.mutant.same) for fate in fates)} change nothing")
     return 1 if wrong else 0

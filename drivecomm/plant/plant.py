@@ -9,12 +9,13 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm.errors import UsageError, meant
-from drivecomm.polling import Plan, PollItem
+from drivecomm.polling import Plan, items_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from drivecomm.plant.script import Noise, Step
+    from drivecomm.polling import PollItem
     from drivecomm.protocol import DriveConfig
 
 
@@ -112,20 +113,9 @@ class Plant:
 
     def poll_plan(self) -> Plan:
         """Return what is polled of its drives, which are on the lines that a master opens. Raises UsageError."""
-        reads = []
+        reads: list[PollItem[Any]] = []
         for drive in self.drives:
-            reached = self.line(drive.line).reached(drive)
-            reads += [
-                PollItem(
-                    drive=reached,
-                    parameter=parameter,
-                    period_s=group.period_s,
-                    priority=group.priority,
-                    options=group.options,
-                )
-                for group in drive.poll
-                for parameter in group.parameters
-            ]
+            reads += items_of(drive.poll, self.line(drive.line).reached(drive))
         if not reads:
             raise UsageError(
                 f'{self._in_file}nothing is polled; write poll = [{{ parameters = ["output_frequency"] }}] in a drive, '

@@ -8,4 +8,5 @@ from .schedule import (
     PollResult as PollResult,
     ResultQuality as ResultQuality,
     Schedule as Schedule,
+    items_of as items_of,
 )

@@ -19,9 +19,9 @@ from drivecomm.errors import DriveCommError, UsageError, in_one_line, shortened
 from drivecomm.protocol import is_duration, is_whole
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from drivecomm.protocol import Reading
+    from drivecomm.protocol import PollGroup, Reading
 
 ResultQuality: TypeAlias = Literal["good", "uncertain", "stale", "bad"]
 """good, uncertain: as of a `Reading`. stale: the drive gave none now, and this is its last one. bad: there is none."""
@@ -93,6 +93,20 @@ class PollItem(Generic[D]):
         if self.stale_after_s is not None:
             return self.stale_after_s
         return STALE_PERIODS * self.period_s or UNHURRIED_S
+
+
+def items_of(groups: Iterable[PollGroup], drive: D, name: str = "") -> Iterator[PollItem[D]]:
+    """Yield what is polled of a drive by the groups of its plant file. name: what results call it."""
+    for group in groups:
+        for parameter in group.parameters:
+            yield PollItem(
+                drive=drive,
+                parameter=parameter,
+                period_s=group.period_s,
+                priority=group.priority,
+                options=group.options,
+                name=name,
+            )
 
 
 class PollResult(NamedTuple):

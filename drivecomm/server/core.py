@@ -13,7 +13,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from drivecomm.errors import DriveCommError, UsageError, in_one_line, meant
-from drivecomm.server.commands import Commands
 from drivecomm.server.kept_motors import KeptMotors
 from drivecomm.server.leases import Leases
 from drivecomm.server.observations import RememberedFault
@@ -102,7 +101,6 @@ class Core:
         self.answers = Repeats()
         self._users_file = users_file
         self.rights = Rights(plant.file, users_file)
-        self.commands = Commands(self)
         self._status_period_s = status_period_s
         self._port_of = port_of or _said_port
         self.ending = False
@@ -142,7 +140,7 @@ class Core:
     def drive(self, name: str) -> DriveState:
         """Return how one drive is. Raises UsageError."""
         config = self.plant.drive(name)
-        found = next((each for each in self.line(config.line).states() if each.name == config.name), None)
+        found = self.line(config.line).state_of(config.name)
         if found is None:
             raise UsageError(f"{config.name} is not served yet; the plant file is being read again")
         return self._completed(found)

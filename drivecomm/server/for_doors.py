@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import NotAllowedError, UsageError
 from drivecomm.server.callers import LOCAL, Role
-from drivecomm.server.commands import stop_kind
+from drivecomm.server.commands import Commands, stop_kind
 from drivecomm.server.door import Command
 from drivecomm.server.examining import Crossing, examination
 from drivecomm.server.rights import NEEDS
@@ -38,6 +38,7 @@ class PlantForDoors:
     ) -> None:
         self.name, self.users, self.history = name, users, history
         self._core = core
+        self._commands = Commands(core)
         self._loop = asyncio.get_running_loop()
         self._alarms: StandingAlarms | None = None
 
@@ -90,11 +91,11 @@ class PlantForDoors:
 
     async def command(self, caller: Caller, command: Command) -> Answer:
         """Carry out a command, if this caller may; goes on when whoever asked has gone."""
-        return await self._handed(self._core.commands.carry_out(caller, command))
+        return await self._handed(self._commands.carry_out(caller, command))
 
     async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[Stopped]:
         """Stop all drives, those of some lines only if named; all lines at once: by a broadcast first, then each."""
-        return await self._handed(self._core.commands.stop_all(caller, stop_kind({"how": how}), lines))
+        return await self._handed(self._commands.stop_all(caller, stop_kind({"how": how}), lines))
 
     async def take_lease(self, caller: Caller, drive: str, seconds: float) -> Lease:
         """Take the right to command a drive."""

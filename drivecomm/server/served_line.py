@@ -13,7 +13,7 @@ from drivecomm.bus import open_bus_async, policies
 from drivecomm.errors import DriveCommError, LinkError, NotSupported, OvertakenError, PortError, UsageError, in_one_line
 from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Commands, Statistics
 from drivecomm.plant.watching import STATUS, DriveView, OpenLine, SeenDrive, WatchedLine, changes, is_silence
-from drivecomm.polling import PollItem, poll_async
+from drivecomm.polling import PollItem, items_of, poll_async
 from drivecomm.protocol import LINE_FACT_NAMES
 from drivecomm.server.observations import CurrentValue, DriveState, LineState
 
@@ -59,9 +59,7 @@ class ServedLine:
         self._table = table
         self._status_period_s = status_period_s
         self._tripped = tripped
-        self._open = (
-            OpenLine(WatchedLine(name=line.name, port=port, drives=tuple(drives)), self.bus) if drives else None
-        )
+        self._open: OpenLine | None = None
         self._configs: tuple[DriveConfig, ...] = ()
         self._seen: dict[str, SeenDrive] = {}
         self._unusable: dict[str, UsageError] = {}
@@ -140,30 +138,32 @@ class ServedLine:
     def states(self) -> Sequence[DriveState]:
         """Return how its drives are."""
         counted = self.bus.statistics
-        found = []
-        configs, known, unusable = self._configs, self._seen, self._unusable
-        for config in configs:
-            seen, line = known.get(config.name), self.line.name
-            if seen is None:
-                error = in_one_line(unusable[config.name]) if config.name in unusable else ""
-                found.append(DriveState(config=config, line=line, reachability="silent", error=error))
-                continue
-            view, told = seen.view, counted.get(seen.drive.name, _NOTHING)
-            found.append(
-                DriveState(
-                    config=view.drive,
-                    line=line,
-                    reachability=view.reachability,
-                    status=view.status,
-                    fault=view.fault,
-                    error=view.error,
-                    answered_s=seen.answered_s,
-                    counters=told.counters,
-                    reply_s=told.reply_times.mean_s,
-                    policies=self._policies[config.name],
-                )
-            )
-        return found
+        return [self._state(config, counted) for config in self._configs]
+
+    def state_of(self, drive: str) -> DriveState | None:
+        """Return how a drive is, None where it is not on this line."""
+        config = next((each for each in self._configs if each.name == drive), None)
+        return None if config is None else self._state(config, self.bus.statistics)
+
+    def _state(self, config: DriveConfig, counted: Mapping[str, Statistics]) -> DriveState:
+        seen, line = self._seen.get(config.name), self.line.name
+        if seen is None:
+            error = self._unusable.get(config.name)
+            text = "" if error is None else in_one_line(error)
+            return DriveState(config=config, line=line, reachability="silent", error=text)
+        view, told = seen.view, counted.get(seen.drive.name, _NOTHING)
+        return DriveState(
+            config=view.drive,
+            line=line,
+            reachability=view.reachability,
+            status=view.status,
+            fault=view.fault,
+            error=view.error,
+            answered_s=seen.answered_s,
+            counters=told.counters,
+            reply_s=told.reply_times.mean_s,
+            policies=self._policies[config.name],
+        )
 
     async def opened(self) -> None:
         """Wait until it is known whether the line can be opened. Raises what the last attempt raised."""
@@ -234,22 +234,10 @@ class ServedLine:
     def _plan(self) -> list[PollItem[SeenDrive]]:
         items = []
         for seen in self._seen.values():
-            name, config = seen.view.name, seen.view.drive
-            asked = [PollItem(drive=seen, parameter=STATUS, period_s=self._status_period_s, priority=1, name=name)]
-            for group in config.poll:
-                asked += [
-                    PollItem(
-                        drive=seen,
-                        parameter=parameter,
-                        period_s=group.period_s,
-                        priority=group.priority,
-                        options=group.options,
-                        name=name,
-                    )
-                    for parameter in group.parameters
-                    if self._readable(seen, parameter, group.options)
-                ]
-            items += asked
+            name = seen.view.name
+            items.append(PollItem(drive=seen, parameter=STATUS, period_s=self._status_period_s, priority=1, name=name))
+            polled = items_of(seen.view.drive.poll, seen, name)
+            items += [each for each in polled if self._readable(seen, each.parameter, each.options)]
         return items
 
     def _readable(self, seen: SeenDrive, parameter: str, options: Mapping[str, Any]) -> bool:

@@ -47,7 +47,7 @@ _TURN_S = 0.001
 
 _ROOMS = (
     *("bus", "capture", "client", "commissioning", "commissioning.doctor", "commissioning.parameter_sets", "link"),
-    *("models", "plant", "plant.value_log", "plant.value_plots", "plant.watching", "polling", "protocol"),
+    *("models", "plant", "plant.value_log", "plant.value_plots", "plant.watching", "polling", "profiles", "protocol"),
     *("protocol.schema", "server.alarms", "server.history", "server.http", "transport", "virtual"),
 )
 """What threads of a server load parts of, the first time that somebody asks for it."""

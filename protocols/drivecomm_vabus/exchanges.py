@@ -5,15 +5,16 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
+from drivecomm import profiles
 from drivecomm.errors import NotSupported, ParameterAddressError, RefusedError, UsageError
 from drivecomm.protocol import Capabilities, Stop
 from drivecomm_vabus import states
 from drivecomm_vabus.conversation import Conversation
 from drivecomm_vabus.memory import VabusMemory
-from drivecomm_vabus.motion import STOP_WORDS, Motion
+from drivecomm_vabus.motion import Motion
 from drivecomm_vabus.parameters import Target, characters_for, reading_of, target
 from drivecomm_vabus.references import References
-from drivecomm_vabus.states import state_of
+from drivecomm_vabus.states import profile
 from drivecomm_vabus.telegrams import BROADCAST
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ class VabusOperations:
         stop is 0000 then, and how the motor runs down is up to the drive. So it is for all drives at once, who cannot
         be asked.
         """
-        if how not in STOP_WORDS:
+        if how not in profile().stops:
             raise NotSupported(f"a VABus drive cannot stop by {how.value}; it can by ramp, coast and quick")
         return self._motion.stop_all() if self._address == BROADCAST else self._motion.stop(how)
 
@@ -161,11 +162,11 @@ class VabusOperations:
 
     def _identify(self) -> Exchange[Mapping[str, str]]:
         try:
-            word = yield from self._motion.state_word()
+            words = yield from self._motion.look()
         except RefusedError:
             return {}
-        state = state_of(word)
-        return {"state": state.title if state else f"0x{word:04X}"}
+        state = profile().state_of(words)
+        return {"state": state.name if state else f"0x{words[profiles.ONLY]:04X}"}
 
     def _write_dataset(self, wanted: Target, *, store: bool) -> int:
         dataset = wanted.dataset or 0
@@ -184,7 +185,7 @@ class VabusOperations:
 
     @property
     def _stops(self) -> Collection[Stop]:
-        return (Stop.COAST,) if self._address == BROADCAST else tuple(STOP_WORDS)
+        return (Stop.COAST,) if self._address == BROADCAST else tuple(profile().stops)
 
     def _must_be_one_drive(self, verb: str) -> None:
         if self._address == BROADCAST:

@@ -12,43 +12,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from drivecomm import profiles
 from drivecomm.errors import RefusedError, ReplyError, StateError, UnexpectedReplyError
-from drivecomm.protocol import DriveState, DriveStatus, Exchange, Pause, Stop
 from drivecomm_vabus import states
-from drivecomm_vabus.states import State, state_of
+from drivecomm_vabus.states import profile
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from drivecomm.protocol import Model
+    from drivecomm.profiles import Commander, Step, Words
+    from drivecomm.protocol import DriveStatus, Exchange, Model, Stop
     from drivecomm_vabus.conversation import Conversation
     from drivecomm_vabus.memory import VabusMemory
     from drivecomm_vabus.references import References
-
-STOP_WORDS = {
-    Stop.RAMP: states.DISABLE_OPERATION,
-    Stop.COAST: states.DISABLE_VOLTAGE,
-    Stop.QUICK: states.QUICK_STOP,
-}
-
-_MEANINGS = {
-    State.NOT_READY_TO_SWITCH_ON: DriveState.NOT_READY,
-    State.SWITCH_ON_DISABLED: DriveState.NOT_READY,
-    State.READY_TO_SWITCH_ON: DriveState.READY,
-    State.SWITCHED_ON: DriveState.READY,
-    State.OPERATION_ENABLED: DriveState.RUNNING,
-    State.QUICK_STOP_ACTIVE: DriveState.STOPPING,
-    State.FAULT_REACTION_ACTIVE: DriveState.FAULT,
-    State.FAULT: DriveState.FAULT,
-}
-
-_PATH = (
-    (State.READY_TO_SWITCH_ON, states.SHUTDOWN),
-    (State.SWITCHED_ON, states.SWITCH_ON),
-    (State.OPERATION_ENABLED, states.ENABLE_OPERATION),
-)
-
-_POLL_S = 0.05
 
 
 class Motion:
@@ -73,34 +49,45 @@ class Motion:
         """Read parameter 411."""
         return self._talk.number(states.STATE_WORD, "uint", "411, the state word")
 
+    def look(self) -> Exchange[Words]:
+        """Return the state word."""
+        return {profiles.ONLY: (yield from self.state_word())}
+
+    def again(self, _step: Step) -> Exchange[Words]:
+        """Return the state word."""
+        return self.look()
+
+    def send(self, step: Step, *, urgent: bool) -> Exchange[Words | None]:
+        """Write the control word; its answer does not tell the state."""
+        attempts = None if step.repeats else 1
+        yield from self._talk.select(states.CONTROL_WORD, 0, f"{step.word:04X}", attempts=attempts, urgent=urgent)
+        return None
+
     def status(self) -> Exchange[DriveStatus]:
         """Read the state word, and the fault code if it says fault."""
-        word = yield from self.state_word()
-        state = state_of(word)
-        faulted = state in (State.FAULT, State.FAULT_REACTION_ACTIVE)
-        code = (yield from self._fault_code()) if faulted else None
-        return DriveStatus(
-            word=word,
-            state=_MEANINGS[state] if state else DriveState.NOT_READY,
-            running=state in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE),
-            fault=faulted,
-            warning=bool(word >> states.WARNING_BIT & 1 or word >> states.WARNING_2_BIT & 1),
-            at_reference=bool(word >> states.REACHED_BIT & 1),
-            remote=bool(word >> states.REMOTE_BIT & 1),
-            fault_code=code,
-            fault_text=self._model.faults.get(code, "") if self._model and code is not None else "",
-            flags=(state.title if state else "unlisted state", *states.flags_of(word)),
-        )
+        words = yield from self.look()
+        known = profile().status(words)
+        if not known.fault:
+            return known
+        code = yield from self._fault_code()
+        text = self._model.faults.get(code, "") if self._model and code is not None else ""
+        return profile().status(words, fault_code=code, fault_text=text)
 
     def start(self, *, reverse: bool) -> Exchange[None]:
         """Give the references the sign of this direction, and walk to "operation enabled", each state awaited."""
-        word = yield from self.state_word()
-        state = state_of(word)
-        if state in (State.FAULT, State.FAULT_REACTION_ACTIVE):
-            code = yield from self._fault_code()
-            raise StateError(f"the drive has a fault (code {code}) and cannot start; reset it first")
-        if state is State.QUICK_STOP_ACTIVE:
-            raise StateError("the drive is in a quick stop; start it again when it stands")
+        yield from self._commander().start(prepare=self._prepared(reverse=reverse))
+        self._memory.runs = True
+
+    def _commander(self) -> Commander:
+        return profiles.Commander(
+            profile(),
+            self,
+            state_timeout_s=self._state_timeout_s,
+            advice="the hardware enable and parameter 412 (1 = state machine)",
+            fault_code=self._fault_code,
+        )
+
+    def _prepared(self, *, reverse: bool) -> Exchange[None]:
         modes = yield from self._talk.held(states.LOCAL_REMOTE, "uint", "412")
         if not _by_state_machine(modes.values()):
             raise StateError(
@@ -108,16 +95,6 @@ class Motion:
                 "data set does the control word start a motor, otherwise its bits may be contacts; write 412 = 1"
             )
         yield from self._references.turn(backwards=reverse)
-        for goal, control in _PATH:
-            if state is None or state < goal:
-                yield from self.command(control)
-                try:
-                    state = yield from self._await(goal, f"0x{control:04X}")
-                except ReplyError as error:
-                    if goal is not State.OPERATION_ENABLED:
-                        raise
-                    raise type(error)(f"{error}; the drive had been told to run before") from None
-        self._memory.runs = True
 
     def stop(self, how: Stop) -> Exchange[None]:
         """Stop by the state machine, or by 0000 where it is not known that the state machine is in charge.
@@ -125,7 +102,7 @@ class Motion:
         So 412 is asked for first, unless the word is 0000 anyway. Where an earlier request is still open, which keeps
         that question waiting, a word that starts nothing in any mode goes out at once.
         """
-        word = STOP_WORDS[how]
+        word = profile().stops[how][-1].word
         started_here, self._memory.runs = self._memory.runs, False
         told = self._memory.maybe_locked
         if told:
@@ -153,17 +130,10 @@ class Motion:
 
     def reset(self) -> Exchange[None]:
         """Acknowledge a fault with a rising edge of bit 7; does nothing on a drive without a fault."""
-        word = yield from self.state_word()
-        if state_of(word) not in (State.FAULT, State.FAULT_REACTION_ACTIVE):
-            return
-        yield from self.command(states.DISABLE_VOLTAGE)
-        yield from self.command(states.FAULT_RESET)
         try:
-            yield from self._await(State.SWITCH_ON_DISABLED, "the fault reset")
+            yield from self._commander().reset()
         except StateError as error:
             raise StateError(f"{error}; a fault can be acknowledged only 15 s after it occurred") from None
-        # Take the bit away again, so that the next reset has an edge.
-        yield from self.command(states.DISABLE_VOLTAGE)
 
     def command(self, word: int) -> Exchange[None]:
         """Write the control word, once: a repeated edge or start could act twice."""
@@ -174,21 +144,6 @@ class Motion:
             return (yield from self._talk.number(states.CURRENT_FAULT, "uint", "260, the current fault"))
         except (RefusedError, UnexpectedReplyError):
             return None
-
-    def _await(self, goal: State, cause: str) -> Exchange[State]:
-        waited = 0.0
-        while True:
-            word = yield from self.state_word()
-            if state_of(word) is goal:
-                return goal
-            if waited >= self._state_timeout_s:
-                break
-            yield Pause(seconds=_POLL_S)
-            waited += _POLL_S
-        raise StateError(
-            f"the drive did not come to {goal.title!r} within {self._state_timeout_s:g} s after {cause}; its "
-            f"state word is 0x{word:04X}; check the hardware enable and parameter 412 (1 = state machine)"
-        )
 
 
 def _by_state_machine(modes: Collection[int]) -> bool:

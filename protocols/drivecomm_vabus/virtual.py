@@ -13,11 +13,11 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError
-from drivecomm.protocol import Command, Damaged, Framed, LineSettings, Motor, VirtualReply
+from drivecomm.profiles import ProfileMachine
+from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, VirtualReply
 from drivecomm_vabus import states
 from drivecomm_vabus.errorcodes import CHECKSUM_ERROR, ERROR_REGISTER, SYNTAX_ERROR, SYSTEM_BUS_UNREACHABLE
 from drivecomm_vabus.parameters import target
-from drivecomm_vabus.states import State, next_state
 from drivecomm_vabus.store import Refusal, Store, unknown
 from drivecomm_vabus.telegrams import (
     BROADCAST,
@@ -61,8 +61,7 @@ class VirtualVabusDrive:
         self.locked = False
         self._model = model
         self._options = options
-        self._state = State.SWITCH_ON_DISABLED
-        self._control = 0
+        self._machine = ProfileMachine(states.profile(), self.motor, lambda _: self._reference_hz())
         self._tripped_at = 0.0
         self._spoken_to_at: float | None = None
         self._behind_at = 0.0
@@ -109,8 +108,7 @@ class VirtualVabusDrive:
 
     def trip(self, code: int, now: float) -> None:
         """Fault: output off, code in parameter 260, reset possible after the lock time."""
-        self.motor.trip(code, now)
-        self._state = State.FAULT
+        self._machine.trip(code, now)
         self._tripped_at = now
 
     def power_cycle(self, now: float) -> None:
@@ -119,10 +117,8 @@ class VirtualVabusDrive:
         self.store.power_cycle()
         with suppress(Refusal):
             self.store.poke(states.CONTROL_WORD, 0, data_of(0, "uint"))
-        self.motor.stop(Command.OFF, now)
-        self.motor.reset(now)
+        self._machine.power_up(now)
         self.error_register, self.locked = 0, False
-        self._control, self._state = 0, State.SWITCH_ON_DISABLED
         self._spoken_to_at = None
 
     def follow(self, now: float) -> None:
@@ -162,7 +158,8 @@ class VirtualVabusDrive:
         self.store.write(select.parameter, select.dataset, select.data, running=self.motor.running)
         if select.parameter == states.CONTROL_WORD:
             self._control_word(self.store.number(states.CONTROL_WORD), now)
-        self._drive_motor(now)
+        self.motor.maximum_hz = self._maximum_hz()
+        self._machine.act(now)
 
     def _block(self) -> list[tuple[int, int]]:
         """Return number and data set of each entry of the block list: five characters `S d nnn` each."""
@@ -182,27 +179,14 @@ class VirtualVabusDrive:
             self.store.write(number, dataset, piece, running=self.motor.running)
 
     def _control_word(self, control: int, now: float) -> None:
-        previous, self._control = self._control, control
-        if self.store.number(states.LOCAL_REMOTE) != 1 and self._state is not State.FAULT:
-            self._state = State.OPERATION_ENABLED if control & _START_CONTACTS else State.SWITCHED_ON
-            return
-        if self._state is State.FAULT and now - self._tripped_at < self._options.fault_lock_s:
-            return
-        before = self._state
-        self._state = next_state(before, control, previous=previous)
-        if before is State.FAULT and self._state is not State.FAULT:
-            self.motor.reset(now)
-
-    def _drive_motor(self, now: float) -> None:
-        self.motor.maximum_hz = self._maximum_hz()
-        if self._state is State.OPERATION_ENABLED:
-            self.motor.run(self._reference_hz(), now)
-        elif self._state is State.QUICK_STOP_ACTIVE:
-            self.motor.stop(Command.QUICK_STOP, now)
-        elif self._state is State.SWITCHED_ON:
-            self.motor.stop(Command.RAMP_STOP, now)
+        machine = self._machine
+        if self.motor.fault and now - self._tripped_at < self._options.fault_lock_s:
+            machine.word = control
+        elif self.motor.fault or self.store.number(states.LOCAL_REMOTE) == states.STATE_MACHINE:
+            machine.control(control, now)
         else:
-            self.motor.stop(Command.OFF, now)
+            machine.word = control
+            machine.enter("operation enabled" if control & _START_CONTACTS else "switched on", now)
 
     def _maximum_hz(self) -> float:
         return self.store.number(419) / 100 or 50.0
@@ -227,13 +211,11 @@ class VirtualVabusDrive:
             self._live_on(behind_at)
 
     def _live_on(self, now: float) -> None:
-        motor = self.motor
+        tripped = self.motor.fault
         self._watch(now)
-        motor.advance(now)
-        if motor.fault and self._state is not State.FAULT:
-            self._state, self._tripped_at = State.FAULT, now
-        if self._state is State.QUICK_STOP_ACTIVE and not motor.running:
-            self._state = State.SWITCH_ON_DISABLED
+        self._machine.follow(now)
+        if self.motor.fault and not tripped:
+            self._tripped_at = max(self._tripped_at, now)
 
     def _watch(self, now: float) -> None:
         """Trip when the watchdog time was over, which may be some time ago."""
@@ -266,8 +248,8 @@ class VirtualVabusDrive:
         }
 
     def _state_word(self) -> int:
-        word = states.STATE_BITS[self._state][1] | 1 << states.VOLTAGE_BIT
-        if self.store.number(states.LOCAL_REMOTE) == 1:
+        word = self._machine.status_word() | 1 << states.VOLTAGE_BIT
+        if self.store.number(states.LOCAL_REMOTE) == states.STATE_MACHINE:
             word |= 1 << states.REMOTE_BIT
         if self.motor.warning:
             word |= 1 << states.WARNING_BIT

@@ -384,6 +384,7 @@ def test_stop_all(plant, capsys):
         assert start.wait(5) == 0
 
 
+@pytest.mark.soak
 def test_one_that_hangs_and_one_that_was_killed(plant, capsys):
     where, _ = plant
     with started("pump", "--link-loss", "trip", *where) as start:

@@ -175,6 +175,7 @@ def test_a_pseudo_terminal_with_noise(capsys):
     assert measured["unclear_bytes"] > 0
 
 
+@pytest.mark.soak
 def test_a_wrong_baud_rate_over_rfc_2217(capsys):
     with served("rfc2217:127.0.0.1:0", virtual_drive("fuji", 1, baudrate=19200), paced=True) as port:
         code, problems, measured = examined(capsys, port)

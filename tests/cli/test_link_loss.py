@@ -212,6 +212,7 @@ def plant(tmp_path):
         process.kill()
 
 
+@pytest.mark.soak
 @posix
 def test_programs_that_are_killed_leave_their_motors_to_the_watchdogs(plant):
     folder, states = plant

@@ -260,6 +260,7 @@ def test_a_stop_goes_to_the_port_when_the_server_does_not_answer(place, command)
     assert took_s < 4
 
 
+@pytest.mark.soak
 def test_a_command_names_the_server_that_does_not_answer(place):
     with serving(place.file) as server:
         server.hang.set()

@@ -153,6 +153,7 @@ def test_a_command_says_when_it_was_given_and_for_how_long_it_counts(plant):
     assert 0 < body["valid_s"] <= 10
 
 
+@pytest.mark.soak
 def test_a_server_that_hangs_is_given_up(plant):
     with serving(plant) as server, drivecomm.open_plant(plant) as opened:
         pump = opened.drive("pump")
@@ -164,6 +165,7 @@ def test_a_server_that_hangs_is_given_up(plant):
         assert pump.read("480").value == 30
 
 
+@pytest.mark.soak
 def test_a_server_that_takes_its_time_is_waited_for(plant):
     with serving(plant) as server, drivecomm.open_plant(plant) as opened:
         server.takes_s = 3.0
@@ -212,6 +214,7 @@ def test_watching_through_a_server(plant):
     assert telegrams
 
 
+@pytest.mark.soak
 def test_a_watchdog_is_fed_through_the_server_as_without_it(plant):
     def carried_out(own_ports):
         with drivecomm.open_plant(plant, own_ports=own_ports) as opened:

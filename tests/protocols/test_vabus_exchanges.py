@@ -322,7 +322,19 @@ class TestControl:
             *asked(411, "0040"),
             *asked(411, "0040"),
         ]
-        with pytest.raises(StateError, match="ready to switch on"):
+        with pytest.raises(StateError, match="come to 'ready to switch on' within"):
+            play(operations(state_timeout_s=0.1).start(), script)
+
+    def test_a_start_that_is_not_obeyed_is_taken_back(self):
+        script = [
+            *standing("0023"),
+            *told(410, "000F"),
+            *asked(411, "0023"),
+            *asked(411, "0023"),
+            *asked(411, "0023"),
+            *told(410, "0007"),
+        ]
+        with pytest.raises(StateError, match="taken back; after 0x000F"):
             play(operations(state_timeout_s=0.1).start(), script)
 
     def test_a_start_backwards_turns_the_references_in_ram_and_any_start_forwards_turns_them_back(self):

@@ -6,6 +6,7 @@ from functools import wraps
 
 from drivecomm.plant import read_plant
 from drivecomm.server import Caller, Command, Role
+from drivecomm.server.commands import Commands
 from drivecomm.server.core import Core
 from drivecomm.testing import ServingThread
 from drivecomm.virtual import ControlClient, PlantServer, VirtualPlant
@@ -117,7 +118,7 @@ async def until(condition, seconds=5.0):
 
 async def asked(core, caller, drive, verb, **further):
     """Have a command carried out, and return the answer."""
-    return await core.commands.carry_out(caller, Command(drive=drive, verb=verb, **further))
+    return await Commands(core).carry_out(caller, Command(drive=drive, verb=verb, **further))
 
 
 def awaited(test):

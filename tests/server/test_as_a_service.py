@@ -94,6 +94,7 @@ def test_a_server_that_hangs_feeds_nobody(tmp_path, manager):
         served.process.send_signal(signal.SIGCONT)
 
 
+@pytest.mark.soak
 def test_the_journal_gets_priorities_and_a_terminal_the_time(tmp_path):
     with serving(tmp_path, start=False) as served:
         served.log.touch()

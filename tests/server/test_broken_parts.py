@@ -13,6 +13,7 @@ from drivecomm.bus import AsyncDrive
 from drivecomm.errors import UsageError
 from drivecomm.protocol import Stop
 from drivecomm.server import CurrentValue
+from drivecomm.server.commands import Commands
 from drivecomm.server.table import Table
 
 QUICK_S = 0.2
@@ -77,7 +78,7 @@ class TestABrokenPackage:
     async def test_a_stop_of_all_reaches_the_others(self, core, breaks):
         async with core() as (served, _):
             breaks("stop", "danfoss-fc:3")
-            answers = await served.commands.stop_all(VIEWER, Stop.RAMP)
+            answers = await Commands(served).stop_all(VIEWER, Stop.RAMP)
             assert {each.drive: each.answer.outcome for each in answers if "*" not in each.drive} == {
                 "pump": "done",
                 "fan": "open",

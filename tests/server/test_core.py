@@ -14,6 +14,7 @@ from served_core import ANOTHER, ENGINEER, OPERATOR, PLANT, VIEWER, NoteBook, as
 import drivecomm
 from drivecomm.errors import NotAllowedError, UsageError
 from drivecomm.protocol import Stop
+from drivecomm.server.commands import Commands
 
 
 @pytest.fixture
@@ -233,7 +234,7 @@ async def test_all_are_stopped_by_broadcasts_first(core):
         await until(lambda: all(each.reachability == "answers" for each in served.drives()))
         sent = []
         served.lines["yard"].bus.listen(sent.append)
-        told = await served.commands.stop_all(OPERATOR, Stop.RAMP)
+        told = await Commands(served).stop_all(OPERATOR, Stop.RAMP)
         assert [(each.line, each.drive, each.how, each.answer.outcome) for each in told] == [
             ("hall", "pump", Stop.RAMP, "done"),
             ("yard", "danfoss-fc:*", Stop.RAMP, "open"),
@@ -245,7 +246,7 @@ async def test_all_are_stopped_by_broadcasts_first(core):
         # Then each by itself; one that answers late is asked again.
         assert [*dict.fromkeys(order[first + 1 :])][:2] == ["danfoss-fc:3", "danfoss-fc:4"]
         assert book.stops == [("pump", "ramp"), ("danfoss-fc:*", "ramp"), ("fan", "ramp"), ("mixer", "ramp")]
-        told = await served.commands.stop_all(OPERATOR, Stop.COAST, ["hall"])
+        told = await Commands(served).stop_all(OPERATOR, Stop.COAST, ["hall"])
         assert [each.drive for each in told] == ["vabus:*", "pump"]
 
 
@@ -253,7 +254,7 @@ async def test_all_are_stopped_by_broadcasts_first(core):
 async def test_nobody_unknown_broadcasts_a_stop(core):
     book, nobody = NoteBook(), replace(VIEWER, name="anonymous")
     async with core(audit=book) as (served, _):
-        told = await served.commands.stop_all(nobody, Stop.COAST)
+        told = await Commands(served).stop_all(nobody, Stop.COAST)
         assert {each.answer.outcome for each in told} == {"refused"}
         assert book.stops == []
 

@@ -17,6 +17,8 @@ from drivecomm.client import server_of_plant
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and unix sockets are POSIX's")
 
 
+@pytest.mark.soak
+@pytest.mark.soak
 def test_a_server_that_is_killed_leaves_the_motor_to_the_drives_own_watchdog(tmp_path):
     with serving(tmp_path) as served:
         served.keep("fan")
@@ -74,6 +76,8 @@ def test_without_unix_sockets_and_signals_in_the_loop_it_is_found_and_ends_as_el
         assert server_of_plant(served.plant) is None
 
 
+@pytest.mark.soak
+@pytest.mark.soak
 @pytest.mark.parametrize(
     "seconds", [0, pytest.param(10, marks=pytest.mark.soak), pytest.param(60, marks=pytest.mark.soak)]
 )
@@ -96,6 +100,8 @@ def test_a_server_that_is_stopped_for_long_leaves_the_motor_to_the_watchdog_and_
             served.until(lambda: served.drive("fan")["kept"] == "")
 
 
+@pytest.mark.soak
+@pytest.mark.soak
 def test_a_commander_that_dies_has_its_motor_treated_by_the_policy(tmp_path):
     program = (
         "import sys, time; from drivecomm.client import LocalServer, server_of_plant;"
@@ -119,6 +125,8 @@ def test_a_commander_that_dies_has_its_motor_treated_by_the_policy(tmp_path):
         assert [each["drive"] for each in served.events("link loss")][-1] == "fan"
 
 
+@pytest.mark.soak
+@pytest.mark.soak
 def test_a_commander_that_is_stopped_is_like_one_that_died(tmp_path):
     with serving(tmp_path) as served:
         served.keep("fan", seconds=1)
@@ -234,6 +242,8 @@ drive = "danfoss-fc:{address}"
 """
 
 
+@pytest.mark.soak
+@pytest.mark.soak
 def test_a_line_that_is_lost_is_told_once_and_opened_again(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]

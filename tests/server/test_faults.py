@@ -67,6 +67,7 @@ class TestClients:
                 assert float(other.stdout.readline().split()[0])
             assert served.ask("/api/v1/drives/fan/stop", {"id": "1"})["outcome"] == "done"
 
+    @pytest.mark.soak
     @pytest.mark.parametrize("seconds", [2, pytest.param(40, marks=pytest.mark.soak)])
     def test_one_that_is_stopped_gets_the_latest_when_it_goes_on_and_fills_no_memory(self, tmp_path, seconds):
         with serving(tmp_path) as served, listening(served) as client:
@@ -106,6 +107,7 @@ def fill(path):
             filling.write(bytes(1024))
 
 
+@pytest.mark.soak
 def test_a_full_disk_holds_up_neither_polls_nor_a_stop_and_is_written_again_when_there_is_room(tmp_path, small_disk):
     head = QUICK + f'audit = "{small_disk}/audit.jsonl"\nhistory = {{ file = "{small_disk}/history.sqlite" }}\n'
     with serving(tmp_path, head=head) as served:
@@ -175,6 +177,7 @@ def line_alone(folder, name, listen):
         yield server.addresses[name], control
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", ["pty", pytest.param("tcp", marks=pytest.mark.soak)])
 def test_a_port_that_is_unplugged_and_put_in_again_costs_the_other_line_nothing(tmp_path, kind):
     """A terminal whose other end goes, with its name, and a serial server that goes, both until later."""

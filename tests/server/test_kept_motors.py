@@ -126,6 +126,13 @@ class TestWhileItBegins:
                 _ = [item async for item in served.kept.following("pump")]
             assert served.drive("pump").kept == ""
 
+    @awaited
+    async def test_one_that_is_only_started_is_kept_no_more_when_its_commander_is_answered(self, core):
+        async with core() as (served, control):
+            await keep(served, policy="hold")
+            assert served.drive("pump").kept == ""
+            await until(lambda: runs(control, "pump"))
+
 
 class TestWhileTheAuditIsWritten:
     @pytest.mark.parametrize("verb", ["keep", "start"])
@@ -208,6 +215,7 @@ class TestReleased:
             assert served.drive("pump").kept == "trip"
             assert runs(control, "pump")
 
+    @pytest.mark.soak
     @awaited
     async def test_its_stop_is_tried_until_it_is_confirmed(self, core):
         """Polls feed its watchdog: without another stop it would turn for ever once the line works again."""
@@ -224,6 +232,7 @@ class TestReleased:
             await until(lambda: "fan" not in served.kept)
             assert served.drive("fan").lease is None
 
+    @pytest.mark.soak
     @awaited
     async def test_nobody_else_starts_it_before_it_stands(self, core):
         async with core() as (served, control):
@@ -238,6 +247,7 @@ class TestReleased:
             await asyncio.sleep(2.5)
             assert (await asked(served, ENGINEER, "fan", "start")).outcome == "done"
 
+    @pytest.mark.soak
     @awaited
     async def test_a_server_ends_although_a_stop_is_not_confirmed(self, core):
         async with core() as (served, control):

@@ -81,6 +81,7 @@ async def test_nothing_is_started_while_its_drive_is_exchanged(core):
         assert not runs(control, "pump")
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_drive_that_does_not_answer_does_not_hold_up_the_others_for_ever(core):
     async with core() as (served, control):

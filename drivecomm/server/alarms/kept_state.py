@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -30,13 +31,18 @@ class KeptState:
 
 
 def write_state(path: Path, state: KeptState) -> None:
-    """Write the state in place of the one that is there. Raises FileFormatError where that cannot be."""
+    """Write the state in place of the one that is there, in a folder of its own if there is none yet.
+
+    Raises FileFormatError where that cannot be.
+    """
     content = {
         "format": _FORMAT,
         "number": state.number,
         "alarms": [dataclasses.asdict(alarm) for alarm in state.alarms],
         "waiting": [{"to": key_of(each.to), "entry": dict(each.entry)} for each in state.waiting],
     }
+    with suppress(OSError):
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     write_whole(path, json.dumps(content, indent=1) + "\n")
 
 

@@ -190,6 +190,7 @@ asyncio.run(PlantAlarms(plant, [watched], file=Path(sys.argv[1]), write_event=la
 """
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("does", ["hang", 200])
 def test_a_server_that_is_killed_while_it_tells_or_afterwards(running, hook, eventually, tmp_path, does):
     hook.does = does
@@ -281,3 +282,10 @@ def test_a_drive_that_was_taken_out_of_the_plant(running, eventually):
 def test_a_secret_that_is_missing_is_told_at_the_start(tmp_path):
     with pytest.raises(UsageError, match="there is no secret @mail"):
         PlantAlarms(AlarmPlant(), [rule(deliver=("@mail",))], file=tmp_path / "a", write_event=print, environment={})
+
+
+def test_the_folder_of_the_file_is_made(tmp_path, hook):
+    found = Running(tmp_path / "not yet" / "alarms.json", rule(deliver=(f"webhook:{hook.url}",)), state=pump("F1"))
+    found.end()
+    assert json.loads((tmp_path / "not yet" / "alarms.json").read_text())["alarms"]
+    assert not any("would not survive" in text for text in found.texts)

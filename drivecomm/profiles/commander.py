@@ -1,0 +1,170 @@
+"""The master's side of a control profile: starting, stopping and acknowledging, in the order that the profile says.
+
+What holds for every profile: a start is sent once, and taken back when the drive does not obey it in time, because a
+standing order is an accident that waits; a stop is urgent, and confirmed by what the drive then says; a fault is
+acknowledged by one edge, and only where there is one.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING, Protocol
+
+from drivecomm.errors import NotSupported, ReplyError, StateError
+from drivecomm.protocol import Pause
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from drivecomm.profiles.profile import Condition, ControlProfile, Step, Words
+    from drivecomm.protocol import Exchange, Stop
+
+_POLL_S = 0.05
+
+
+class Carrier(Protocol):
+    """How control words and status words get to a drive and back: what a protocol package gives."""
+
+    def look(self) -> Exchange[Words]:
+        """Return the status words, by what commands nothing."""
+
+    def send(self, step: Step, *, urgent: bool) -> Exchange[Words | None]:
+        """Send a control word; returns the status words that came with the reply, None where none did.
+
+        urgent: for what stops the motor, see `Ask`.
+        """
+
+    def again(self, step: Step) -> Exchange[Words]:
+        """Return the status words while something is awaited after a step, which may be sent again for that."""
+
+
+class Commander:
+    """Commands one drive, or all at an address where nobody answers.
+
+    state_timeout_s: how long a drive has for what it is told. advice: what to check when a drive does not start.
+    answers: whether anybody answers at this address. fault_code: asks for the code of a fault, to name it.
+    """
+
+    def __init__(
+        self,
+        profile: ControlProfile,
+        carrier: Carrier,
+        *,
+        state_timeout_s: float,
+        advice: str = "",
+        answers: bool = True,
+        fault_code: Callable[[], Exchange[int | None]] | None = None,
+    ) -> None:
+        self._profile = profile
+        self._carrier = carrier
+        self._state_timeout_s = state_timeout_s
+        self._advice = f"; check {advice}" if advice else ""
+        self._answers = answers
+        self._fault_code = fault_code
+
+    def start(self, *, reverse: bool = False, prepare: Exchange[None] | None = None) -> Exchange[None]:
+        """Start the motor, each step of the way awaited. Raises StateError where it cannot be, or does not obey.
+
+        prepare: what is done before the first word, once it is known that nothing speaks against a start.
+        """
+        profile = self._profile
+        steps = profile.start_reverse if reverse and profile.start_reverse else profile.start
+        seen = yield from self._carrier.look()
+        yield from self._check_start(seen)
+        if prepare is not None:
+            yield from prepare
+        for number, step in enumerate(steps):
+            if any(condition.holds(seen) for condition in step.unless):
+                continue
+            try:
+                seen = (yield from self._carry_out(step, urgent=False)) or seen
+            except _NotReachedError as error:
+                if number + 1 < len(steps):
+                    raise StateError(
+                        f"the drive did not come to {self._goal(step)!r} within {self._state_timeout_s:g} s; "
+                        f"{error.shown}{self._advice}"
+                    ) from None
+                yield from self._take_back(error)
+            except ReplyError as error:
+                if number + 1 < len(steps):
+                    raise
+                raise type(error)(f"{error}; the drive had been told to run before") from None
+
+    def _check_start(self, seen: Words) -> Exchange[None]:
+        for refusal in self._profile.refusals:
+            if any(condition.holds(seen) for condition in refusal.when):
+                code = ""
+                if self._fault_code is not None and self._profile.status(seen).fault:
+                    code = f" (code {(yield from self._fault_code())})"
+                raise StateError(refusal.say.replace("{code}", code))
+
+    def stop(self, how: Stop) -> Exchange[None]:
+        """Stop the motor. Raises StateError where the drive does not say that it obeys."""
+        if how not in self._profile.stops:
+            known = ", ".join(each.value for each in self._profile.stops)
+            raise NotSupported(f"these drives cannot stop by {how.value}; they can by {known}")
+        for step in self._profile.stops[how]:
+            try:
+                yield from self._carry_out(step, urgent=True)
+            except _NotReachedError as error:
+                raise StateError(f"the drive got the stop and does not report it: {error.shown}") from None
+
+    def reset(self) -> Exchange[None]:
+        """Acknowledge a fault; does nothing on a drive without one. Raises StateError where the fault stays."""
+        profile = self._profile
+        if self._answers and not profile.status((yield from self._carrier.look())).fault:
+            return
+        for step in profile.reset:
+            try:
+                yield from self._carry_out(step, urgent=False)
+            except _NotReachedError as error:
+                raise StateError(
+                    f"the drive is still tripped after the reset, the cause of its fault may last; {error.shown}"
+                ) from None
+
+    def _carry_out(self, step: Step, *, urgent: bool) -> Exchange[Words | None]:
+        """Send a step, and wait until the drive is where it leads."""
+        if step.pause_s:
+            yield Pause(seconds=step.pause_s)
+        seen = yield from self._carrier.send(step, urgent=urgent)
+        if not step.until or not self._answers:
+            return seen
+        if seen is None:
+            seen = yield from self._carrier.again(step)
+        waited = 0.0
+        while not _any_holds(step.until, seen):
+            if waited >= self._state_timeout_s:
+                raise _NotReachedError(self._shown(step, seen))
+            yield Pause(seconds=_POLL_S)
+            waited += _POLL_S
+            seen = yield from self._carrier.again(step)
+        return seen
+
+    def _take_back(self, error: _NotReachedError) -> Exchange[None]:
+        for step in self._profile.take_back:
+            with suppress(_NotReachedError):
+                yield from self._carry_out(step, urgent=True)
+        raise StateError(
+            f"the drive did not run within {self._state_timeout_s:g} s after the start, which was taken back; "
+            f"{error.shown}{self._advice}"
+        ) from None
+
+    def _goal(self, step: Step) -> str:
+        return next((state.name for state in self._profile.states if state.known_by in step.until), "what was awaited")
+
+    def _shown(self, step: Step, seen: Words) -> str:
+        word = next(iter(seen.values()))
+        says = ", ".join(self._profile.status(seen).flags) or "nothing"
+        return f"after 0x{step.word:04X} its status word 0x{word:04X} says: {says}"
+
+
+class _NotReachedError(Exception):
+    """A drive is not where it was to be. shown: where it is."""
+
+    def __init__(self, shown: str) -> None:
+        self.shown = shown
+        super().__init__(shown)
+
+
+def _any_holds(conditions: Sequence[Condition], seen: Words) -> bool:
+    return any(condition.holds(seen) for condition in conditions)

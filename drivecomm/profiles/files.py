@@ -1,0 +1,183 @@
+"""Control profiles as TOML: those that come with drivecomm, and what one may say.
+
+    name = "drivecom"           extends = "...", to begin with all that another one says
+    title = ""  source = ""     valid = 0x0400  idle = 0  reverse = 0x8000  full = 16384
+    runs = { mask = 0, value = 0 }   what is so of each control word that lets a motor run
+    [[start]]                   one step each: word, and unless, until, repeats, pause_s, mask, place
+    [stop]                      ramp, coast, quick, dc_brake: a list of such steps
+    [[reset]]                   as of [[start]]
+    [[refused]]                 when, say
+    [[state]]                   name, mask and value, means, shows, motor, stands; the first one that fits is it
+    [[transition]]              from, to, and mask and value, or rising
+    [bits]                      running, fault, warning, at_reference, reverse, remote: when that is so
+    [flags]                     names of bits of the status word, by their number
+
+A condition is the number of a bit, the name of a state, or a table with mask and value, or bit and active. Where one is
+asked for, a list of them may stand, of which one must hold.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import UsageError, meant
+from drivecomm.profiles.profile import ONLY, Condition, ControlProfile, Refusal, State, Step, Transition
+from drivecomm.protocol import DriveState, Stop
+from drivecomm.tomlfile import CHOICE, LIST, NUMBER, TABLE, TABLES, TEXT, WHOLE, Kind, Table, read_toml
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+_TABLES = Path(__file__).parent / "tables"
+_WHEN = Kind((int, str, dict, list), "the number of a bit, the name of a state, or { mask = 0, value = 0 }")
+_WORDS = ("valid", "idle", "reverse", "full")
+_BITS = ("running", "fault", "warning", "at_reference", "reverse", "remote")
+_MOTOR = ("off", "run", "ramp", "quick", "dc_brake", "hold")
+KEYS = {
+    "name": TEXT, "extends": TEXT, "title": TEXT, "source": TEXT, **dict.fromkeys(_WORDS, WHOLE), "runs": _WHEN,
+    "start": TABLES, "start_reverse": TABLES, "stop": TABLE, "reset": TABLES, "refused": TABLES, "state": TABLES,
+    "transition": TABLES, "bits": TABLE, "flags": TABLE,
+}  # fmt: skip
+"""What a control profile may say."""
+_STEP = {
+    "word": WHOLE, "place": TEXT, "mask": WHOLE, "unless": _WHEN, "until": _WHEN, "repeats": CHOICE, "pause_s": NUMBER,
+}  # fmt: skip
+_STATE = {
+    "name": TEXT, "mask": WHOLE, "value": WHOLE, "means": TEXT, "shows": WHOLE, "motor": TEXT, "stands": TEXT,
+}  # fmt: skip
+_CONDITION = {"mask": WHOLE, "value": WHOLE, "values": LIST, "bit": WHOLE, "active": WHOLE, "place": TEXT}
+_TRANSITION = {"from": LIST, "to": TEXT, "mask": WHOLE, "value": WHOLE, "rising": WHOLE}
+
+
+def control_profiles() -> tuple[str, ...]:
+    """Return the names of the profiles that come with drivecomm."""
+    return tuple(sorted(each.stem for each in _TABLES.glob("*.toml")))
+
+
+@cache
+def control_profile(name: str) -> ControlProfile:
+    """Return a profile that comes with drivecomm. Raises UsageError for another name."""
+    return control_profile_from(_content(name))
+
+
+def control_profile_from(table: Table) -> ControlProfile:
+    """Return the profile that a table describes. Raises FileFormatError with the key and what is wrong about it."""
+    given = table.take(KEYS, "name")
+    states = tuple(_state(each) for each in table.tables("state"))
+    read = _Reader({state.name: state.known_by for state in states})
+    return ControlProfile(
+        name=given["name"],
+        title=given.get("title", ""),
+        source=given.get("source", ""),
+        **{key: given[key] for key in _WORDS if key in given},
+        runs=next(iter(read.conditions(table, "runs")), None),
+        start=read.steps(table.tables("start")),
+        start_reverse=read.steps(table.tables("start_reverse")),
+        stops={how: read.steps(_stops(table).tables(how.value)) for how in Stop if how.value in _stops(table).content},
+        reset=read.steps(table.tables("reset")),
+        refusals=tuple(read.refusal(each) for each in table.tables("refused")),
+        states=states,
+        bits={
+            key: read.conditions(table.table("bits"), key)
+            for key in table.table("bits").take(dict.fromkeys(_BITS, _WHEN))
+        },
+        flags=_flags(table.table("flags")),
+        transitions=tuple(_transition(each, read.states) for each in table.tables("transition")),
+    )
+
+
+class _Reader:
+    """Reads what names states."""
+
+    def __init__(self, states: Mapping[str, Condition]) -> None:
+        self.states = states
+
+    def steps(self, tables: Iterable[Table]) -> tuple[Step, ...]:
+        return tuple(self._step(each) for each in tables)
+
+    def refusal(self, table: Table) -> Refusal:
+        given = table.take({"when": _WHEN, "say": TEXT}, "when", "say")
+        return Refusal(when=self.conditions(table, "when"), say=given["say"])
+
+    def conditions(self, table: Table, key: str) -> tuple[Condition, ...]:
+        given = table.content.get(key, [])
+        each_given = given if isinstance(given, list) else [given]
+        return tuple(self._condition(table, key, each) for each in each_given)
+
+    def _step(self, table: Table) -> Step:
+        given = table.take(_STEP, "word")
+        awaited = {key: self.conditions(table, key) for key in ("unless", "until")}
+        return Step(**{**given, **awaited})
+
+    def _condition(self, table: Table, key: str, given: Any) -> Condition:
+        if isinstance(given, str):
+            if given not in self.states:
+                raise table.error(f"{key}: there is no state {given!r}; {meant(given, self.states, 'there are')}", key)
+            return self.states[given]
+        if isinstance(given, int) and not isinstance(given, bool):
+            return Condition(mask=1 << given, values=(1 << given,))
+        if not isinstance(given, dict):
+            raise table.error(f"{key} cannot be {given!r}; write {_WHEN.words}", key)
+        said = Table(given, "", None, key).take(_CONDITION)
+        if "bit" in said:
+            mask = 1 << said["bit"]
+            return Condition(mask=mask, values=(mask * said.get("active", 1),), place=said.get("place", ONLY))
+        if "mask" not in said or not {"value", "values"} & said.keys():
+            raise table.error(f"{key}: write mask and value, or bit and active", key)
+        values = tuple(said["values"]) if "values" in said else (said["value"],)
+        return Condition(mask=said["mask"], values=values, place=said.get("place", ONLY))
+
+
+def _stops(table: Table) -> Table:
+    stops = table.table("stop")
+    stops.take({how.value: TABLES for how in Stop})
+    return stops
+
+
+def _state(table: Table) -> State:
+    given = table.take(_STATE, "name", "mask", "value", "means")
+    if given["means"] not in {each.value for each in DriveState}:
+        raise table.error(f"means {given['means']!r}: write {' or '.join(each.value for each in DriveState)}", "means")
+    if given.get("motor", "off") not in _MOTOR:
+        raise table.error(f"motor {given['motor']!r}: write {' or '.join(_MOTOR)}", "motor")
+    return State(
+        name=given["name"],
+        known_by=Condition(mask=given["mask"], values=(given["value"],)),
+        means=DriveState(given["means"]),
+        shows=given.get("shows", given["value"]),
+        motor=given.get("motor", "off"),
+        stands=given.get("stands", ""),
+    )
+
+
+def _transition(table: Table, states: Mapping[str, Condition]) -> Transition:
+    given = table.take(_TRANSITION, "from", "to")
+    for name in (*given["from"], given["to"]):
+        if name not in states:
+            raise table.error(f"there is no state {name!r}; {meant(str(name), states, 'there are')}")
+    return Transition(
+        origins=frozenset(given["from"]),
+        mask=given.get("mask", 0),
+        value=given.get("value", 0),
+        rising=given.get("rising", 0),
+        goal=given["to"],
+    )
+
+
+def _flags(table: Table) -> dict[int, str]:
+    given = table.take({str(bit): TEXT for bit in range(32)})
+    return {int(bit): given[bit] for bit in sorted(given, key=int)}
+
+
+def _content(name: str) -> Table:
+    """Return the table of a profile, over that of the one that it extends."""
+    if name not in control_profiles():
+        raise UsageError(f"there is no control profile {name!r}; {meant(name, control_profiles(), 'there are')}")
+    own = read_toml(_TABLES / f"{name}.toml", "a control profile", shown=f"control profile {name}")
+    below = own.content.get("extends")
+    if not isinstance(below, str):
+        return own
+    content = {**_content(below).content, **own.content}
+    return Table({key: value for key, value in content.items() if key != "extends"}, f"control profile {name}")

@@ -1,0 +1,167 @@
+"""What a control profile is made of: control words and their order, and what status words say.
+
+A drive has one control word and one status word, or several registers and coils for both; a place says which is meant,
+in the words of the protocol. Where there is only one, it has no name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeAlias
+
+from drivecomm.protocol import DriveState, DriveStatus, Stop
+
+Words: TypeAlias = Mapping[str, int]
+"""What was read from a drive, by place."""
+
+ONLY = ""
+"""The place of the control word, or the status word, of a drive that has one of it."""
+
+MotorDoes: TypeAlias = Literal["off", "run", "ramp", "quick", "dc_brake", "hold"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Condition:
+    """Whether bits of a word are so: under the mask it is one of the values."""
+
+    mask: int
+    values: tuple[int, ...]
+    place: str = ONLY
+
+    def holds(self, words: Words) -> bool:
+        """Whether it is so; what was not read is not."""
+        word = words.get(self.place)
+        return word is not None and word & self.mask in self.values
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """One control word on a way.
+
+    unless: it is left out where one of these holds before. until: what is awaited after it, one of these. repeats:
+    whether it may be sent again when no reply came; a word that starts a motor, or that has an edge, may not. mask: the
+    bits that a drive looks at. pause_s: passes before it.
+    """
+
+    word: int
+    place: str = ONLY
+    mask: int = 0xFFFF
+    unless: tuple[Condition, ...] = ()
+    until: tuple[Condition, ...] = ()
+    repeats: bool = False
+    pause_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """When a motor is not to be started, and why, in a sentence."""
+
+    when: tuple[Condition, ...]
+    say: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class State:
+    """A state: by what bits of the status word it is known, and what the drive does with its motor in it.
+
+    shows: the bits of the status word that a drive shows in it. stands: the state that it comes to when the motor
+    stands.
+    """
+
+    name: str
+    known_by: Condition
+    means: DriveState
+    shows: int = 0
+    motor: MotorDoes = "off"
+    stands: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Transition:
+    """What brings a drive from one of some states into another: bits of the control word, or one that rises."""
+
+    origins: frozenset[str]
+    mask: int
+    value: int
+    rising: int
+    goal: str
+
+    def leads_on(self, state: str, word: int, before: int) -> bool:
+        """Whether a control word brings a drive on from a state. before: the control word that came before."""
+        return (
+            state in self.origins
+            and word & self.mask == self.value
+            and (not self.rising or bool(word & ~before & self.rising))
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControlProfile:
+    """How drives are commanded.
+
+    valid: bits without which a control word commands nothing, 0 where every one commands. idle: a word that commands
+    nothing, None where there is none. reverse: bits that turn the motor backwards, 0 where the sign of the reference
+    does, or `start_reverse`. full: what 100 % is in reference and actual value. runs: what is so of each control word
+    that lets a motor run. bits: when it is that a `DriveStatus` says so. flags: names of bits of the status word.
+    """
+
+    name: str
+    title: str = ""
+    source: str = ""
+    valid: int = 0
+    idle: int | None = None
+    reverse: int = 0
+    full: int = 0
+    runs: Condition | None = None
+    start: tuple[Step, ...] = ()
+    start_reverse: tuple[Step, ...] = ()
+    stops: Mapping[Stop, tuple[Step, ...]] = field(default_factory=dict)
+    reset: tuple[Step, ...] = ()
+    refusals: tuple[Refusal, ...] = ()
+    states: tuple[State, ...] = ()
+    bits: Mapping[str, tuple[Condition, ...]] = field(default_factory=dict)
+    flags: Mapping[int, str] = field(default_factory=dict)
+    transitions: tuple[Transition, ...] = ()
+
+    @property
+    def take_back(self) -> tuple[Step, ...]:
+        """What a start is taken back by that was not obeyed: the gentlest stop."""
+        return next((self.stops[how] for how in Stop if how in self.stops), ())
+
+    def state_of(self, words: Words) -> State | None:
+        """Return the state that status words mean, None for one that no manual lists."""
+        return next((state for state in self.states if state.known_by.holds(words)), None)
+
+    def says(self, bit: str, words: Words) -> bool | None:
+        """Return whether status words say so; None where they say nothing about it."""
+        given = self.bits.get(bit)
+        return None if given is None else any(each.holds(words) for each in given)
+
+    def flags_of(self, word: int) -> tuple[str, ...]:
+        """Return the names of the bits that are set in a status word."""
+        return tuple(name for bit, name in self.flags.items() if word >> bit & 1)
+
+    def commands(self, word: int) -> bool:
+        """Whether a drive obeys a control word at all."""
+        return word & self.valid == self.valid
+
+    def lets_run(self, word: int) -> bool:
+        """Whether a control word lets a motor run."""
+        return self.runs is not None and self.runs.holds({ONLY: word})
+
+    def status(self, words: Words, **further: Any) -> DriveStatus:
+        """Return what status words say. further: what else a `DriveStatus` tells, from elsewhere."""
+        state = self.state_of(words)
+        means = state.means if state else DriveState.NOT_READY
+        running = self.says("running", words)
+        fault = self.says("fault", words)
+        word = next(iter(words.values()))
+        titled = (state.name if state else "unlisted state",) if self.transitions else ()
+        said: dict[str, Any] = {
+            "running": means in (DriveState.RUNNING, DriveState.STOPPING) if running is None else running,
+            "fault": means is DriveState.FAULT if fault is None else fault,
+            **{name: self.says(name, words) for name in ("warning", "at_reference", "reverse", "remote")},
+            "flags": (*titled, *self.flags_of(word)),
+        }
+        return DriveStatus(word=word, state=means, **{**said, **further})

@@ -1,0 +1,90 @@
+"""Control profiles as TOML: what one may say, and what is said of one that is wrong."""
+
+import pytest
+
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.profiles import Condition, control_profile, control_profile_from
+from drivecomm.protocol import Stop
+from drivecomm.tomlfile import Table
+
+STATE = {"name": "on", "mask": 1, "value": 1, "means": "running"}
+
+
+def read(**content):
+    return control_profile_from(Table({"name": "test", **content}, "test.toml"))
+
+
+def test_conditions():
+    bits = {
+        "running": "on",
+        "fault": [3, {"bit": 4, "active": 0}],
+        "warning": {"mask": 0x30, "value": 0x10},
+        "remote": {"mask": 3, "values": [1, 2], "place": "0x2101"},
+    }
+    known = read(state=[STATE], bits=bits)
+    assert known.bits == {
+        "running": (Condition(mask=1, values=(1,)),),
+        "fault": (Condition(mask=8, values=(8,)), Condition(mask=16, values=(0,))),
+        "warning": (Condition(mask=0x30, values=(0x10,)),),
+        "remote": (Condition(mask=3, values=(1, 2), place="0x2101"),),
+    }
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"starts": []}, "starts"),
+        ({"start": [{"wrod": 1}]}, "wrod"),
+        ({"start": [{"place": "x"}]}, "'word' is missing"),
+        ({"start": [{"word": 1, "until": "off"}], "state": [STATE]}, "there is no state 'off'"),
+        ({"start": [{"word": 1, "until": {"mask": 1}}]}, "write mask and value"),
+        ({"start": [{"word": 1, "until": [1.5]}]}, "cannot be 1.5"),
+        ({"state": [{**STATE, "means": "on"}]}, "write not_ready or ready"),
+        ({"state": [{**STATE, "motor": "on"}]}, "write off or run"),
+        ({"state": [STATE], "transition": [{"from": ["off"], "to": "on"}]}, "there is no state 'off'"),
+        ({"stop": {"softly": []}}, "softly"),
+        ({"flags": {"40": "x"}}, "40"),
+        ({"bits": {"on": 1}}, "on"),
+        ({"valid": "yes"}, "valid cannot be"),
+    ],
+)
+def test_one_that_is_wrong(content, said):
+    with pytest.raises(FileFormatError, match=said):
+        read(**content)
+
+
+def test_a_name_that_there_is_not():
+    with pytest.raises(UsageError, match="'drivekom'"):
+        control_profile("drivekom")
+
+
+PRINTED = {
+    "drivecom": (
+        [0x0006, 0x0007, 0x000F],
+        {"ramp": 0x0007, "coast": 0x0000, "quick": 0x0002},
+        [0x0000, 0x0080, 0x0000],
+    ),
+    "profidrive": ([0x047E, 0x047F], {"ramp": 0x047E, "coast": 0x047C, "quick": 0x047A}, [0x047E, 0x04FE, 0x047E]),
+    "danfoss-fc": (
+        [0x047C],
+        {"ramp": 0x043C, "coast": 0x0474, "quick": 0x046C, "dc_brake": 0x0478},
+        [0x043C, 0x04BC, 0x043C],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_words_are_those_of_the_manuals(name):
+    known = control_profile(name)
+    start, stops, reset = PRINTED[name]
+    assert [step.word for step in known.start] == start
+    assert {how.value: steps[0].word for how, steps in known.stops.items()} == stops
+    assert [step.word for step in known.reset] == reset
+    assert known.take_back == known.stops[Stop.RAMP]
+
+
+def test_bits_of_the_status_words():
+    drivecom, fc = control_profile("drivecom"), control_profile("danfoss-fc")
+    assert [bit for bit in range(16) if drivecom.says("warning", {"": 1 << bit})] == [7, 15]
+    assert [bit for bit in range(16) if fc.says("fault", {"": 1 << bit})] == [3, 6]
+    assert [bit for bit in range(16) if fc.says("running", {"": 1 << bit})] == [11]

@@ -1,0 +1,192 @@
+"""Each control profile: sound by itself, and obeyed by its own machine in every way that it promises."""
+
+import pytest
+from played import Drive
+
+from drivecomm.errors import NoReplyError, NotSupported, StateError
+from drivecomm.profiles import Commander, control_profile, control_profiles, mistakes_in
+from drivecomm.protocol import DriveState, Stop
+
+ALL = [control_profile(name) for name in control_profiles()]
+ACTED = [each for each in ALL if each.transitions]
+
+by_name = pytest.mark.parametrize("known", ACTED, ids=lambda known: known.name)
+
+
+def commander(drive, **further):
+    return Commander(drive.profile, drive, state_timeout_s=1.0, **further)
+
+
+def started(known, **options):
+    drive = Drive(known, **options)
+    drive.carry_out(commander(drive).start())
+    return drive
+
+
+def state(drive):
+    return drive.profile.status(drive.words()).state
+
+
+@pytest.mark.parametrize("known", ALL, ids=lambda known: known.name)
+def test_it_is_sound(known):
+    assert list(mistakes_in(known)) == []
+    assert known.source
+
+
+@by_name
+def test_a_start_reaches_a_motor_that_runs(known):
+    drive = started(known)
+    assert drive.motor.running
+    assert state(drive) is DriveState.RUNNING
+    drive.passes(5)
+    assert drive.motor.output_hz == 50
+
+
+@by_name
+def test_nothing_runs_before_the_last_word(known):
+    drive = Drive(known)
+    for step in known.start[:-1]:
+        drive.machine.control(step.word, drive.now)
+        assert not drive.motor.running
+        assert not known.lets_run(step.word)
+    assert known.lets_run(known.start[-1].word)
+
+
+@by_name
+@pytest.mark.parametrize("how", list(Stop))
+def test_each_stop_leaves_it_and_is_urgent(known, how):
+    drive = started(known)
+    drive.passes(5)
+    sent = len(drive.sent)
+    if how not in known.stops:
+        with pytest.raises(NotSupported):
+            drive.carry_out(commander(drive).stop(how))
+        assert len(drive.sent) == sent
+        return
+    drive.carry_out(commander(drive).stop(how))
+    assert all(urgent for _, urgent in drive.sent[sent:])
+    assert how is not Stop.COAST or not drive.motor.running
+    drive.passes(5)
+    assert not drive.motor.running
+    drive.passes(60)
+    assert not drive.motor.running
+
+
+@by_name
+@pytest.mark.parametrize("how", list(Stop))
+def test_it_can_be_started_again_after_each_stop(known, how):
+    if how in known.stops:
+        drive = started(known)
+        drive.carry_out(commander(drive).stop(how))
+        drive.passes(5)
+        drive.carry_out(commander(drive).start())
+        assert drive.motor.running
+
+
+@by_name
+def test_a_start_that_is_not_obeyed_is_taken_back(known):
+    # The status word of the FC profile says running when the motor turns, which a start at zero does not bring about.
+    if known.start[-1].until:
+        drive = Drive(known, deaf_to=known.start[-1].word)
+        with pytest.raises(StateError, match="taken back"):
+            drive.carry_out(commander(drive, advice="its inputs").start())
+        assert drive.sent[-1] == (known.take_back[-1].word, True)
+        assert sum(known.lets_run(word) for word, _ in drive.sent) <= 1
+
+
+@by_name
+def test_a_start_is_sent_once_and_what_is_open_is_said(known):
+    drive = Drive(known)
+    for step in known.start[:-1]:
+        drive.machine.control(step.word, drive.now)
+    drive.sent.clear()
+    drive.lost = len(known.start)
+    with pytest.raises(NoReplyError):
+        drive.carry_out(commander(drive).start())
+    assert sum(known.lets_run(word) for word, _ in drive.sent) <= 1
+
+
+@by_name
+def test_a_fault_is_refused_a_start_and_acknowledged_by_one_edge(known):
+    drive = started(known)
+    drive.machine.trip(7, drive.now)
+    assert state(drive) is DriveState.FAULT
+    sent = len(drive.sent)
+    with pytest.raises(StateError, match="reset it first"):
+        drive.carry_out(commander(drive).start())
+    assert len(drive.sent) == sent
+    drive.carry_out(commander(drive).reset())
+    assert not drive.motor.fault
+    assert not drive.motor.running
+    words = [word for word, _ in drive.sent[sent:]]
+    edges = {word for word in words if words.count(word) == 1}
+    assert edges
+    assert not any(known.lets_run(word) for word in words)
+    drive.passes(60)
+    assert not drive.motor.running
+
+
+@by_name
+def test_a_reset_needs_an_edge(known):
+    drive = started(known)
+    edge = known.reset[1].word
+    drive.machine.trip(7, drive.now)
+    drive.machine.word = edge
+    drive.machine.control(edge, drive.now)
+    assert drive.motor.fault
+
+
+@by_name
+def test_a_reset_of_a_drive_without_a_fault_sends_nothing(known):
+    drive = started(known)
+    sent = len(drive.sent)
+    drive.carry_out(commander(drive).reset())
+    assert len(drive.sent) == sent
+    assert drive.motor.running
+
+
+@by_name
+def test_a_fault_whose_cause_lasts_is_said(known):
+    drive = started(known)
+    drive.machine.trip(7, drive.now)
+    drive.deaf = True
+    with pytest.raises(StateError, match="still tripped after the reset"):
+        drive.carry_out(commander(drive).reset())
+
+
+@by_name
+def test_what_commands_nothing_changes_nothing(known):
+    if known.idle is not None:
+        drive = started(known)
+        before = drive.machine.state, drive.motor.command
+        drive.machine.control(known.idle, drive.now)
+        assert (drive.machine.state, drive.motor.command) == before
+        assert not known.commands(known.idle)
+
+
+@by_name
+def test_after_mains_nothing_runs_by_itself(known):
+    drive = started(known)
+    drive.machine.power_up(drive.now)
+    drive.passes(60)
+    assert not drive.motor.running
+
+
+@by_name
+def test_no_single_word_starts_a_drive_that_has_just_been_switched_on_or_reset(known):
+    if len(known.start) > 1:
+        for tripped in (False, True):
+            drive = Drive(known)
+            if tripped:
+                drive = started(known)
+                drive.machine.trip(7, drive.now)
+                drive.carry_out(commander(drive).reset())
+                drive.machine.power_up(drive.now)
+            drive.machine.control(known.start[-1].word, drive.now)
+            assert not drive.motor.running
+
+
+@by_name
+def test_each_state_is_shown_as_what_it_means(known):
+    for each in known.states:
+        assert known.status({"": each.shows}).state is each.means
