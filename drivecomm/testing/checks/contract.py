@@ -203,7 +203,10 @@ def speaks_to_all_without_waiting(plugin: Protocol) -> None:
     addresses = (plugin.addresses[0], plugin.addresses[1], plugin.addresses[-1])
     with bench(plugin, addresses=addresses) as on:
         for address in addresses:
-            on.bus.drive(plugin.name, address, model=on.drive.model).start()
+            master = on.bus.drive(plugin.name, address, model=on.drive.model)
+            if master.capabilities.reference_percent:
+                master.set_reference(percent=50)
+            master.start()
         on.settle()
         drives = (on.virtual, *on.others)
         said = [len(each.said) for each in drives]
