@@ -54,6 +54,10 @@ class ParameterInfo:
     extra: Mapping[str, Any] = field(default_factory=dict)
     """Keys of this parameter that only its protocol knows, such as `datasets` or `conversion_index`."""
 
+    def allows(self, physical: Decimal | float) -> bool:
+        """Whether a physical value is within the limits, as far as they are known."""
+        return (self.minimum is None or physical >= self.minimum) and (self.maximum is None or physical <= self.maximum)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Watchdog:

@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-from drivecomm_uss import words
+from typing import TYPE_CHECKING
+
+from drivecomm import profiles
+
+if TYPE_CHECKING:
+    from drivecomm.profiles import ControlProfile
+
+
+def profile() -> ControlProfile:
+    """Return the control profile; read from its file by who commands a drive, and not by who reads a parameter."""
+    return profiles.control_profile("profidrive")
 
 
 class UssMemory:
@@ -28,18 +38,20 @@ class UssMemory:
 
     def command(self, word: int) -> None:
         """Take note of a control word that is commanded."""
-        self.word, self.obeyed, self.idle = word, False, 0 if words.lets_run(word) else word
+        self.word, self.obeyed, self.idle = word, False, 0 if profile().lets_run(word) else word
 
     def see(self, status: int) -> None:
         """Take note of a status word: what it contradicts after it was obeyed, or after a fault, holds no longer.
 
         A reply does not yet show the reaction to the command of its request (NORD p. 37).
         """
-        word = self.word or self.idle
-        runs = words.lets_run(word)
-        if runs and words.has(status, words.FAULT):
+        word, seen = self.word or self.idle, {profiles.ONLY: status}
+        if not word:
+            return
+        runs = profile().lets_run(word)
+        if runs and profile().says("fault", seen):
             self.command(0)
-        elif words.has(status, words.ENABLED) == runs:
+        elif profile().says("running", seen) is runs:
             self.obeyed = True
-        elif word and self.obeyed:
+        elif self.obeyed:
             self.command(0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from drivecomm.errors import UsageError
 from drivecomm.protocol import exact
@@ -57,7 +57,7 @@ class UssOptions:
     reverse_bit: int = 11
     right_bit: int = -1
     running_needs_control: bool = False
-    reference_parameter: str = "2018[1]"
+    reference_parameter: str = ""
     error_family: Literal["siemens", "g120", "nord"] = "siemens"
     reference_frequency_hz: Hertz | None = None
     state_timeout_s: float = 2.0
@@ -76,3 +76,8 @@ class UssOptions:
         """The frequency of 100 %, exactly, None where it is not known."""
         given = self.reference_frequency_hz
         return None if given is None else exact(given, "reference_frequency_hz")
+
+    def process_words(self, **words: int) -> dict[str, Any]:
+        """Return these words of the process data, as far as the drive has them, and zeros for its others."""
+        own: dict[str, Any] = dict(list(words.items())[: self.pzd_words])
+        return own | ({"pzd": (0,) * (self.pzd_words - 2)} if self.pzd_words > 2 else {})

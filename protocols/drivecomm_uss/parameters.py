@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import re
 import struct
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from decimal import Decimal
 from math import isfinite
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
 from drivecomm.protocol import Reading, Value, exact, scaled, unscaled
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo
+    from drivecomm_uss.messages import Words
     from drivecomm_uss.options import UssOptions
 
 RANGES = {"U16": range(2**16), "I16": range(-(2**15), 2**15), "U32": range(2**32), "I32": range(-(2**31), 2**31)}
-TYPES = (*RANGES, "Float")
+_TYPES = (*RANGES, "Float")
 PAGE = 2000
 _HIGHEST = {"page": 64 * PAGE, "masterdrives": 2 * PAGE, "nord": 2048, "plain": 2048}
 _ADDRESS = re.compile(r"[PpRr]?(?P<number>\d{1,6})(?:\[(?P<index>\d{1,3})\])?", re.ASCII)
@@ -42,6 +43,17 @@ class Target:
     def double(self) -> bool:
         """Whether the type takes a double word."""
         return self.type in ("U32", "I32", "Float")
+
+    def place_in(self, options: UssOptions) -> dict[str, Any]:
+        """Return the fields of a telegram that name this parameter."""
+        page, pnu = divmod(self.number, PAGE) if options.ind in ("page", "masterdrives") else (None, self.number)
+        parameter_set = self.parameter_set if options.ind == "nord" else None
+        return {"pnu": pnu, "page": page, "index": self.index or 0, "parameter_set": parameter_set}
+
+    def words_of(self, raw: int, options: UssOptions) -> Words | None:
+        """Return the words of PWE where they are more than the value: of negative words on NORD drives (p. 42)."""
+        negative = self.type == "I16" and raw >= 2**15
+        return (0xFFFF, raw) if negative and options.ind == "nord" and options.pkw_words == 4 else None
 
 
 def target(
@@ -69,18 +81,18 @@ def target(
         index = int(written)
     if index is None and info is not None and "elements" in info.extra:
         index = options.index_base
-    allowed = range(64 if options.ind == "nord" else 255)
-    if index is not None and (type_of(index) is not int or index not in allowed):
-        raise ParameterAddressError(f"index {index!r} of parameter {number} is not 0 to {allowed.stop - 1}")
-    if type_of(parameter_set) is not int or parameter_set not in range(1, 5 if options.ind == "nord" else 2):
-        raise ParameterAddressError(f"parameter set {parameter_set!r} does not exist; NORD drives have 1 to 4")
+    if index is not None:
+        _must_be("index", index, range(64 if options.ind == "nord" else 255))
+    _must_be("parameter set", parameter_set, range(1, 5 if options.ind == "nord" else 2))
     chosen = type or (info.type if info else "")
-    if chosen not in ("", *TYPES):
-        raise UsageError(f"{chosen!r} is no type of USS parameters; they are {', '.join(TYPES)}")
+    if chosen not in ("", *_TYPES):
+        raise UsageError(f"{chosen!r} is no type of USS parameters; they are {', '.join(_TYPES)}")
     return Target(number=number, index=index, parameter_set=parameter_set, type=chosen, info=info)
 
 
-type_of = type
+def _must_be(what: str, given: object, allowed: range) -> None:
+    if type(given) is not int or given not in allowed:
+        raise ParameterAddressError(f"{what} {given!r} does not exist; there are {allowed.start} to {allowed.stop - 1}")
 
 
 def element_addresses(info: ParameterInfo, options: UssOptions) -> tuple[str, ...]:
@@ -91,52 +103,39 @@ def element_addresses(info: ParameterInfo, options: UssOptions) -> tuple[str, ..
 
 def reading_of(wanted: Target, raw: int, bits: int) -> Reading:
     """Return the reading of an unsigned value of so many bits, as AK of the reply says."""
-    info, note = wanted.info, ""
-    plain = Reading(parameter=wanted.address, name=info.name if info else "", raw=raw, value=raw)
-    if not wanted.type or wanted.double is not (bits == 32):
-        note = f"the drive answered {wanted.type} with {bits} bits" if wanted.type else "type not known"
-        return _noted(plain, f"{note}: this is the unsigned number as sent")
-    if wanted.type == "Float":
-        number = shortest_decimal(raw)
-        if number is None:
-            return _noted(plain, "no number: these are the 32 bits as sent")
-        value: int | Decimal = number
+    info, type_, unit, text = wanted.info, wanted.type, "", ""
+    value: Value = raw
+    if not type_ or wanted.double is not (bits == 32):
+        note = f"the drive answered {type_} with {bits} bits" if type_ else "type not known"
+        note, type_ = f"{note}: this is the unsigned number as sent", ""
+    elif (number := number_of(raw, type_)) is None:
+        note, type_ = "no number: these are the 32 bits as sent", ""
+    elif info is None:
+        value, note = number, "scale not known: this is the number as sent"
     else:
-        value = raw - 2**bits if raw not in RANGES[wanted.type] else raw
-    if info is None:
-        return _noted(replace_value(plain, value, wanted.type), "scale not known: this is the number as sent")
+        value = number * info.factor if isinstance(number, Decimal) else scaled(number, info.factor)
+        unit, text = info.unit, info.values.get(int(number), "")
+        note = "" if info.sure == "printed" else f"type and unit are {info.sure}"
+    name = info.name if info else ""
     return Reading(
-        parameter=wanted.address,
-        name=info.name,
-        raw=raw,
-        value=value * info.factor if isinstance(value, Decimal) else scaled(value, info.factor),
-        unit=info.unit,
-        type=wanted.type,
-        text=info.values.get(int(value), ""),
-        note="" if info.sure == "printed" else f"type and unit are {info.sure}",
+        parameter=wanted.address, name=name, raw=raw, value=value, unit=unit, type=type_, text=text, note=note
     )
 
 
-def _noted(reading: Reading, note: str) -> Reading:
-    return replace(reading, note=note)
+def number_of(raw: int, type: str) -> int | Decimal | None:
+    """Return what an unsigned number of the wire means, unscaled; None for a float that is no number.
 
-
-def replace_value(reading: Reading, value: Value, type: str) -> Reading:
-    """Return a reading with another value and its type."""
-    return replace(reading, value=value, type=type)
-
-
-def shortest_decimal(bits: int) -> Decimal | None:
-    """Return the shortest decimal that gives the same 32-bit float, None for what is no number."""
-    number = struct.unpack(">f", bits.to_bytes(4, "big"))[0]
+    A float is the shortest decimal that gives the same 32 bits.
+    """
+    if type != "Float":
+        return raw if raw in RANGES[type] else raw - len(RANGES[type])
+    number = struct.unpack(">f", raw.to_bytes(4, "big"))[0]
     if not isfinite(number):
         return None
     texts = (f"{number:.{digits}g}" for digits in range(1, 10))
-    return _plain(Decimal(next(text for text in texts if float_bits(float(text)) == bits)))
-
-
-def _plain(number: Decimal) -> Decimal:
-    return number.quantize(Decimal(1)) if number == number.to_integral_value() and abs(number) < 10**9 else number
+    shortest = Decimal(next(text for text in texts if float_bits(float(text)) == raw))
+    whole = shortest == shortest.to_integral_value() and abs(shortest) < 10**9
+    return shortest.quantize(Decimal(1)) if whole else shortest
 
 
 def float_bits(number: float) -> int | None:
@@ -149,24 +148,22 @@ def float_bits(number: float) -> int | None:
 
 def raw_for(wanted: Target, value: Value | float) -> int:
     """Return the unsigned number that carries a value. Raises ValueRefusedError for one that does not fit."""
-    info = wanted.info
+    info, what = wanted.info, f"parameter {wanted.address}"
     if not wanted.type:
         raise UsageError(
-            f"the type of parameter {wanted.address} is not known, so its value cannot be written; "
-            f"name a model or give type= ({', '.join(TYPES)})"
+            f"the type of {what} is not known, so its value cannot be written; "
+            f"name a model or give type= ({', '.join(_TYPES)})"
         )
-    number = exact(value, wanted.address)
-    if info is not None:
-        below = info.minimum is not None and number < info.minimum
-        if below or (info.maximum is not None and number > info.maximum):
-            raise ValueRefusedError(f"{number} for parameter {wanted.address} is outside its limits")
+    number, factor, unit = exact(value, wanted.address), info.factor if info else Decimal(1), info.unit if info else ""
+    if info is not None and not info.allows(number):
+        raise ValueRefusedError(f"{number} for {what} is outside its limits")
     if wanted.type == "Float":
-        bits = float_bits(float(number / (info.factor if info else 1)))
-        back = None if bits is None else shortest_decimal(bits)
-        if bits is None or back is None or back * (info.factor if info else 1) != number:
-            raise ValueRefusedError(f"{value} for parameter {wanted.address} is no 32-bit float; it is not rounded")
+        bits = float_bits(float(number / factor))
+        back = None if bits is None else number_of(bits, "Float")
+        if bits is None or back is None or back * factor != number:
+            raise ValueRefusedError(f"{value} for {what} is no 32-bit float; it is not rounded")
         return bits
-    raw = unscaled(number, info.factor if info else Decimal(1), wanted.address, info.unit if info else "")
+    raw = unscaled(number, factor, wanted.address, unit)
     if raw not in RANGES[wanted.type]:
-        raise ValueRefusedError(f"{value} for parameter {wanted.address} is {raw} on the wire, beyond {wanted.type}")
-    return raw % (2**32 if wanted.double else 2**16)
+        raise ValueRefusedError(f"{value} for {what} is {raw} on the wire, beyond {wanted.type}")
+    return raw % len(RANGES[wanted.type])

@@ -7,7 +7,7 @@ from drivecomm_uss.exchanges import BROADCAST, UssOperations
 from drivecomm_uss.memory import UssMemory
 from drivecomm_uss.options import UssOptions
 from drivecomm_uss.parameters import element_addresses
-from drivecomm_uss.replies import intent, mismatch
+from drivecomm_uss.tasks import intent, mismatch
 from drivecomm_uss.telegrams import UssCodec, blind_spots, message_from, titled_forms
 from drivecomm_uss.virtual import VirtualUssDrive
 

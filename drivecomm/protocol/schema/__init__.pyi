@@ -18,3 +18,17 @@ from .leaves import (
     unsigned as unsigned,
     xor_byte as xor_byte,
 )
+from .registers import (
+    bits_as as bits_as,
+    bits_in as bits_in,
+    bytes_as as bytes_as,
+    bytes_in as bytes_in,
+    crc16 as crc16,
+    numbered_texts_as as numbered_texts_as,
+    numbered_texts_in as numbered_texts_in,
+    numbers as numbers,
+    whole as whole,
+    words_as as words_as,
+    words_in as words_in,
+    wrong_field as wrong_field,
+)

@@ -1,0 +1,126 @@
+"""What telegrams of registers and coils are made of: words, bits and bytes as the characters of a leaf, CRC-16.
+
+What is written is checked: a list that holds anything else than such numbers is a TelegramError that names the field.
+"""
+
+from __future__ import annotations
+
+from struct import pack, unpack
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import TelegramError
+from drivecomm.protocol.schema.leaves import Leaf
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+def _crc_of_byte(byte: int) -> int:
+    for _ in range(8):
+        byte = byte >> 1 ^ (0xA001 if byte & 1 else 0)
+    return byte
+
+
+_CRC = tuple(map(_crc_of_byte, range(256)))
+
+
+def crc16(covered: bytes) -> bytes:
+    """Return the CRC-16 with polynomial A001H, reflected, beginning with FFFFH, its low byte first."""
+    crc = 0xFFFF
+    for byte in covered:
+        crc = crc >> 8 ^ _CRC[(crc ^ byte) & 0xFF]
+    return bytes((crc & 0xFF, crc >> 8))
+
+
+def words_in(content: str) -> tuple[int, ...]:
+    """Return the words of 16 bits, high byte first, that these characters are."""
+    return unpack(f">{len(content) // 2}H", content.encode("latin-1"))
+
+
+def bits_in(content: str) -> tuple[int, ...]:
+    """Return the bits that these characters are, the lowest of each first."""
+    return tuple(byte >> bit & 1 for byte in content.encode("latin-1") for bit in range(8))
+
+
+def words_as(values: object) -> str:
+    """Return words of 16 bits as characters."""
+    words = numbers(values, 0xFFFF)
+    return pack(f">{len(words)}H", *words).decode("latin-1")
+
+
+def bits_as(values: object) -> str:
+    """Return bits as characters, the first one lowest; the last character is filled up with zeros."""
+    bits = numbers(values, 1)
+    data = bytearray((len(bits) + 7) // 8)
+    for place, bit in enumerate(bits):
+        data[place // 8] |= bit << place % 8
+    return data.decode("latin-1")
+
+
+def numbers(values: object, highest: int, name: str = "values") -> Sequence[int]:
+    """Return these values if they are whole numbers from 0 on. Raises TelegramError, with the name of the field."""
+    if values is None:
+        raise wrong_field(name, "they are missing")
+    if not isinstance(values, tuple) or any(type(each) is not int or not 0 <= each <= highest for each in values):
+        raise wrong_field(name, f"{values!r} is no list of numbers from 0 to {highest}")
+    return values
+
+
+def bytes_in(content: str) -> str:
+    """Return what these characters are, as hexadecimal text."""
+    return content.encode("latin-1").hex(" ").upper()
+
+
+def bytes_as(text: object, name: str, most: int) -> str:
+    """Return hexadecimal text as characters."""
+    try:
+        data = bytes.fromhex(str(text))
+    except ValueError:
+        what = "they are missing" if text is None else f"{text!r} are no hexadecimal bytes"
+        raise wrong_field(name, what) from None
+    if len(data) > most:
+        raise wrong_field(name, f"{len(data)} bytes are more than fit")
+    return data.decode("latin-1")
+
+
+def numbered_texts_in(content: str) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    """Return the numbers and the texts of a list of: number, length, text."""
+    ids, texts, place = [], [], 0
+    while place + 2 <= len(content):
+        size = ord(content[place + 1])
+        ids.append(ord(content[place]))
+        texts.append(content[place + 2 : place + 2 + size])
+        place += 2 + size
+    return tuple(ids), tuple(texts)
+
+
+def numbered_texts_as(ids: object, texts: object, name_of_ids: str, name_of_texts: str) -> str:
+    """Return such a list as characters."""
+    checked = numbers(ids, 0xFF, name_of_ids)
+    if not isinstance(texts, tuple) or len(texts) != len(checked) or not all(isinstance(each, str) for each in texts):
+        raise wrong_field(name_of_texts, f"there is not one text for each of {name_of_ids}")
+    try:
+        encoded = [each.encode("latin-1") for each in texts]
+        data = b"".join(bytes((number, len(each))) + each for number, each in zip(checked, encoded, strict=True))
+    except ValueError:
+        raise wrong_field(name_of_texts, "a text is too long, or is not made of ISO 8859-1") from None
+    return data.decode("latin-1")
+
+
+def whole(size: int, allowed: range, meaning: str) -> Leaf:
+    """Return a leaf that is a whole number, high byte first, of those that are allowed."""
+
+    def checked(value: Any) -> int:
+        if type(value) is not int or value not in allowed:
+            raise ValueError(f"{value!r} is not {allowed.start} to {allowed.stop - 1}")
+        return value
+
+    def parse(found: bytes) -> int:
+        return checked(int.from_bytes(found, "big"))
+
+    return Leaf(size, parse, lambda value: checked(value).to_bytes(size, "big"), meaning=meaning)
+
+
+def wrong_field(name: str, text: str) -> TelegramError:
+    """Return the error for a field that holds what it may not."""
+    return TelegramError("field", f"{name}: {text}", field=name)
