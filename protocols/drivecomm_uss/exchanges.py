@@ -21,7 +21,7 @@ from drivecomm_uss.memory import UssMemory, profile
 from drivecomm_uss.messages import Request
 from drivecomm_uss.options import VARIABLE
 from drivecomm_uss.parameters import raw_for, reading_of, target
-from drivecomm_uss.tasks import error_text
+from drivecomm_uss.tasks import error_text, task_that_writes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -32,9 +32,6 @@ if TYPE_CHECKING:
     from drivecomm_uss.parameters import Target
 
 BROADCAST = 32
-_RAM_TASKS = {(False, False): 2, (False, True): 3, (True, False): 7, (True, True): 8}
-_OTHER_TASKS = {2: 14, 3: 13, 7: 12, 8: 11}
-"""Tasks by array and double word, and those of the same kind that do the other thing with EEPROM."""
 
 
 class UssOperations:
@@ -96,8 +93,9 @@ class UssOperations:
         if store and kept == "none":
             raise NotSupported("the task tables of this series know no storing in EEPROM; write without store")
         raw = raw_for(wanted, value)
-        task = _RAM_TASKS[wanted.index is not None, wanted.double]
-        return self._write(wanted, task if store is (kept == "2-8") else _OTHER_TASKS[task], raw)
+        stored = store is (kept != "2-8")
+        task = task_that_writes(array=wanted.index is not None, double=wanted.double, stored=stored)
+        return self._write(wanted, task, raw)
 
     def address_of(self, parameter: str, *, index: int | None = None, parameter_set: int = 1, **_: Any) -> str:
         """Return number and index of a parameter; the parameter set of a NORD drive, from 2 on, goes before."""

@@ -32,6 +32,7 @@ class Task:
     array: bool = False
     report: bool = False
     reserved: bool = False
+    stored: bool = False
     access: str = ""
     answers: list[int] | tuple[()] = ()
 
@@ -40,6 +41,13 @@ TASKS: dict[Direction, dict[int, Task]] = {
     "request": {int(ak): Task(**each) for ak, each in _TABLES["request"].items()},
     "reply": {int(ak): Task(**each) for ak, each in _TABLES["reply"].items()},
 }
+
+
+def task_that_writes(*, array: bool, double: bool, stored: bool) -> int:
+    """Return the task that writes such a value."""
+    wanted = ("write", array, 32 if double else 16, stored)
+    tasks = TASKS["request"].items()
+    return next(ak for ak, each in tasks if (each.access, each.array, each.bits, each.stored) == wanted)
 
 
 def error_text(code: int, family: str) -> str:

@@ -14,11 +14,13 @@ from drivecomm.protocol import Framed, LineSettings, Motor, VirtualReply
 from drivecomm_uss.memory import profile
 from drivecomm_uss.messages import Reply, Request
 from drivecomm_uss.parameters import PAGE, RANGES, Target, float_bits, number_of, target
+from drivecomm_uss.tasks import TASKS
 from drivecomm_uss.telegrams import UssCodec
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Damaged, Model, ParameterInfo
     from drivecomm_uss.options import UssOptions
+    from drivecomm_uss.tasks import Task
 
 NO_NUMBER, READ_ONLY, LIMIT, NO_INDEX, NO_ARRAY, WRONG_TYPE, WHILE_RUNNING, NO_TASK = 0, 1, 2, 3, 4, 5, 17, 106
 NO_ROOM = 102
@@ -29,9 +31,6 @@ _GOES = 0b1010000
 """Bits of the control word without which the reference is 0 (C-28)."""
 _WARNING, _AT_SETPOINT = 7, 8
 """Bits of the status word (C-31)."""
-
-_WIDTH = {2: 16, 7: 16, 12: 16, 14: 16, 3: 32, 8: 32, 11: 32, 13: 32}
-_IN_ARRAY, _HIGH = (6, 7, 8, 11, 12), (11, 12, 13, 14)
 
 
 class VirtualUssDrive:
@@ -170,23 +169,24 @@ class VirtualUssDrive:
             raise _Refusal(NO_NUMBER)
         if ak == 9:
             return {"ak": 6, "value": len(self._places(info))}
-        if ak not in (1, 6, *_WIDTH) or (ak in _HIGH and self._options.eeprom_tasks == "none"):
+        task = TASKS["request"][ak]
+        if not (ak in (1, 6) or task.bits) or (task.stored and self._options.eeprom_tasks == "none"):
             raise _Refusal(NO_TASK)
-        if ak in _IN_ARRAY and "elements" not in info.extra and self._options.ind != "page":
+        if task.array and "elements" not in info.extra and self._options.ind != "page":
             raise _Refusal(NO_ARRAY)
         if index not in self._places(info):
             raise _Refusal(NO_INDEX)
         wanted = _as_target(info)
         if wanted.double and self._options.pkw_words == 3:
             raise _Refusal(NO_ROOM)
-        if ak in _WIDTH:
-            self._write(info, (number, index), ak, message.value or 0)
+        if task.bits:
+            self._write(info, (number, index), task, message.value or 0)
         value = self._held(number, index)
-        reply = (4 if ak in _IN_ARRAY else 1) + wanted.double
+        reply = (4 if task.array else 1) + wanted.double
         return {"ak": reply, "value": value, "pwe": wanted.words_of(value, self._options)}
 
-    def _write(self, info: ParameterInfo, place: tuple[int, int], ak: int, value: int) -> None:
-        if _as_target(info).double is not (_WIDTH[ak] == 32):
+    def _write(self, info: ParameterInfo, place: tuple[int, int], task: Task, value: int) -> None:
+        if _as_target(info).double is not (task.bits == 32):
             raise _Refusal(WRONG_TYPE)
         if info.access == "r":
             raise _Refusal(READ_ONLY)
@@ -196,7 +196,7 @@ class VirtualUssDrive:
         if number is None or not info.allows(number * info.factor):
             raise _Refusal(LIMIT)
         self._ram[place] = value
-        if (ak in _HIGH) is (self._options.eeprom_tasks == "11-14"):
+        if self._options.eeprom_tasks == ("11-14" if task.stored else "2-8"):
             self._eeprom[place] = value
 
     def _held(self, number: int, index: int) -> int:
