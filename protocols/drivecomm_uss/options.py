@@ -11,18 +11,7 @@ from drivecomm.protocol import exact
 
 Ind: TypeAlias = Literal["page", "masterdrives", "nord", "plain"]
 Hertz: TypeAlias = Decimal | int | float | str
-VARIABLE = 127
-
-_CHOICES: dict[str, tuple[object, ...]] = {
-    "pkw_words": (0, 3, 4, VARIABLE),
-    "pzd_words": tuple(range(17)),
-    "ind": ("page", "masterdrives", "nord", "plain"),
-    "index_base": (0, 1),
-    "eeprom_tasks": ("11-14", "2-8", "none"),
-    "reverse_bit": (-1, 11, 12),
-    "right_bit": (-1, 11),
-    "error_family": ("siemens", "g120", "nord"),
-}
+VARIABLE: Literal[127] = 127
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,15 +36,15 @@ class UssOptions:
     drive.
     """
 
-    pkw_words: int = VARIABLE
+    pkw_words: Literal[0, 3, 4, 127] = VARIABLE
     pzd_words: int = 2
     ind: Ind = "page"
-    index_base: int = 0
+    index_base: Literal[0, 1] = 0
     eeprom_tasks: Literal["11-14", "2-8", "none"] = "11-14"
     mirror: bool = True
     broadcast: bool = True
-    reverse_bit: int = 11
-    right_bit: int = -1
+    reverse_bit: Literal[-1, 11, 12] = 11
+    right_bit: Literal[-1, 11] = -1
     running_needs_control: bool = False
     reference_parameter: str = ""
     error_family: Literal["siemens", "g120", "nord"] = "siemens"
@@ -64,10 +53,8 @@ class UssOptions:
     reply_delay_s: float = 0.005
 
     def __post_init__(self) -> None:
-        for name, allowed in _CHOICES.items():
-            value = getattr(self, name)
-            if type(value) is bool or value not in allowed:
-                raise UsageError(f"{name} is {', '.join(map(repr, allowed))}, not {value!r}")
+        if self.pzd_words not in range(17):
+            raise UsageError(f"pzd_words is 0 to 16, not {self.pzd_words}")
         if self.hertz is not None and self.hertz <= 0:
             raise UsageError(f"reference_frequency_hz {self.reference_frequency_hz} is not above 0")
 
