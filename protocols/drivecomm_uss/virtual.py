@@ -82,9 +82,11 @@ class VirtualUssDrive:
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what a parameter holds; one that the drive measures is not measured any more."""
-        place = self._place(parameter)
+        place, value = self._place(parameter), int(raw)
+        if value not in range(2**32 if _as_target(self._infos[place[0]]).double else 2**16):
+            raise ValueError(f"parameter {parameter} has no room for {value}")
         self._poked.add(place[0])
-        self._ram[place] = self._eeprom[place] = int(raw)
+        self._ram[place] = self._eeprom[place] = value
 
     def trip(self, code: int, now: float) -> None:
         """Trip with a fault; the time may be over."""

@@ -90,6 +90,9 @@ def test_every_command_has_a_telegram_that_commands(plugin, verb):
     sent = []
     with open_bus(line.port, trace=lambda event: sent.append(event) if event.what == "sent" else None) as bus:
         drive = bus.drive(plugin.name, 1)
+        if verb == "start" and drive.capabilities.reference_percent:
+            drive.set_reference(percent=10)
+            sent.clear()
         drive.set_reference(percent=10) if verb == "reference" else getattr(drive, verb)()
     assert any(not only_asks(event.data, EVERYBODY) for event in sent)
 
