@@ -218,7 +218,8 @@ class UssCodec:
         direction: Direction = "request" if isinstance(message, Request) else "reply"
         form = self._forms.get((direction, _FORMS.get(message.kind, message.kind)))
         if form is None:
-            raise wrong_field("ak", f"it is missing or too much: plain telegrams are {self._plain} telegrams here")
+            which = f"it is missing or too much: this drive has {self._plain} telegrams"
+            raise wrong_field("ak", f"{which}; say special, mirror or broadcast if it is one")
         return form.build(message)
 
 
