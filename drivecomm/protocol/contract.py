@@ -231,6 +231,8 @@ class Protocol:
     empty where drives do not tell.
     plain_writing: the options of `write` with which a value is the number that `Reading.raw` shows, for parameters
     whose scale depends on more than the model and may not be known; empty where there is no such thing.
+    ambiguous_with: names of protocols that have telegrams which are also sound requests of this one, to the same
+    address, so that a drive of one may obey what is meant for a drive of the other.
     """
 
     name: str
@@ -258,3 +260,4 @@ class Protocol:
     factory_reading: Mapping[str, Any] = field(default_factory=dict, hash=False)
     memory: Callable[[], Memory] | None = None
     plain_writing: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    ambiguous_with: frozenset[str] = frozenset()

@@ -22,13 +22,14 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 
 PROTOCOLS = sorted(drivecomm.protocols())
 EACH_PROTOCOL = pytest.mark.parametrize("protocol", PROTOCOLS)
-READABLE = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09", "modbus": "16130"}
+READABLE = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09", "modbus": "16130", "uss": "1082"}
 WRITABLE = {
     "vabus": ("480", 7),
     "danfoss-fc": ("3-41", 5),
     "vlt3500": ("215", 6),
     "fuji": ("S05", 20),
     "modbus": ("3410", 5),
+    "uss": ("1082", 20),
 }
 MODELS = {"modbus": {"model": "danfoss-fc"}}
 """Of protocols that command nothing without a model."""
