@@ -95,12 +95,14 @@ def _tell(call: Call, tell: Tell, begun: Begun | None) -> Steps[None]:
     if begun is None:
         call.check_cancelled()
     unasked, _ = begun or Begun()
-    yield from line.send(peer, call.partner, peer.codec.encode(tell.message), tell.message, unasked)
-    told(line, peer, tell)
+    data = peer.codec.encode(tell.message)
+    yield from line.send(peer, call.partner, data, tell.message, unasked)
+    told(line, peer, tell, data)
 
 
-def told(line: LineState, peer: Peer, tell: Tell) -> None:
+def told(line: LineState, peer: Peer, tell: Tell, data: bytes) -> None:
     """Take note that a telegram that nobody answers is out."""
+    line.told = data
     line.free_at = line.sent_at + (peer.facts.broadcast_pause_s if tell.pause_s is None else tell.pause_s)
 
 

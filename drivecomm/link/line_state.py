@@ -23,7 +23,8 @@ class LineState:
     sent_at: when the last request is out. heard_at: when something came last. unclean: an exchange was cut off, so
     that the line is drained first. delays: how soon the drives answer. tuning: whether their tuned turnarounds hold.
     probed: the drive that was probed last, without a whole reply time, and did not answer. talk: filled in for each
-    request of the short way. trace, away: see `Link`.
+    request of the short way. told: the last telegram that nobody answers. echoes: whether one of them came back, though
+    no echo was looked for. trace, away: see `Link`.
     """
 
     def __init__(
@@ -46,6 +47,8 @@ class LineState:
         self.tuning = TuningWatch()
         self.probed: PeerState | None = None
         self.talk = Talk()
+        self.told = b""
+        self.echoes = False
         self._guard_s = guard_s
         self._patient_at = float("-inf")
 
@@ -53,6 +56,7 @@ class LineState:
         """Forget what held for the port before it was opened anew."""
         self.settings = None
         self.unclean = False
+        self.echoes = False
 
     def note(self, peer: Peer, what: What, data: bytes = b"", message: Message | None = None, detail: str = "") -> None:
         """Tell the trace function, if there is one."""
@@ -71,6 +75,9 @@ class LineState:
         if came and self.echo.looking:
             # Of what was told, and not answered.
             came = self.without_echo(peer, partner, came)
+        if came and self.told and self.told in came:
+            # What nobody answers came back.
+            self.echoes = True
         if came:
             # Something speaks out of turn (a repeated or late reply): let it finish before we add to it.
             self.heard_at = self.now

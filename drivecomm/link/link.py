@@ -232,7 +232,7 @@ class Link:
                         break
                     line.free_at = line.sent_at = sent_at = talk.begun + wire_s
                     if type(asked) is Tell:
-                        told(line, peer, asked)
+                        told(line, peer, asked, data)
                         reply = None
                         continue
                     begun = Begun(came=came)

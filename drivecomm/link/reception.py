@@ -41,7 +41,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: bytes | None = None) -
     earliest = sent_at + peer.character_s / 2 if call.paced else 0.0
     framer = Framer(peer.codec, "reply")
     damage, stray, early, first = "", "", b"", b""
-    taken = 0
+    taken, handed_back = 0, False
     in_haste, gives_way = False, call.gives_way
     while True:
         if heard is None:
@@ -61,6 +61,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: bytes | None = None) -
             if line.now < earliest:
                 # While the request is still on its way nothing can answer it: an echo, or a late reply.
                 early += came
+                handed_back = data in early
                 stray = _ECHO if line.early(peer, partner, came, is_echo=data.startswith(early)) else ""
                 continue
         quiet = not came
@@ -74,7 +75,11 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: bytes | None = None) -
         for find in framer.flush() if quiet else framer.feed(came):
             if isinstance(find, Framed):
                 in_place = in_place_of_echo(find.data, place, echo.excused)
-                is_echo = in_place or (find.data == data and not (ask.mirrored and echo.is_over))
+                # Of a request that is sent back, the second copy is the reply, and the first one only where no echo comes.
+                echoes = line.echoes or not echo.is_over or (line.told and line.told in first)
+                sent_back = ask.mirrored and (handed_back or not echoes)
+                is_echo = in_place or (find.data == data and not sent_back)
+                handed_back = handed_back or is_echo
                 reason = "echo" if is_echo else peer.mismatch(ask.message, find.message)
                 if not reason:
                     if line.echo.looking and line.echo.answered(alone=not place):
@@ -84,6 +89,8 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: bytes | None = None) -
                     return find.message
                 place += len(find.data)
                 _count_stray(call, find, reason)
+                # Whoever says that there is no echo may be wrong.
+                line.echoes = line.echoes or (reason == "echo" and not echo.looking)
                 if reason != "echo":
                     stray = f"the reply that came differs in {reason}"
                 else:

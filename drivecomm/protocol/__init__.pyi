@@ -36,6 +36,7 @@ from .framing import (
     Framed as Framed,
     Framer as Framer,
     Noise as Noise,
+    begins_again as begins_again,
 )
 from .keeping import kept as kept
 from .line import (

@@ -232,6 +232,8 @@ class Protocol:
     empty where drives do not tell.
     plain_writing: the options of `write` with which a value is the number that `Reading.raw` shows, for parameters
     whose scale depends on more than the model and may not be known; empty where there is no such thing.
+    ambiguous_with: names of protocols that have telegrams which are also sound requests of this one, to the same
+    address, so that a drive of one may obey what is meant for a drive of the other.
     address_space: which addresses a drive with these options and this model (None where it is not known) may hold, for
     those who ask it address by address; None where a package does not tell.
     """
@@ -261,4 +263,5 @@ class Protocol:
     factory_reading: Mapping[str, Any] = field(default_factory=dict, hash=False)
     memory: Callable[[], Memory] | None = None
     plain_writing: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    ambiguous_with: frozenset[str] = frozenset()
     address_space: Callable[[Any, Model | None], AddressSpace] | None = None

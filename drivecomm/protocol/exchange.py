@@ -37,18 +37,19 @@ class Ask:
     more when its own reply can be believed.
     command: whether the request carries a command from which the drive's watchdog counts: a "new" one, or one that is
     "repeated", which is not sent when it is older than that watchdog waits; CommandTooOldError is thrown in instead.
-    reply_timeout_s: None for the drive's own. mirrored: the reply repeats the request byte for byte, so that it is
-    believed only where it cannot be the echo of the adapter: that came already, or the port has none.
+    reply_timeout_s: None for the drive's own. mirrored: the reply is the request itself, byte for byte, which an echo is,
+    too; so it is believed only behind an echo, or where nothing that was sent through this port has come back: a `Tell`
+    before it that nobody answers shows that.
     """
 
     message: Message
     attempts: int | None = None
     acts: bool = False
     nameless: bool = False
+    mirrored: bool = False
     urgent: bool = False
     command: Literal["", "new", "repeated"] = ""
     reply_timeout_s: float | None = None
-    mirrored: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -145,3 +145,21 @@ class Framer:
             return Framed(data, self._codec.decode(data, self._direction))
         except TelegramError as error:
             return Damaged(data, error)
+
+
+def begins_again(data: bytes) -> bool:
+    """Tell whether a telegram begins once more in its middle: all that came before, or as much as there is room for.
+
+    A telegram that breaks off and is repeated at once gives one of the right length, and often of the right BCC: what
+    stands in it twice cancels out of an exclusive-or, whatever it is. Its words would be read out of the second head. A
+    drive that means such a telegram has to match at least 24 bits by chance.
+    """
+    # Any repetition that is looked for begins with the first three bytes.
+    first = data.find(data[:3], 3)
+    if first < 0:
+        return False
+    for start in range(first, len(data) - 2):
+        repeated = min(start, len(data) - start)
+        if data[start : start + repeated] == data[:repeated]:
+            return True
+    return False

@@ -56,6 +56,7 @@ protocol = Protocol(
     forms=titled_forms,
     parameter_examples=("16-14", "3-10[3]", "1614", "520", "615[1]"),
     intent=intent,
+    ambiguous_with=frozenset({"uss"}),
     parameter_keys=frozenset(
         {
             "characters",

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 from construct import this
 
 from drivecomm.errors import TelegramError
+from drivecomm.protocol import begins_again
 from drivecomm.protocol.schema import (
     Check,
     Form,
@@ -311,27 +312,9 @@ class DanfossFcCodec:
 
     def _parse(self, message: type[Any], data: bytes) -> Message:
         parsed: Message = self._forms[message].parse(data)
-        if _begins_again(data):
+        if begins_again(data):
             raise TelegramError("framing", "a telegram that broke off and its repetition, run together")
         return parsed
-
-
-def _begins_again(data: bytes) -> bool:
-    """Tell whether a telegram begins once more in its middle: all that came before, or as much as there is room for.
-
-    A telegram that breaks off and is repeated at once gives one of the right length, and often of the right BCC: what
-    stands in it twice cancels out of an exclusive-or, whatever it is. Its words would be read out of the second head. A
-    drive that means such a telegram has to match at least 24 bits by chance.
-    """
-    # Any repetition that is looked for begins with the first three bytes.
-    first = data.find(data[:3], 3)
-    if first < 0:
-        return False
-    for start in range(first, len(data) - 2):
-        repeated = min(start, len(data) - start)
-        if data[start : start + repeated] == data[:repeated]:
-            return True
-    return False
 
 
 _COMMANDS_NOTHING = {"control_word": 0, "reference": 0}

@@ -12,6 +12,7 @@ PROTOCOLS = sorted(set(drivecomm.protocols()) - {"modbus"})
 READABLE = {
     "danfoss-fc": ("3-10[3]", "3-10[2]"),
     "fuji": ("F03", "o05"),
+    "uss": ("1082", "1120"),
     "vabus": ("481", "482"),
     "vlt3500": ("205", "206"),
 }
@@ -20,6 +21,7 @@ READABLE = {
 WRITABLE = {
     "danfoss-fc": ("3-41", 10, 1000),
     "fuji": ("S08", 7, 70),
+    "uss": ("1082", 12.5, 0x41480000),
     "vabus": ("481", "12.34", "000004D2"),
     "vlt3500": ("215", 3, "3.00"),
 }
@@ -107,6 +109,6 @@ def running(line, virtual):
 
 def set_reference(protocol, drive):
     """Set what stands for half speed; to be awaited if the drive is to be."""
-    if protocol in ("danfoss-fc", "vlt3500"):
+    if protocol in ("danfoss-fc", "uss", "vlt3500"):
         return drive.set_reference(percent=50)
     return drive.set_reference(hz=25)

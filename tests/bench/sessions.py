@@ -6,8 +6,8 @@ import drivecomm
 from drivecomm.capture import Capture, Provenance
 from drivecomm.virtual import VirtualLine, virtual_drive
 
-ADDRESSES = {"vabus": 1, "danfoss-fc": 3, "vlt3500": 5, "fuji": 7}
-READS = {"vabus": "481", "danfoss-fc": "16-30", "vlt3500": "215", "fuji": "M21"}
+ADDRESSES = {"vabus": 1, "danfoss-fc": 3, "vlt3500": 5, "fuji": 7, "uss": 9}
+READS = {"vabus": "481", "danfoss-fc": "16-30", "vlt3500": "215", "fuji": "M21", "uss": "1082"}
 
 
 class Recorded(list):

@@ -229,7 +229,9 @@ def test_a_scan_finds_who_is_there(bus):
 
 def test_a_scan_of_everything():
     plugins = list(installed.working())
-    line = VirtualLine([virtual_drive(plugin.name, plugin.addresses[1]) for plugin in plugins])
+    # A model may have line settings of its own; a scan asks with the usual ones of the protocol.
+    drives = [virtual_drive(each.name, each.addresses[1], parity=each.facts.settings.parity) for each in plugins]
+    line = VirtualLine(drives)
     with drivecomm.open_bus(line.port) as bus:
         wanted = {plugin.addresses[1] for plugin in plugins}
         found = list(bus.scan(addresses=sorted(wanted), attempts=1))

@@ -27,13 +27,14 @@ from drivecomm.virtual import VirtualLine, drive_type
 
 ADDRESS = 3
 PROTOCOLS = sorted(drivecomm.protocols())
-READABLE = {"vabus": "411", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09", "modbus": "16130"}
+READABLE = {"vabus": "411", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09", "modbus": "16130", "uss": "1082"}
 SET_UP = {
     "vabus": {"481": 7},
     "danfoss-fc": {"3-41": 5},
     "vlt3500": {"215": 6},
     "fuji": {"S05": 20},
     "modbus": {"3410": 5},
+    "uss": {"1082": 20},
 }
 LONG = bool(os.environ.get("DRIVECOMM_LONG"))
 MOST_STEPS = 40
@@ -178,7 +179,8 @@ def objects(bus, protocol):
 
 
 def set_reference(protocol, drive):
-    return drive.set_reference(**({"percent": 50} if protocol in ("danfoss-fc", "vlt3500", "modbus") else {"hz": 25}))
+    percent = protocol in ("danfoss-fc", "vlt3500", "modbus", "uss")
+    return drive.set_reference(**({"percent": 50} if percent else {"hz": 25}))
 
 
 def switch_a_function(protocol, drive):

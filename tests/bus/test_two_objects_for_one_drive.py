@@ -10,8 +10,8 @@ from drivecomm.protocol import Stop, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 PROTOCOLS = sorted(drivecomm.protocols())
-SOMETHING = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09", "modbus": "16130"}
-PERCENT = ("danfoss-fc", "vlt3500", "modbus")
+SOMETHING = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09", "modbus": "16130", "uss": "1082"}
+PERCENT = ("danfoss-fc", "uss", "vlt3500", "modbus")
 
 
 @pytest.fixture(params=PROTOCOLS)
@@ -146,7 +146,7 @@ def test_a_second_program_starts_with_the_reference_that_is_set(line):
         assert virtual.drives[0].motor.output_hz == pytest.approx(25, abs=0.1)
     with drivecomm.open_bus(virtual.port) as bus:
         third = bus.drive(protocol, 3, model=installed[protocol].default_model)
-        if protocol == "danfoss-fc":
+        if protocol in ("danfoss-fc", "uss"):
             # Its reference goes out with a control word, and no word is sent that was not commanded by who sends it.
             with pytest.raises(StateError, match="did not give"):
                 third.set_reference(percent=20)

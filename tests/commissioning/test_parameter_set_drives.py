@@ -39,7 +39,7 @@ def test_nothing_that_commands_or_cuts_the_line_is_a_setting(case):
     known = {
         "control_site", "control_word_source", "control_word_timeout_time", "control_word_timeout_function",
         "control_range", "speed_control", "maximum_control_deviation", "control_bit_4_meaning",
-        "control_bits_11_12_meaning",
+        "control_bits_11_12_meaning", "command_source",
     }  # fmt: skip
     named = {info.name for _, info in case.settings if words & set(info.name.split("_"))}
     assert named <= known

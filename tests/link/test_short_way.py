@@ -22,8 +22,17 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 
 PROTOCOLS = sorted(drivecomm.protocols())
 EACH_PROTOCOL = pytest.mark.parametrize("protocol", PROTOCOLS)
-READABLE = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09"}
-WRITABLE = {"vabus": ("480", 7), "danfoss-fc": ("3-41", 5), "vlt3500": ("215", 6), "fuji": ("S05", 20)}
+READABLE = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09", "modbus": "16130", "uss": "1082"}
+WRITABLE = {
+    "vabus": ("480", 7),
+    "danfoss-fc": ("3-41", 5),
+    "vlt3500": ("215", 6),
+    "fuji": ("S05", 20),
+    "modbus": ("3410", 5),
+    "uss": ("1082", 20),
+}
+MODELS = {"modbus": {"model": "danfoss-fc"}}
+"""Of protocols that command nothing without a model."""
 ADDRESSES = (1, 2)
 NOISE = b"\x7f\x00"
 
@@ -173,7 +182,8 @@ def outcomes(protocol, course, trace, port_calls):
             return course.stop_waits[0] <= line.time < course.stop_waits[1]
 
         bus._lock.stop_waits = bus._roster.link.stop_waits = stop_waits
-        drives = [bus.drive(protocol, 1), bus.drive(protocol, 2, **faster)]
+        own = MODELS.get(protocol, {})
+        drives = [bus.drive(protocol, 1, **own), bus.drive(protocol, 2, **own, **faster)]
         for time, data in course.unasked:
             line.call_at(time, partial(line.inject, data))
         if course.interrupted is not None:
@@ -200,7 +210,7 @@ def call(protocol, bus, drive, verb, line):
         case "write":
             return drive.write(*WRITABLE[protocol])
         case "stop all":
-            return bus.broadcast(protocol).stop(Stop.COAST)
+            return bus.broadcast(protocol, **MODELS.get(protocol, {})).stop(Stop.COAST)
         case "reference":
             return drive.set_reference(percent=10)
         case "pass":
@@ -284,7 +294,8 @@ def test_all_but_the_first_of_many_readings_go_the_short_way(protocol, monkeypat
     taken = ways(monkeypatch)
     line = VirtualLine([virtual_drive(protocol, 1), virtual_drive(protocol, 2)])
     with drivecomm.open_bus(line.port) as bus:
-        for drive in [bus.drive(protocol, 1), bus.drive(protocol, 2)] * 3:
+        own = MODELS.get(protocol, {})
+        for drive in [bus.drive(protocol, 1, **own), bus.drive(protocol, 2, **own)] * 3:
             drive.read(READABLE[protocol])
     assert taken == [False, *[True] * 5]
 

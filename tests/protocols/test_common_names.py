@@ -1,6 +1,7 @@
 """Every common name of every model of every installed protocol, read from the virtual drive of that model."""
 
 from decimal import Decimal
+from struct import pack, unpack
 
 import pytest
 
@@ -42,6 +43,10 @@ def meant_by(held, info):
         if info.type not in IN_HEXADECIMAL:
             return Decimal(held)
         held = int(held, 16)
+    if info.type == "Float":
+        data = held.to_bytes(4, "big")
+        texts = [f"{unpack('>f', data)[0]:.{digits}g}" for digits in range(1, 10)]
+        return Decimal(next(text for text in texts if pack(">f", float(text)) == data)) * info.factor
     if info.type in OWN_SCALES:
         return OWN_SCALES[info.type](held)
     sign = SIGN_BITS.get(info.type, 0)

@@ -17,7 +17,12 @@ def examples():
             fields = vector.fields
             if not fields or not vector.canonical:
                 continue
-            known = (plugin.name, vector.direction, fields.get("frame", ""), fields.get("kind", fields.get("function")))
+            known = (
+                plugin.name,
+                vector.direction,
+                fields.get("frame", ""),
+                plugin.message(fields, vector.direction).kind,
+            )
             found.setdefault(known, (plugin.name, vector.direction, dict(fields), vector.options))
     return found
 

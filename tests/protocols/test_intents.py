@@ -20,6 +20,7 @@ KNOWN = {
         ({"kind": "parameter", "ak": 2}, "write"),
         ({"kind": "parameter", "ak": 14}, "write"),
     ],
+    "uss": [({"ak": 0}, ""), ({"ak": 1}, "read"), ({"ak": 6}, "read"), ({"ak": 2}, "write"), ({"ak": 11}, "write")],
     "vlt3500": [
         ({"kind": "update"}, "write"),
         ({"kind": "read"}, "read"),

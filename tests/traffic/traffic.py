@@ -17,7 +17,14 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 
 SETTINGS = {"baudrate": 9600, "bytesize": 8, "parity": "N"}
 PROTOCOLS = tuple(installed.working())
-MODELS = {"vabus": "agile", "danfoss-fc": "fc300", "vlt3500": "vlt3500", "fuji": "frenic", "modbus": "danfoss-fc"}
+MODELS = {
+    "vabus": "agile",
+    "danfoss-fc": "fc300",
+    "vlt3500": "vlt3500",
+    "fuji": "frenic",
+    "modbus": "danfoss-fc",
+    "uss": "micromaster4",
+}
 DIRECTIONS = {"master": "request", "drive": "reply"}
 
 

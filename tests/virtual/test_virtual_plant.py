@@ -25,8 +25,8 @@ from drivecomm.virtual import VirtualPlant
 PROTOCOLS = list(installed.working())
 ADDRESS = 5
 # A parameter that can be read and written, one that the drive measures (its output frequency), and another value of it.
-STORED = {"vabus": "480", "danfoss-fc": "3-41", "vlt3500": "215", "fuji": "F07", "modbus": "3110"}
-MEASURED = {"vabus": "210", "danfoss-fc": "16-13", "vlt3500": "502[1]", "fuji": "M09", "modbus": "16130"}
+STORED = {"vabus": "480", "danfoss-fc": "3-41", "vlt3500": "215", "fuji": "F07", "modbus": "3110", "uss": "1082"}
+MEASURED = {"vabus": "210", "danfoss-fc": "16-13", "vlt3500": "502[1]", "fuji": "M09", "modbus": "16130", "uss": "21"}
 # What one telegram writes.
 WRITTEN = {**STORED, "modbus": "50010"}
 protocol = pytest.mark.parametrize("name", [plugin.name for plugin in PROTOCOLS])

@@ -155,7 +155,8 @@ def printed_telegrams(tour: Tour, protocol: str, vectors: list[Vector]) -> None:
         for vector in vectors:
             telegram = decode(protocol, vector.data, direction=vector.direction, **vector.options)
             differing = {name for name, value in vector.fields.items() if telegram.fields.get(name) != value}
-            rebuilt = not vector.canonical or encode(protocol, vector.fields, direction=vector.direction) == vector.data
+            built = encode(protocol, vector.fields, direction=vector.direction, **vector.options)
+            rebuilt = not vector.canonical or built == vector.data
             fields = ", ".join(f"{name} {value}" for name, value in telegram.fields.items())
             tour.console.print(f"  {textwrap.shorten(vector.source, 100)}", markup=False, style="dim")
             tour.console.print(f"    {vector.data.hex(' ').upper()}", markup=False)

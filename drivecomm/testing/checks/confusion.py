@@ -205,7 +205,9 @@ _READS = 60
 
 @check("foreign traffic")
 def is_not_believed(plugin: Protocol, other: Protocol) -> None:
-    """No telegram of another protocol is the answer to any of this one's own requests."""
+    """No telegram of another protocol is the answer to any of this one's own requests, unless that is declared."""
+    if other.name in plugin.ambiguous_with:
+        return
     codec = plugin.codec(plugin.options())
     requests = [
         codec.decode(vector.data, "request")
@@ -225,7 +227,10 @@ def is_not_believed(plugin: Protocol, other: Protocol) -> None:
 
 @check("foreign traffic")
 def is_not_answered(plugin: Protocol, other: Protocol) -> None:
-    """No virtual drive answers a telegram of another protocol, or begins to turn its motor because of it."""
+    """No virtual drive answers a telegram of another protocol, or begins to turn its motor because of it.
+
+    Where a package declares that the other's telegrams can be its own, one of them has to be.
+    """
     wrong = []
     for address in (plugin.addresses[0], plugin.addresses[1], plugin.addresses[-1]):
         with bench(plugin, addresses=(address,)) as on:
@@ -236,6 +241,9 @@ def is_not_answered(plugin: Protocol, other: Protocol) -> None:
             ]
             if on.virtual.motor.running:
                 wrong.append(f"the motor of drive {address} runs after telegrams of {other.name}")
+    if other.name in plugin.ambiguous_with:
+        expect(wrong, f"declared ambiguous with {other.name}, and no telegram of it is answered")
+        return
     raise_all(wrong)
 
 

@@ -42,6 +42,7 @@ _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
     "options": type,
     "parameter_examples": tuple,
     "parameter_keys": (frozenset, type(None)),
+    "ambiguous_with": frozenset,
     "control_keys": frozenset,
     **dict.fromkeys(("factory_reading", "plain_writing"), dict),
 }
@@ -221,7 +222,10 @@ def speaks_to_all_without_waiting(plugin: Protocol) -> None:
     addresses = (plugin.addresses[0], plugin.addresses[1], plugin.addresses[-1])
     with bench(plugin, addresses=addresses) as on:
         for address in addresses:
-            on.bus.drive(plugin.name, address, model=on.drive.model).start()
+            master = on.bus.drive(plugin.name, address, model=on.drive.model)
+            if master.capabilities.reference_percent:
+                master.set_reference(percent=50)
+            master.start()
         on.settle()
         drives = (on.virtual, *on.others)
         said = [len(each.said) for each in drives]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from drivecomm.errors import AddressError
 from drivecomm.traffic.cohabitation.outlines import leaves_of
 from drivecomm.traffic.cohabitation.search import TELEGRAMS
 from drivecomm.traffic.cohabitation.verdicts import Safety
@@ -119,7 +121,8 @@ def _better_address(
     taken = {each.address for each in speakers if each.dialect.plugin is plugin} | {listener.address}
     free = [address for address in plugin.addresses if address not in taken]
     for address in free[:: max(1, len(free) // _TRIED)]:
-        moved = listener.at(address)
-        if all(safe(speaker, moved) for speaker in speakers):
-            return address
+        with suppress(AddressError):  # which a drive with these options cannot have
+            moved = listener.at(address)
+            if all(safe(speaker, moved) for speaker in speakers):
+                return address
     return None

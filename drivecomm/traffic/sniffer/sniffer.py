@@ -45,11 +45,21 @@ _MOST_KNOWN = 512
 _LONGEST_KNOWN = 300
 
 
+def _told_apart(protocols: Iterable[Protocol]) -> list[Protocol]:
+    """Leave out each protocol whose telegrams are sound ones of another before it, too."""
+    known: list[Protocol] = []
+    for each in protocols:
+        if not any(each.name in other.ambiguous_with or other.name in each.ambiguous_with for other in known):
+            known.append(each)
+    return known
+
+
 class Sniffer:
     """Listens to one line.
 
-    protocols: those to look for. settings: the line settings, where they are known and a piece does not say them.
-    options: the protocols' drive options by protocol name, where they are not the protocol's own, such as pnu_bits.
+    protocols: those to look for; of two that declare their telegrams ambiguous only the first. settings: the line
+    settings, where they are known and a piece does not say them. options: the protocols' drive options by protocol
+    name, where they are not the protocol's own, such as pnu_bits.
 
     Feed it pieces in the order of their times, in any sizes. What is certain comes back, in the order of the line. Call
     `flush` while nothing comes, so that what only silence can end is not held back, and `finish` at the end.
@@ -62,7 +72,7 @@ class Sniffer:
         settings: LineSettings | None = None,
         options: Mapping[str, Any] | None = None,
     ) -> None:
-        known = list(protocols)
+        known = _told_apart(protocols)
         self._stretch = Stretch(settings.character_s if settings else None)
         self._estimators = {protocol.name: DirectionEstimator(protocol) for protocol in known}
         self._pending = PendingItems(self._estimators)

@@ -1,0 +1,109 @@
+"""Tasks and control words to one drive, and what its replies tell of its status."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any, Literal
+
+from drivecomm import profiles
+from drivecomm.errors import CommandTooOldError, NotSupported
+from drivecomm.protocol import Ask
+from drivecomm_uss.memory import profile
+from drivecomm_uss.messages import Request
+
+if TYPE_CHECKING:
+    from drivecomm.profiles import Step, Words
+    from drivecomm.protocol import Exchange
+    from drivecomm_uss.memory import UssMemory
+    from drivecomm_uss.messages import Reply
+    from drivecomm_uss.options import UssOptions
+
+# A poll plan asks for the same parameters again and again; more of them than this are not kept in mind.
+_KEPT = 512
+
+
+class Conversation:
+    """Speaks with one drive."""
+
+    def __init__(self, address: int, options: UssOptions, memory: UssMemory) -> None:
+        self.memory = memory
+        self.request = lru_cache(_KEPT, typed=True)(partial(Request, address=address))
+        self._options = options
+
+    def ask(self, *, acts: bool = False, attempts: int | None = None, **task: Any) -> Exchange[Reply]:
+        """Send a task with process words that command nothing, or with those that hold where the drive needs them."""
+        memory = self.memory
+        held = (memory.word or memory.idle) if self._options.running_needs_control else 0
+        ask = Ask(message=self._message(held, **task), acts=acts, attempts=attempts, nameless=not task)
+        try:
+            reply: Reply = yield replace(ask, command=_command_of(held, repeated=True))
+        except CommandTooOldError:
+            memory.command(0)
+            reply = yield replace(ask, message=self._message(0, **task))
+        memory.see(reply.status_word or 0)
+        return reply
+
+    def command(
+        self, word: int, *, attempts: int | None = None, urgent: bool = False, repeated: bool = False
+    ) -> Exchange[Reply]:
+        """Send a control word with the reference that is set. repeated: it was sent before, and still holds."""
+        reply: Reply = yield Ask(
+            message=self._message(word),
+            acts=True,
+            attempts=attempts,
+            nameless=True,
+            urgent=urgent,
+            command=_command_of(word, repeated=repeated),
+        )
+        self.memory.see(reply.status_word or 0)
+        return reply
+
+    def _message(self, word: int, **task: Any) -> Request:
+        options = self._options
+        if task and not options.pkw_words:
+            raise NotSupported("this drive's telegrams have no PKW area, so its parameters cannot be reached")
+        fields = task or ({"ak": 0, "pnu": 0} if options.pkw_words else {})
+        reference = (self.memory.reference or 0) if word and profile().commands(word) else 0
+        words = options.process_words(control_word=word, reference=reference)
+        return self.request(**fields, **words)
+
+
+class UssCarrier:
+    """Carries the control words of the profile to a drive. direction: bits that a word which lets the motor run gets.
+
+    Each reply shows the drive before the command of its request took effect.
+    """
+
+    def __init__(self, talk: Conversation, direction: int = 0) -> None:
+        self._talk = talk
+        self._direction = direction
+
+    def look(self) -> Exchange[Words]:
+        """Return the status word."""
+        return _words((yield from self._talk.ask()))
+
+    def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:
+        """Send a control word; what holds from then on is remembered, a start when it was answered."""
+        memory, runs = self._talk.memory, profile().lets_run(step.word)
+        word = step.word | self._direction if runs else step.word
+        if step.repeats:
+            memory.command(word)
+        reply = yield from self._talk.command(word, attempts=None if step.repeats else 1, urgent=urgent)
+        if runs:
+            memory.command(word)
+        return _words(reply)
+
+    def again(self, step: Step) -> Exchange[Words]:
+        """Send a step once more where it may be, which keeps what it says in force; look otherwise."""
+        return self.send(step, urgent=False) if step.repeats else self.look()
+
+
+def _words(reply: Reply) -> Words:
+    return {profiles.ONLY: reply.status_word or 0}
+
+
+def _command_of(word: int, *, repeated: bool) -> Literal["", "new", "repeated"]:
+    if not word or not profile().commands(word):
+        return ""
+    return "repeated" if repeated and profile().lets_run(word) else "new"

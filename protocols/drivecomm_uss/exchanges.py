@@ -1,0 +1,316 @@
+"""The verbs of a drive that speaks USS."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from decimal import ROUND_HALF_EVEN, Decimal
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import (
+    CommandTooOldError,
+    NotSupported,
+    RefusedError,
+    StateError,
+    UnexpectedReplyError,
+    ValueRefusedError,
+)
+from drivecomm.profiles import ONLY, Commander
+from drivecomm.protocol import Ask, Capabilities, DriveStatus, Stop, Tell, exact
+from drivecomm_uss.conversation import Conversation, UssCarrier
+from drivecomm_uss.memory import UssMemory, profile
+from drivecomm_uss.messages import Request
+from drivecomm_uss.options import VARIABLE
+from drivecomm_uss.parameters import raw_for, reading_of, target
+from drivecomm_uss.tasks import error_text, task_that_writes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from drivecomm.protocol import Exchange, Model, Reading, Value
+    from drivecomm_uss.messages import Reply
+    from drivecomm_uss.options import UssOptions
+    from drivecomm_uss.parameters import Target
+
+BROADCAST = 32
+
+
+class UssOperations:
+    """The verbs of one drive, or of all drives at address 32.
+
+    extra: `control_word(word)`, and `release()`: stop repeating the command.
+    """
+
+    def __init__(self, address: int, options: UssOptions, model: Model | None, memory: UssMemory | None = None) -> None:
+        self._broadcast = address == BROADCAST
+        self._options = options
+        self._model = model
+        self._memory = memory or UssMemory()
+        self._talk = Conversation(address, options, self._memory)
+
+    @property
+    def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
+        """The verbs beyond those that every protocol has."""
+        return {"control_word": self.control_word, "release": self.release}
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What the drive can be asked to do; its settings and its series decide."""
+        options = self._options
+        return Capabilities(
+            stops=frozenset(profile().stops),
+            reverse=options.reverse_bit >= 0,
+            reference_percent=options.pzd_words > 1,
+            reference_hz=options.pzd_words > 1 and options.hertz is not None,
+            stored_writes=options.eeprom_tasks != "none",
+            volatile_writes=True,
+            broadcast=options.broadcast,
+        )
+
+    def read(
+        self, parameter: str, *, type: str = "", index: int | None = None, parameter_set: int = 1
+    ) -> Exchange[Reading]:
+        """Read a parameter. type: U16, I16, U32, I32 or Float. index: of an array. parameter_set: of a NORD drive."""
+        self._must_answer("read")
+        return self._read(self._target(parameter, type=type, index=index, parameter_set=parameter_set))
+
+    def write(
+        self,
+        parameter: str,
+        value: Value | float,
+        *,
+        store: bool = False,
+        type: str = "",
+        index: int | None = None,
+        parameter_set: int = 1,
+    ) -> Exchange[Reading | None]:
+        """Write a parameter, to RAM, or with store to EEPROM too; returns what the drive reports.
+
+        type, index, parameter_set: as of `read`. EEPROM cells wear: never store in a cycle.
+        """
+        self._must_answer("write")
+        wanted = self._target(parameter, type=type, index=index, parameter_set=parameter_set)
+        kept = self._options.eeprom_tasks
+        if store and kept == "none":
+            raise NotSupported("the task tables of this series know no storing in EEPROM; write without store")
+        raw = raw_for(wanted, value)
+        stored = store is (kept != "2-8")
+        task = task_that_writes(array=wanted.index is not None, double=wanted.double, stored=stored)
+        return self._write(wanted, task, raw)
+
+    def address_of(self, parameter: str, *, index: int | None = None, parameter_set: int = 1, **_: Any) -> str:
+        """Return number and index of a parameter; the parameter set of a NORD drive, from 2 on, goes before."""
+        wanted = self._target(parameter, index=index, parameter_set=parameter_set)
+        return wanted.address if parameter_set == 1 else f"P{parameter_set}:{wanted.address}"
+
+    def status(self) -> Exchange[DriveStatus]:
+        """Read status word and actual value; where a telegram off time is on, what was commanded is repeated."""
+        self._must_answer("status", words=1)
+        return self._status()
+
+    def start(self, *, reverse: bool = False) -> Exchange[None]:
+        """Start the motor; the reference is the one that was set, or the one the drive shows."""
+        self._must_answer("start", words=1)
+        if reverse and self._options.reverse_bit < 0:
+            raise NotSupported("no bit of this series' control word reverses")
+        bit = self._options.reverse_bit if reverse else self._options.right_bit
+        return self._commander(1 << bit if bit >= 0 else 0).start(prepare=self._take_over_reference())
+
+    def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
+        """Stop with OFF1 (ramp), OFF2 (coast) or OFF3 (quick)."""
+        self._must_have_words("stop", 1)
+        return self._tell_all(how) if self._broadcast else self._commander().stop(how)
+
+    def reset(self) -> Exchange[None]:
+        """Acknowledge a fault by one edge; a drive without one is left alone."""
+        self._must_answer("reset", words=1)
+        return self._commander().reset()
+
+    def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
+        """Set the main setpoint, -200 % to 199.99 %, to the nearest step of 0.0061 %."""
+        self._must_answer("set_reference", words=2)
+        return self._set_reference(_steps(exact(percent, "reference")))
+
+    def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
+        """Set the main setpoint as a frequency, by the frequency of 100 % that the options give."""
+        self._must_answer("set_reference", words=2)
+        if self._options.hertz is None:
+            raise NotSupported(
+                "the telegram carries a percentage; give the frequency of 100 % (P2000), such as "
+                "reference_frequency_hz=50, to set a reference in Hz",
+                says="reference_frequency_hz=50",
+            )
+        return self._set_reference(_steps(exact(hz, "reference") * 100 / self._options.hertz))
+
+    def probe(self) -> Exchange[None]:
+        """Ask once for a telegram back that the drive does not evaluate; where it knows none, for nothing (AK 0)."""
+        self._must_answer("probe")
+        return self._look_in_mirror() if self._options.mirror else _nothing(self._talk.ask(attempts=1))
+
+    def identify(self) -> Exchange[Mapping[str, str]]:
+        """Read those parameters of the model that say what the drive is."""
+        self._must_answer("identify")
+        return self._identify()
+
+    def control_word(self, word: int) -> Exchange[None]:
+        """Send this control word once, with the reference that is set."""
+        self._must_answer("control_word", words=1)
+        if type(word) is not int or word not in range(0x10000):
+            raise ValueRefusedError(f"control word {word!r} does not exist; they are 0 to 65535")
+        return _nothing(self._talk.command(word, attempts=1, urgent=not profile().lets_run(word)))
+
+    def release(self) -> Exchange[None]:
+        """Stop repeating the control word; sends nothing. Refused where the next telegram without it would trip."""
+        if self._options.running_needs_control and profile().lets_run(self._memory.word):
+            raise NotSupported("this drive trips when it runs and the control word goes; stop it first")
+        return self._release()
+
+    # Conversations
+
+    def _read(self, wanted: Target) -> Exchange[Reading]:
+        return _reading(wanted, (yield from self._task(wanted, 1 if wanted.index is None else 6)))
+
+    def _write(self, wanted: Target, task: int, raw: int) -> Exchange[Reading]:
+        # A reply with another value can be a late one to an earlier task for the same parameter.
+        for _ in range(2):
+            reading = _reading(wanted, (yield from self._task(wanted, task, value=raw)))
+            if reading.raw == raw:
+                return reading
+        raise UnexpectedReplyError(
+            f"parameter {wanted.address}: the drive reports {reading.raw} where {raw} was written"
+        )
+
+    def _task(self, wanted: Target, ak: int, **value: int) -> Exchange[Reply]:
+        options = self._options
+        words = wanted.words_of(value["value"], options) if value else None
+        place = wanted.place_in(options)
+        reply: Reply = yield from self._talk.ask(acts=bool(value), ak=ak, pwe=words, **place, **value)
+        if reply.ak == 7:
+            code = reply.error or 0
+            raise RefusedError(wanted.address, code, error_text(code, options.error_family))
+        if reply.ak == 8:
+            raise StateError(f"parameter {wanted.address} cannot be changed: this port has no right to (P0927)")
+        return reply
+
+    def _status(self) -> Exchange[DriveStatus]:
+        memory = self._memory
+        reply: Reply = yield from self._talk.ask()
+        running = profile().says("running", {ONLY: reply.status_word or 0})
+        if memory.watched and memory.word and (running or not profile().lets_run(memory.word)):
+            with suppress(CommandTooOldError):
+                reply = yield from self._talk.command(memory.word, repeated=True)
+        actual, hertz = reply.actual, self._options.hertz
+        percent = None if actual is None else Decimal(100) * actual / profile().full
+        return profile().status(
+            {ONLY: reply.status_word or 0},
+            reverse=actual < 0 if actual else None,
+            actual_percent=percent,
+            actual_hz=None if percent is None or hertz is None else percent * hertz / 100,
+        )
+
+    def _commander(self, direction: int = 0) -> Commander:
+        carrier = UssCarrier(self._talk, direction)
+        return Commander(profile(), carrier, state_timeout_s=self._options.state_timeout_s)
+
+    def _take_over_reference(self) -> Exchange[None]:
+        if self._memory.reference is not None or self._options.pzd_words < 2:
+            return
+        shown = self._options.reference_parameter
+        try:
+            reading = (yield from self._read(self._target(shown, type="U16"))) if shown else None
+        except RefusedError:
+            reading = None
+        if reading is None:
+            raise StateError(
+                "no reference was set from here, and the drive does not show the one that it has from the bus, so it "
+                "would start with 0; set the reference first, while the motor stands: 0 where it comes from elsewhere"
+            )
+        raw = int(reading.raw)
+        self._memory.reference = raw - 0x10000 if raw >= 0x8000 else raw
+
+    def _set_reference(self, steps: int) -> Exchange[None]:
+        memory = self._memory
+        status = (yield from self._talk.ask()).status_word or 0
+        running = profile().says("running", {ONLY: status})
+        if running and not (memory.word or memory.idle):
+            raise StateError("the motor runs by a command that this program did not give; start it from here first")
+        if profile().lets_run(memory.word) and not running:
+            raise StateError("the motor was started and does not run any more; start it anew, or stop it first")
+        before, memory.reference = memory.reference, steps
+        word = memory.word or profile().stops[Stop.RAMP][-1].word
+        if not profile().lets_run(word):
+            memory.command(word)
+        try:
+            yield from self._talk.command(word, repeated=True)
+        except CommandTooOldError:
+            memory.reference = before
+            raise
+
+    def _tell_all(self, how: Stop) -> Exchange[None]:
+        """Send a control word to all drives; the enable array lets only the bits through that stop (Appendix 2-4)."""
+        options = self._options
+        if how not in profile().stops:
+            raise NotSupported(f"these drives cannot stop by {how.value}")
+        word = profile().stops[how][-1].word
+        enable = (3, ~word & 0b111, 0, 0) if options.pkw_words else None
+        words = options.process_words(control_word=word, reference=0)
+        yield Tell(message=Request(broadcast=True, enable=enable, **words))
+
+    def _identify(self) -> Exchange[Mapping[str, str]]:
+        found = {}
+        for name in ("drive_type", "software_version"):
+            address = self._model.quantities.get(name) if self._model else None
+            if address and self._options.pkw_words:
+                with suppress(RefusedError):
+                    found[name] = str((yield from self._read(self._target(address))).value)
+        return found
+
+    def _look_in_mirror(self) -> Exchange[None]:
+        """Have a telegram of the drive's length sent back (A-11).
+
+        The special telegram before it is one that no drive here answers (A-4). If it comes back, so would the other one
+        from any address, by an adapter that echoes.
+        """
+        pkw, pzd = self._options.pkw_words, self._options.pzd_words
+        nothing = bytes(2 * ((4 if pkw == VARIABLE else pkw) + pzd)).hex(" ").upper()
+        yield Tell(message=self._talk.request(special=True, data=""))
+        yield Ask(message=self._talk.request(mirror=True, data=nothing), attempts=1, mirrored=True)
+
+    def _release(self) -> Exchange[None]:
+        self._memory.command(0)
+        yield from ()
+
+    def _target(self, parameter: str, **given: Any) -> Target:
+        return target(parameter, self._model, self._options, **given)
+
+    def _must_answer(self, verb: str, *, words: int = 0) -> None:
+        if self._broadcast:
+            raise NotSupported(f"{verb} needs an answer, and nobody answers a broadcast")
+        self._must_have_words(verb, words)
+
+    def _must_have_words(self, verb: str, least: int) -> None:
+        options = self._options
+        if options.pzd_words < least:
+            raise NotSupported(f"{verb} needs {least} process data words, and this drive has {options.pzd_words}")
+        if self._broadcast and (not options.broadcast or options.pkw_words not in (0, 4, VARIABLE)):
+            raise NotSupported("these drives do not obey a broadcast; stop them one by one")
+
+
+def _nothing(exchange: Exchange[Any]) -> Exchange[None]:
+    yield from exchange
+
+
+def _reading(wanted: Target, reply: Reply) -> Reading:
+    if reply.value is None:
+        raise UnexpectedReplyError(f"the drive answered parameter {wanted.address} with AK {reply.ak} and no value")
+    return reading_of(wanted, reply.value, 32 if reply.ak in (2, 5) else 16)
+
+
+def _steps(percent: Decimal) -> int:
+    """Return the step of PZD2 that is nearest to a percentage. Raises ValueRefusedError beyond its range."""
+    if not -200 <= percent <= 200 or (steps := _nearest(percent)) not in range(-(2**15), 2**15):
+        raise ValueRefusedError("a reference is -200 % to 199.99 % of the reference frequency")
+    return steps
+
+
+def _nearest(percent: Decimal) -> int:
+    return int((percent * profile().full / 100).quantize(Decimal(1), ROUND_HALF_EVEN))

@@ -1,0 +1,70 @@
+"""What differs between USS drives and is therefore configurable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Any, Literal, TypeAlias
+
+from drivecomm.errors import UsageError
+from drivecomm.protocol import exact
+
+Ind: TypeAlias = Literal["page", "masterdrives", "nord", "plain"]
+Hertz: TypeAlias = Decimal | int | float | str
+VARIABLE: Literal[127] = 127
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UssOptions:
+    """Options of a drive that speaks USS; the models set those of their series.
+
+    pkw_words, pzd_words: how many words the parameter area and the process data have, settings of the drive (P2013 and
+    P2012 on MICROMASTER 4, p2023 and p2022 on G120): 0, 3, 4 or 127 for variable, and 0 to 16. No telegram shows them,
+    and a drive does not answer telegrams of another length. ind: how the index word is read: "page" (MICROMASTER 4,
+    G110, V20, G120, S110), "masterdrives", "nord" or "plain". index_base: the index of an array's first element.
+    eeprom_tasks: which tasks keep what they write over power-off, 11 to 14 as the USS specification says, 2 to 8 as
+    NORD has it, or none, where the tables of a series end at 8.
+
+    mirror: the drive sends mirror telegrams back, so that `probe` needs nothing that it evaluates. broadcast: it obeys
+    broadcasts; with a PKW area it then needs 4 words, for the broadcast enable array. reverse_bit: the bit of the
+    control word that reverses, -1 for none. right_bit: the bit that is set for the other direction, where there is one.
+    running_needs_control: a running motor trips when control word bit 10 is 0 (F07220 on G120), so that every telegram
+    repeats the command that holds, also those that only read. reference_parameter: where the drive shows the reference
+    it has from the bus, empty for nowhere. error_family: whose error numbers above 100 are meant.
+    reference_frequency_hz: the frequency of 100 % (P2000 on MICROMASTER 4), for `set_reference(hz=)` and for the output
+    frequency of a status. state_timeout_s: how long a commanded state may take to come. reply_delay_s: of a virtual
+    drive.
+    """
+
+    pkw_words: Literal[0, 3, 4, 127] = VARIABLE
+    pzd_words: int = 2
+    ind: Ind = "page"
+    index_base: Literal[0, 1] = 0
+    eeprom_tasks: Literal["11-14", "2-8", "none"] = "11-14"
+    mirror: bool = True
+    broadcast: bool = True
+    reverse_bit: Literal[-1, 11, 12] = 11
+    right_bit: Literal[-1, 11] = -1
+    running_needs_control: bool = False
+    reference_parameter: str = ""
+    error_family: Literal["siemens", "g120", "nord"] = "siemens"
+    reference_frequency_hz: Hertz | None = None
+    state_timeout_s: float = 2.0
+    reply_delay_s: float = 0.005
+
+    def __post_init__(self) -> None:
+        if self.pzd_words not in range(17):
+            raise UsageError(f"pzd_words is 0 to 16, not {self.pzd_words}")
+        if self.hertz is not None and self.hertz <= 0:
+            raise UsageError(f"reference_frequency_hz {self.reference_frequency_hz} is not above 0")
+
+    @property
+    def hertz(self) -> Decimal | None:
+        """The frequency of 100 %, exactly, None where it is not known."""
+        given = self.reference_frequency_hz
+        return None if given is None else exact(given, "reference_frequency_hz")
+
+    def process_words(self, **words: int) -> dict[str, Any]:
+        """Return these words of the process data, as far as the drive has them, and zeros for its others."""
+        own: dict[str, Any] = dict(list(words.items())[: self.pzd_words])
+        return own | ({"pzd": (0,) * (self.pzd_words - 2)} if self.pzd_words > 2 else {})

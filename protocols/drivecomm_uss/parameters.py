@@ -1,0 +1,169 @@
+"""Parameter addresses and values: what `2000`, `P0700`, `2014[0]` and `output_frequency` mean, and how values look."""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass
+from decimal import Decimal
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
+from drivecomm.protocol import Reading, Value, exact, scaled, unscaled
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import Model, ParameterInfo
+    from drivecomm_uss.messages import Words
+    from drivecomm_uss.options import UssOptions
+
+RANGES = {"U16": range(2**16), "I16": range(-(2**15), 2**15), "U32": range(2**32), "I32": range(-(2**31), 2**31)}
+_TYPES = (*RANGES, "Float")
+PAGE = 2000
+_HIGHEST = {"page": 64 * PAGE, "masterdrives": 2 * PAGE, "nord": 2048, "plain": 2048}
+_ADDRESS = re.compile(r"[PpRr]?(?P<number>\d{1,6})(?:\[(?P<index>\d{1,3})\])?", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """A parameter with what is known about it; index is None for one that is no array and was named without one."""
+
+    number: int
+    index: int | None
+    parameter_set: int
+    type: str
+    info: ParameterInfo | None
+
+    @property
+    def address(self) -> str:
+        """The parameter address as text."""
+        return str(self.number) if self.index is None else f"{self.number}[{self.index}]"
+
+    @property
+    def double(self) -> bool:
+        """Whether the type takes a double word."""
+        return self.type in ("U32", "I32", "Float")
+
+    def place_in(self, options: UssOptions) -> dict[str, Any]:
+        """Return the fields of a telegram that name this parameter."""
+        page, pnu = divmod(self.number, PAGE) if options.ind in ("page", "masterdrives") else (None, self.number)
+        parameter_set = self.parameter_set if options.ind == "nord" else None
+        return {"pnu": pnu, "page": page, "index": self.index or 0, "parameter_set": parameter_set}
+
+    def words_of(self, raw: int, options: UssOptions) -> Words | None:
+        """Return the words of PWE where they are more than the value: of negative words on NORD drives (p. 42)."""
+        negative = self.type == "I16" and raw >= 2**15
+        return (0xFFFF, raw) if negative and options.ind == "nord" and options.pkw_words == 4 else None
+
+
+def target(
+    parameter: str,
+    model: Model | None,
+    options: UssOptions,
+    *,
+    type: str = "",
+    index: int | None = None,
+    parameter_set: int = 1,
+) -> Target:
+    """Return what a parameter address or a name of the model means. Raises ParameterAddressError."""
+    name, opening, rest = parameter.partition("[")
+    known = model.find(name) if model else None
+    match = _ADDRESS.fullmatch((known.address if known else name) + opening + rest)
+    if match is None:
+        raise ParameterAddressError(f"{parameter!r} is no USS parameter address such as 2000, P0700 or 2014[0]")
+    number, written = int(match["number"]), match["index"]
+    if number >= _HIGHEST[options.ind]:
+        raise ParameterAddressError(f"parameter {number} cannot be reached: the highest is {_HIGHEST[options.ind] - 1}")
+    info = known or (model.find(str(number)) if model else None)
+    if written is not None:
+        if index is not None and index != int(written):
+            raise UsageError(f"{parameter} names index {written}, and index={index} another")
+        index = int(written)
+    if index is None and info is not None and "elements" in info.extra:
+        index = options.index_base
+    if index is not None:
+        _must_be("index", index, range(64 if options.ind == "nord" else 255))
+    _must_be("parameter set", parameter_set, range(1, 5 if options.ind == "nord" else 2))
+    chosen = type or (info.type if info else "")
+    if chosen not in ("", *_TYPES):
+        raise UsageError(f"{chosen!r} is no type of USS parameters; they are {', '.join(_TYPES)}")
+    return Target(number=number, index=index, parameter_set=parameter_set, type=chosen, info=info)
+
+
+def _must_be(what: str, given: object, allowed: range) -> None:
+    if type(given) is not int or given not in allowed:
+        raise ParameterAddressError(f"{what} {given!r} does not exist; there are {allowed.start} to {allowed.stop - 1}")
+
+
+def element_addresses(info: ParameterInfo, options: UssOptions) -> tuple[str, ...]:
+    """Return the addresses of a parameter's values: of each element of an array, or the one there is."""
+    count = int(info.extra.get("elements", 0))
+    return tuple(f"{info.address}[{options.index_base + place}]" for place in range(count)) or (info.address,)
+
+
+def reading_of(wanted: Target, raw: int, bits: int) -> Reading:
+    """Return the reading of an unsigned value of so many bits, as AK of the reply says."""
+    info, type_, unit, text = wanted.info, wanted.type, "", ""
+    value: Value = raw
+    if not type_ or wanted.double is not (bits == 32):
+        note = f"the drive answered {type_} with {bits} bits" if type_ else "type not known"
+        note, type_ = f"{note}: this is the unsigned number as sent", ""
+    elif (number := number_of(raw, type_)) is None:
+        note, type_ = "no number: these are the 32 bits as sent", ""
+    elif info is None:
+        value, note = number, "scale not known: this is the number as sent"
+    else:
+        value = number * info.factor if isinstance(number, Decimal) else scaled(number, info.factor)
+        unit, text = info.unit, info.values.get(int(number), "")
+        note = "" if info.sure == "printed" else f"type and unit are {info.sure}"
+    name = info.name if info else ""
+    return Reading(
+        parameter=wanted.address, name=name, raw=raw, value=value, unit=unit, type=type_, text=text, note=note
+    )
+
+
+def number_of(raw: int, type: str) -> int | Decimal | None:
+    """Return what an unsigned number of the wire means, unscaled; None for a float that is no number.
+
+    A float is the shortest decimal that gives the same 32 bits.
+    """
+    if type != "Float":
+        return raw if raw in RANGES[type] else raw - len(RANGES[type])
+    number = struct.unpack(">f", raw.to_bytes(4, "big"))[0]
+    if not isfinite(number):
+        return None
+    texts = (f"{number:.{digits}g}" for digits in range(1, 10))
+    shortest = Decimal(next(text for text in texts if float_bits(float(text)) == raw))
+    whole = shortest == shortest.to_integral_value() and abs(shortest) < 10**9
+    return shortest.quantize(Decimal(1)) if whole else shortest
+
+
+def float_bits(number: float) -> int | None:
+    """Return the bits of the 32-bit float that is nearest to a number, None where there is none."""
+    try:
+        return int.from_bytes(struct.pack(">f", number), "big")
+    except OverflowError:
+        return None
+
+
+def raw_for(wanted: Target, value: Value | float) -> int:
+    """Return the unsigned number that carries a value. Raises ValueRefusedError for one that does not fit."""
+    info, what = wanted.info, f"parameter {wanted.address}"
+    if not wanted.type:
+        raise UsageError(
+            f"the type of {what} is not known, so its value cannot be written; "
+            f"name a model or give type= ({', '.join(_TYPES)})"
+        )
+    number, factor, unit = exact(value, wanted.address), info.factor if info else Decimal(1), info.unit if info else ""
+    if info is not None and not info.allows(number):
+        raise ValueRefusedError(f"{number} for {what} is outside its limits")
+    if wanted.type == "Float":
+        bits = float_bits(float(number / factor))
+        back = None if bits is None else number_of(bits, "Float")
+        if bits is None or back is None or back * factor != number:
+            raise ValueRefusedError(f"{value} for {what} is no 32-bit float; it is not rounded")
+        return bits
+    raw = unscaled(number, factor, wanted.address, unit)
+    if raw not in RANGES[wanted.type]:
+        raise ValueRefusedError(f"{value} for {what} is {raw} on the wire, beyond {wanted.type}")
+    return raw % len(RANGES[wanted.type])

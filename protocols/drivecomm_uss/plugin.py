@@ -1,0 +1,54 @@
+"""What USS gives to drivecomm."""
+
+from __future__ import annotations
+
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm_uss.exchanges import BROADCAST, UssOperations
+from drivecomm_uss.memory import UssMemory
+from drivecomm_uss.options import UssOptions
+from drivecomm_uss.parameters import element_addresses
+from drivecomm_uss.tasks import intent, mismatch
+from drivecomm_uss.telegrams import UssCodec, blind_spots, message_from, titled_forms
+from drivecomm_uss.virtual import VirtualUssDrive
+
+protocol = Protocol(
+    name="uss",
+    title="Siemens USS",
+    package="drivecomm_uss",
+    facts=LineFacts(
+        settings=LineSettings(baudrate=9600, bytesize=8, parity="E", stopbits=1),
+        timing=Timing(
+            reply_timeout_s=0.100,
+            gap_s=0.050,
+            turnaround_s=0.0,
+            turnaround_characters=2,
+            broadcast_pause_s=0.020,
+            late_s=0.25,
+            attempts=5,
+        ),
+    ),
+    facts_source=(
+        "8E1: USS specification 09.94 B-3.2, B-6, MICROMASTER 420 manual p. 101; 9600 baud: B-5, and the "
+        "setting of most drives; a start interval of two characters (A-8); replies come within 20 ms (A-9), 100 ms "
+        "leave room for adapters; five attempts repeat a task until its own reply comes (C-15); gap, "
+        "broadcast pause and late replies are printed nowhere, defaults of drivecomm"
+    ),
+    addresses=range(32),
+    scan_addresses=range(32),
+    default_model="micromaster4",
+    broadcast_address=BROADCAST,
+    options=UssOptions,
+    codec=UssCodec,
+    message=message_from,
+    mismatch=mismatch,
+    operations=UssOperations,
+    memory=UssMemory,
+    virtual=VirtualUssDrive,
+    blind_spots=blind_spots,
+    forms=titled_forms,
+    parameter_examples=("700", "P2000", "r2024", "2014[0]"),
+    intent=intent,
+    ambiguous_with=frozenset({"danfoss-fc"}),
+    parameter_keys=frozenset({"elements", "role"}),
+    element_addresses=element_addresses,
+)

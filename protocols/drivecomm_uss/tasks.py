@@ -1,0 +1,96 @@
+"""Tasks and replies: what they carry, which answers which, and what the error numbers mean; tasks.toml has the tables.
+
+AK 0, the reply to an earlier task and a parameter change report mean "not yet", and the task is repeated until its own
+reply comes (USS specification C-15).
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.protocol import Intent
+from drivecomm_uss.memory import profile
+from drivecomm_uss.messages import Reply, Request
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.protocol import Direction, Message
+
+_TABLES: Mapping[str, Any] = tomllib.loads((Path(__file__).parent / "tasks.toml").read_text(encoding="utf-8"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """What is known of a task or a reply, by the words of tasks.toml."""
+
+    carries: str = ""
+    bits: int = 0
+    array: bool = False
+    report: bool = False
+    reserved: bool = False
+    stored: bool = False
+    access: str = ""
+    answers: list[int] | tuple[()] = ()
+
+
+TASKS: dict[Direction, dict[int, Task]] = {
+    "request": {int(ak): Task(**each) for ak, each in _TABLES["request"].items()},
+    "reply": {int(ak): Task(**each) for ak, each in _TABLES["reply"].items()},
+}
+
+
+def task_that_writes(*, array: bool, double: bool, stored: bool) -> int:
+    """Return the task that writes such a value."""
+    wanted = ("write", array, 32 if double else 16, stored)
+    tasks = TASKS["request"].items()
+    return next(ak for ak, each in tasks if (each.access, each.array, each.bits, each.stored) == wanted)
+
+
+def error_text(code: int, family: str) -> str:
+    """Return the manuals' words for an error number; above 100 they differ between makers."""
+    errors = _TABLES["errors"]
+    return str((errors["all"] | errors[family]).get(str(code), f"unlisted error {code}"))
+
+
+def mismatch(request: Message, reply: Message) -> str:
+    """Name the first field in which a sound reply does not belong to a request; nothing when it belongs."""
+    if not isinstance(request, Request) or not isinstance(reply, Reply):
+        return "kind"
+    if reply.address != request.address:
+        return "address"
+    if reply.kind != request.kind:
+        return "kind"
+    if request.mirror:
+        return "" if reply.data == request.data else "mirror"
+    if request.ak is None or reply.ak is None:
+        return ""
+    if reply.ak in TASKS["reply"] and TASKS["reply"][reply.ak].report:
+        return "report"
+    if request.ak:
+        if not reply.ak:
+            return "pending"
+        if (reply.pnu, reply.page or 0) != (request.pnu, request.page or 0):
+            return "parameter"
+        place = [(each.index or 0, each.parameter_set or 1) for each in (request, reply)]
+        if place[0] != place[1] or reply.text_field not in (None, request.text_field or 1):
+            return "index"
+    return "" if reply.ak in TASKS["request"][request.ak].answers else "ak"
+
+
+def intent(request: Message) -> Intent:
+    """Tell by AK what a request reads or writes, and by bit 10 of its control word whether it commands, too.
+
+    A special telegram is passed over by all drives that know none (A-4, A-11), as those of all models here.
+    """
+    if not isinstance(request, Request) or request.broadcast:
+        return Intent(commands=True)
+    commands = bool(request.control_word) and profile().commands(request.control_word or 0)
+    if not request.ak:
+        return Intent(commands=commands)
+    access = TASKS["request"][request.ak].access
+    reads = access == "read" or (access == "text" and request.text is None and not request.text_write)
+    return Intent(access="read" if reads else "write", commands=commands)

@@ -1,0 +1,187 @@
+"""What master and virtual drive of USS could share as a mistake, by bytes and numbers that manuals print."""
+
+from decimal import Decimal
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import StateError, TelegramError, ValueRefusedError
+from drivecomm.protocol import installed
+from drivecomm.virtual import VirtualLine, virtual_drive
+from drivecomm_uss.tasks import error_text
+
+PLUGIN = installed["uss"]
+
+
+class Talk:
+    """One drive on a line, and the telegrams of the master."""
+
+    def __init__(self, model="micromaster4"):
+        self.requests = []
+        self.virtual = virtual_drive("uss", 3, model=model)
+        self.line = VirtualLine([self.virtual])
+        self.bus = drivecomm.open_bus(self.line.port, trace=self._trace)
+        self.drive = self.bus.drive("uss", 3, model=model)
+
+    def _trace(self, event):
+        if event.what == "sent":
+            self.requests.append(event.message)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.bus.close()
+
+
+@pytest.fixture
+def talk():
+    with Talk() as talk:
+        yield talk
+
+
+def encoded(**fields):
+    return drivecomm.encode("uss", fields, direction="request")
+
+
+@pytest.mark.parametrize(("field", "write"), [(1, True), (2, False)])
+def test_bit_9_is_the_second_text_field_and_bit_8_writes(field, write):
+    """Compendium Motion Control p. 8.1-14."""
+    codec = PLUGIN.codec(PLUGIN.options(ind="masterdrives"))
+    fields = {"address": 1, "ak": 15, "pnu": 7, "index": 0, "page": 0, "text_field": field, "text_write": write}
+    fields |= {"text": "AB"} if write else {}
+    data = codec.encode(PLUGIN.message({**fields, "control_word": 0, "reference": 0}, "request"))
+    assert data[5] == (0x02 if field == 2 else 0) | write
+    found = codec.decode(data, "request")
+    assert (found.text_field, found.text_write) == (field, write)
+
+
+def test_a_text_has_no_room_in_a_fixed_area():
+    codec = PLUGIN.codec(PLUGIN.options(ind="masterdrives", pkw_words=4))
+    fields = {"address": 1, "ak": 15, "pnu": 7, "index": 0, "page": 0, "text_field": 1, "text_write": True}
+    with pytest.raises(TelegramError, match="text"):
+        codec.encode(PLUGIN.message({**fields, "text": "ABCD", "control_word": 0, "reference": 0}, "request"))
+
+
+def test_an_odd_length_is_no_telegram():
+    with pytest.raises(TelegramError):
+        drivecomm.decode("uss", bytes.fromhex("02 0B 01 10 34 00 00 00 00 00 00 00 2C"), direction="request")
+    assert PLUGIN.codec(PLUGIN.options()).measure(bytes.fromhex("02 0B"), "reply") == 0
+
+
+def test_a_float_is_the_shortest_decimal_of_the_same_32_bits(talk):
+    talk.virtual.poke("1082", 0x42480000)
+    assert talk.drive.read("1082").value == 50
+    talk.virtual.poke("1082", 0x3DCCCCCD)
+    assert str(talk.drive.read("1082").value) == "0.1"
+    talk.virtual.poke("1082", 0x3F800001)
+    assert talk.drive.read("1082").value == Decimal("1.0000001")
+
+
+def test_what_no_32_bit_float_holds_is_not_rounded(talk):
+    with pytest.raises(ValueRefusedError, match="not rounded"):
+        talk.drive.write("1082", Decimal("12.3456789012"))
+    assert talk.drive.write("1082", Decimal("12.3")).value == Decimal("12.3")
+
+
+@pytest.mark.parametrize(("task", "answer", "other"), [(7, 4, 5), (12, 4, 5), (8, 5, 4), (11, 5, 4)])
+def test_each_task_for_an_array_has_one_reply(task, answer, other):
+    """USS specification table 4.2."""
+    place = {"address": 1, "pnu": 4, "index": 2, "page": 0, "value": 1}
+    request = PLUGIN.message({**place, "ak": task, "control_word": 0, "reference": 0}, "request")
+    for ak, wanted in ((answer, ""), (other, "ak")):
+        reply = PLUGIN.message({**place, "ak": ak, "status_word": 0, "actual": 0}, "reply")
+        assert PLUGIN.mismatch(request, reply) == wanted
+
+
+def test_elements_are_read_with_their_own_task(talk):
+    talk.drive.read("2014[1]")
+    assert (talk.requests[-1].ak, talk.requests[-1].index) == (6, 1)
+    talk.drive.read("1082")
+    assert talk.requests[-1].ak == 1
+
+
+def test_a_broadcast_lets_only_the_bit_through_that_stops(talk):
+    """USS specification, Appendix 2 to 4; no bit of word b may start a motor."""
+    for how, bit in (("ramp", 0b001), ("coast", 0b011), ("quick", 0b101)):
+        talk.bus.broadcast("uss").stop(drivecomm.Stop(how))
+        request = talk.requests[-1]
+        assert request.enable == (3, bit, 0, 0)
+        assert not request.control_word & bit
+
+
+def test_100_percent_is_4000_hex_and_bit_11_reverses(talk):
+    """NORD p. 46: 50 % is 2000H; V20 p. 112: 0C7F runs backwards."""
+    talk.drive.set_reference(percent=50)
+    assert talk.requests[-1].reference == 0x2000
+    talk.drive.start(reverse=True)
+    assert talk.requests[-2].control_word == 0x0C7F
+
+
+def test_a_drive_with_a_fault_is_not_started(talk):
+    talk.drive.set_reference(percent=50)
+    talk.virtual.trip(70, talk.line.time)
+    with pytest.raises(StateError, match="has a fault"):
+        talk.drive.start()
+    assert all(not request.control_word & 1 for request in talk.requests)
+
+
+def test_the_virtual_drive_keeps_the_process_data_without_bit_10(talk):
+    talk.drive.set_reference(percent=50)
+    talk.drive.start()
+    talk.line.advance(20)
+    talk.drive.call("control_word", word=0x007E)
+    talk.line.advance(5)
+    assert talk.virtual.motor.running
+
+
+def test_the_virtual_drive_starts_by_an_edge_only(talk):
+    talk.drive.call("control_word", word=0x047F)
+    talk.drive.call("control_word", word=0x047F)
+    assert not talk.virtual.motor.running
+    talk.drive.call("control_word", word=0x047E)
+    talk.drive.call("control_word", word=0x047F)
+    assert talk.virtual.motor.running
+    talk.virtual.trip(70, talk.line.time)
+    talk.drive.call("control_word", word=0x04FF)
+    talk.drive.call("control_word", word=0x047F)
+    assert not talk.virtual.motor.running
+
+
+def test_each_family_has_its_own_error_numbers():
+    """CU09 p. 158, G120C p. 220, BU 0050."""
+    assert error_text(201, "siemens") == "below the present limit"
+    assert error_text(201, "nord") == "invalid order label"
+    assert error_text(0x87, "g120") == "know-how protection"
+    assert error_text(0x87, "siemens") == "unlisted error 135"
+
+
+def test_a_start_on_a_running_motor_does_not_stop_it_for_a_moment(talk):
+    talk.drive.set_reference(percent=50)
+    talk.drive.start()
+    talk.line.advance(20)
+    before = len(talk.requests)
+    talk.drive.start()
+    assert [request.control_word for request in talk.requests[before:]] == [0, 0x047F]
+
+
+def test_a_start_in_a_quick_stop_waits_until_the_drive_is_ready(talk):
+    talk.drive.set_reference(percent=50)
+    talk.drive.start()
+    talk.line.advance(20)
+    talk.drive.stop(drivecomm.Stop.QUICK)
+    assert talk.drive.status().state is drivecomm.DriveState.STOPPING
+    before = len(talk.requests)
+    talk.drive.start()
+    assert 0x047E in [request.control_word for request in talk.requests[before:]]
+    talk.line.advance(20)
+    assert talk.virtual.motor.running
+
+
+def test_negative_words_of_nord_drives_have_a_high_word_of_ones():
+    """BU 0050 p. 42."""
+    with Talk("nord") as talk:
+        assert talk.drive.write("400", -100).value == -100
+        assert talk.requests[-1].pwe == (0xFFFF, 0xFF9C)
+        talk.drive.write("400", 100)
+        assert talk.requests[-1].pwe is None
