@@ -75,7 +75,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: bytes | None = None) -
         for find in framer.flush() if quiet else framer.feed(came):
             if isinstance(find, Framed):
                 in_place = in_place_of_echo(find.data, place, echo.excused)
-                # Of a request that is sent back, the second copy is the reply, and the first one only where no echo comes.
+                # Of a request that is sent back, the first copy is the reply only where no echo comes.
                 echoes = line.echoes or not echo.is_over or (line.told and line.told in first)
                 sent_back = ask.mirrored and (handed_back or not echoes)
                 is_echo = in_place or (find.data == data and not sent_back)

@@ -37,9 +37,9 @@ class Ask:
     more when its own reply can be believed.
     command: whether the request carries a command from which the drive's watchdog counts: a "new" one, or one that is
     "repeated", which is not sent when it is older than that watchdog waits; CommandTooOldError is thrown in instead.
-    reply_timeout_s: None for the drive's own. mirrored: the reply is the request itself, byte for byte, which an echo is,
-    too; so it is believed only behind an echo, or where nothing that was sent through this port has come back: a `Tell`
-    before it that nobody answers shows that.
+    reply_timeout_s: None for the drive's own. mirrored: the reply is the request itself, byte for byte, which an echo
+    is, too; so it is believed only behind an echo, or where nothing that was sent through this port has come back: a
+    `Tell` before it that nobody answers shows that.
     """
 
     message: Message

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm_modbus.addresses import address_space
 from drivecomm_modbus.codec import ModbusCodec, blind_spots, intent, message_from, mismatch
 from drivecomm_modbus.control import KEYS
 from drivecomm_modbus.exchanges import ModbusOperations
@@ -48,4 +49,5 @@ protocol = Protocol(
     intent=intent,
     parameter_keys=frozenset({"word_order", "characters"}),
     control_keys=KEYS,
+    address_space=address_space,
 )

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 RANGES = {"U16": range(2**16), "I16": range(-(2**15), 2**15), "U32": range(2**32), "I32": range(-(2**31), 2**31)}
 _TYPES = (*RANGES, "Float")
 PAGE = 2000
-_HIGHEST = {"page": 64 * PAGE, "masterdrives": 2 * PAGE, "nord": 2048, "plain": 2048}
+HIGHEST = {"page": 64 * PAGE, "masterdrives": 2 * PAGE, "nord": 2048, "plain": 2048}
 _ADDRESS = re.compile(r"[PpRr]?(?P<number>\d{1,6})(?:\[(?P<index>\d{1,3})\])?", re.ASCII)
 
 
@@ -72,8 +72,8 @@ def target(
     if match is None:
         raise ParameterAddressError(f"{parameter!r} is no USS parameter address such as 2000, P0700 or 2014[0]")
     number, written = int(match["number"]), match["index"]
-    if number >= _HIGHEST[options.ind]:
-        raise ParameterAddressError(f"parameter {number} cannot be reached: the highest is {_HIGHEST[options.ind] - 1}")
+    if number >= HIGHEST[options.ind]:
+        raise ParameterAddressError(f"parameter {number} cannot be reached: the highest is {HIGHEST[options.ind] - 1}")
     info = known or (model.find(str(number)) if model else None)
     if written is not None:
         if index is not None and index != int(written):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm_uss.addresses import address_space
 from drivecomm_uss.exchanges import BROADCAST, UssOperations
 from drivecomm_uss.memory import UssMemory
 from drivecomm_uss.options import UssOptions
@@ -51,4 +52,5 @@ protocol = Protocol(
     ambiguous_with=frozenset({"danfoss-fc"}),
     parameter_keys=frozenset({"elements", "role"}),
     element_addresses=element_addresses,
+    address_space=address_space,
 )
