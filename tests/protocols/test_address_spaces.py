@@ -53,7 +53,9 @@ def test_every_address_can_be_asked_for_and_the_models_are_within(protocol, mode
     keys = {operations.address_of(address).partition("[")[0] for address in space.addresses()}
     for address in islice(space.addresses(), 0, None, 37):
         operations.read(address)
-    outside = [each for each in known.parameters if operations.address_of(each).partition("[")[0] not in keys]
+    # A part of a register comes with the register; coils and inputs are asked for where a model names them.
+    whole = [each for each in known.parameters if "." not in each and each[0] not in "cdi"]
+    outside = [each for each in whole if operations.address_of(each).partition("[")[0] not in keys]
     assert outside == []
     assert space.source
     assert space.absent
