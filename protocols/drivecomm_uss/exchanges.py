@@ -34,6 +34,11 @@ if TYPE_CHECKING:
 BROADCAST = 32
 
 
+_TO_ALL = {Stop.RAMP: 0x043E, Stop.COAST: 0x0404, Stop.QUICK: 0x042A}
+"""Stops of all drives. Danfoss drives whose addresses are 1 to 31 hear them, too, and the words that stop one USS drive
+have bits 3 to 6, which start a motor by the FC profile."""
+
+
 class UssOperations:
     """The verbs of one drive, or of all drives at address 32.
 
@@ -250,7 +255,7 @@ class UssOperations:
         options = self._options
         if how not in profile().stops:
             raise NotSupported(f"these drives cannot stop by {how.value}")
-        word = profile().stops[how][-1].word
+        word = _TO_ALL[how]
         enable = (3, ~word & 0b111, 0, 0) if options.pkw_words else None
         words = options.process_words(control_word=word, reference=0)
         yield Tell(message=Request(broadcast=True, enable=enable, **words))
