@@ -6,8 +6,9 @@ import drivecomm
 from drivecomm.capture import Capture, Provenance
 from drivecomm.virtual import VirtualLine, virtual_drive
 
-ADDRESSES = {"vabus": 1, "danfoss-fc": 3, "vlt3500": 5, "fuji": 7, "uss": 9}
-READS = {"vabus": "481", "danfoss-fc": "16-30", "vlt3500": "215", "fuji": "M21", "uss": "1082"}
+ADDRESSES = {"vabus": 1, "danfoss-fc": 3, "vlt3500": 5, "fuji": 7}
+"""No USS, whose telegrams are sound ones of Danfoss FC, too: who listens has to name one of both."""
+READS = {"vabus": "481", "danfoss-fc": "16-30", "vlt3500": "215", "fuji": "M21"}
 
 
 class Recorded(list):

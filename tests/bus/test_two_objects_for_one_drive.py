@@ -134,6 +134,11 @@ def test_awaited_a_stop_that_is_written_as_a_parameter_is_not_undone():
 
 def test_a_second_program_starts_with_the_reference_that_is_set(line):
     protocol, virtual = line
+    if protocol == "uss":
+        # No page says which parameter shows the reference from the bus, so that nothing is started with a guess.
+        with drivecomm.open_bus(virtual.port) as bus, pytest.raises(StateError, match="no reference was set"):
+            bus.drive(protocol, 3).start()
+        return
     with drivecomm.open_bus(virtual.port) as bus:
         percent = protocol in PERCENT
         bus.drive(protocol, 3, model=installed[protocol].default_model).set_reference(
@@ -146,7 +151,7 @@ def test_a_second_program_starts_with_the_reference_that_is_set(line):
         assert virtual.drives[0].motor.output_hz == pytest.approx(25, abs=0.1)
     with drivecomm.open_bus(virtual.port) as bus:
         third = bus.drive(protocol, 3, model=installed[protocol].default_model)
-        if protocol in ("danfoss-fc", "uss"):
+        if protocol == "danfoss-fc":
             # Its reference goes out with a control word, and no word is sent that was not commanded by who sends it.
             with pytest.raises(StateError, match="did not give"):
                 third.set_reference(percent=20)

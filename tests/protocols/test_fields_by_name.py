@@ -28,12 +28,16 @@ def examples():
 
 
 EXAMPLES = examples()
+TELLS_THE_KIND = {("modbus", "exception")}
+"""Without it they are the fields of another telegram, in which others are missing."""
 
 
 @pytest.mark.parametrize(("protocol", "direction", "fields", "options"), EXAMPLES.values(), ids=map(str, EXAMPLES))
 def test_each_field_that_is_missing_is_named(protocol, direction, fields, options):
     assert encode(protocol, fields, direction=direction, **options)
     for name in fields:
+        if (protocol, name) in TELLS_THE_KIND:
+            continue
         rest = {key: value for key, value in fields.items() if key != name}
         try:
             encode(protocol, rest, direction=direction, **options)

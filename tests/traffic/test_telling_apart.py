@@ -33,7 +33,7 @@ def test_all_protocols_on_one_line(program):
     assert b"".join(piece.data for piece in told.pieces) == b"".join(piece.data for piece in capture.pieces)
 
 
-@pytest.mark.parametrize("name", ["vabus", "danfoss-fc", "vlt3500", "fuji"])
+@pytest.mark.parametrize("name", ["vabus", "danfoss-fc", "vlt3500", "fuji", "uss"])
 def test_one_protocol_alone(name):
     def work(bus):
         drive = bus.drive(name, 1)
