@@ -46,7 +46,8 @@ _log = logging.getLogger("drivecomm.server")
 _TURN_S = 0.001
 
 _ROOMS = (
-    *("bus", "capture", "client", "commissioning", "commissioning.doctor", "commissioning.parameter_sets", "link"),
+    *("bus", "capture", "client", "commissioning", "commissioning.doctor", "commissioning.exploring"),
+    *("commissioning.parameter_sets", "link"),
     *("models", "plant", "plant.value_log", "plant.value_plots", "plant.watching", "polling", "profiles", "protocol"),
     *("protocol.schema", "server.alarms", "server.history", "server.http", "transport", "virtual"),
 )

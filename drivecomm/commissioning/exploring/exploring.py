@@ -49,6 +49,7 @@ class Step:
 
 
 Progress: TypeAlias = "Callable[[Step], None]"
+"""Hears of each step of an exploration."""
 
 Asks: TypeAlias = "Callable[[str], Callable[[Any], Any]]"
 """Makes the step that asks for an address; what it results in is what the drive told."""
