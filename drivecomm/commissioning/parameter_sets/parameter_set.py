@@ -25,6 +25,7 @@ PARTS: tuple[Part, ...] = ("settings", "communication", "measured", "unknown")
 
 SETTINGS: tuple[Part, ...] = ("settings",)
 WRITABLE: tuple[Part, ...] = ("settings", "communication")
+"""The parts of a set that can be written back to a drive."""
 
 _DIGITS = re.compile(r"(\d+)")
 
