@@ -53,7 +53,10 @@ _ROOMS = (
 )
 """What threads of a server load parts of, the first time that somebody asks for it."""
 
-_OPEN_S = 5.0
+_OF_HTTP_DOORS = ("application", "asked", "callers", "guard", "metrics", "serving", "stream")
+"""Loaded before lines are polled: their threads would take long for it beside them, and one of them is always there."""
+
+_OPEN_S = 20.0
 """How long doors may take to open before the server says that it is ready without them."""
 
 
@@ -108,6 +111,8 @@ class Serving:
         Raises UsageError where another server has the plant, OSError for files that cannot be written.
         """
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
+        for module in _OF_HTTP_DOORS:
+            import_module(f"drivecomm.server.http.{module}")
         # A thread that computes, such as one that writes metrics, lets the lines and the streams go on sooner.
         sys.setswitchinterval(_TURN_S)
         async with AsyncExitStack() as stack:
