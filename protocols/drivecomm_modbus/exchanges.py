@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, RefusedError, ReplyError
 from drivecomm.profiles import Commander, Place, blocks_of, check_needs, span_of
-from drivecomm.protocol import Ask, Capabilities, Stop
+from drivecomm.protocol import Ask, Capabilities, Stop, kept
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.control import control_of
 from drivecomm_modbus.conversation import Conversation
 from drivecomm_modbus.messages import Request
-from drivecomm_modbus.parameters import target
+from drivecomm_modbus.parameters import by_place, target
 from drivecomm_modbus.telegrams import BROADCAST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.profiles import Target
-    from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Value
+    from drivecomm.protocol import DriveStatus, Exchange, Model, ParameterInfo, Reading, Value
     from drivecomm_modbus.options import ModbusOptions
 
 _OBJECTS = {0: "vendor", 1: "product", 2: "software"}
@@ -30,6 +31,7 @@ class ModbusOperations:
     def __init__(self, address: int, options: ModbusOptions, model: Model | None) -> None:
         self.extra: Mapping[str, Callable[..., Exchange[Any]]] = {}
         self._address, self._options, self._model = address, options, model
+        self._known = kept(self._target)
         control = self._control = control_of(model, options)
         self._drive = Conversation(address, options, control, model)
         self._commander = Commander(
@@ -53,7 +55,7 @@ class ModbusOperations:
 
     def read(self, parameter: str, *, type: str = "") -> Exchange[Reading]:
         """Read a parameter. type: u16, s16, u32, s32, f32 instead of what the model says."""
-        wanted = target(parameter, self._model, self._options, type)
+        wanted = self._known(parameter, type)
         return self._reading(wanted)
 
     def _reading(self, wanted: Target) -> Exchange[Reading]:
@@ -61,24 +63,24 @@ class ModbusOperations:
 
     def blocks(self, parameters: Sequence[str]) -> list[list[int]]:
         """Return which of these parameters one telegram reads: neighbours, as many as the drive allows."""
-        wanted = [target(each, self._model, self._options) for each in parameters]
+        wanted = [self._known(each) for each in parameters]
         return blocks_of(wanted, most=self._options.max_registers, bridged=self._options.bridged_registers)
 
     def read_many(self, parameters: Sequence[str]) -> Exchange[list[Reading]]:
         """Read parameters that are near each other by one telegram; their refusal is of all of them."""
-        wanted = [target(each, self._model, self._options) for each in parameters]
+        wanted = [self._known(each) for each in parameters]
         first, count = span_of(wanted)
         words = yield from self._drive.words(first, count, f"{wanted[0].address} to {wanted[-1].address}")
         return [each.reading(each.raw_in(words, first)) for each in wanted]
 
     def write(self, parameter: str, value: Value | float, *, store: bool = False, type: str = "") -> Exchange[None]:
         """Write a parameter; the drive only confirms it."""
-        wanted = target(parameter, self._model, self._options, type)
+        wanted = self._known(parameter, type)
         return self._write(wanted, wanted.raw_for(value), store=store)
 
     def address_of(self, parameter: str, **options: Any) -> str:
         """Return the address as the model writes it, in decimal without one."""
-        return target(parameter, self._model, self._options, options.get("type", "")).address
+        return self._target(parameter, options.get("type", "")).address
 
     def status(self) -> Exchange[DriveStatus]:
         """Read the status registers; that commands nothing."""
@@ -180,8 +182,15 @@ class ModbusOperations:
     def _set_reference(self, address: str, value: Value | float, unit: str, *, rounded: bool) -> Exchange[None]:
         if not address:
             raise NotSupported(f"this drive takes no reference in {unit} over Modbus, as far as its model says")
-        wanted = target(address, self._model, self._options)
+        wanted = self._known(address)
         return self._write(wanted, wanted.raw_for(value, rounded=rounded), store=False)
+
+    @cached_property
+    def _places(self) -> Mapping[Place, ParameterInfo]:
+        return by_place(self._model, self._options)
+
+    def _target(self, parameter: str, type: str = "") -> Target:
+        return target(parameter, self._model, self._options, type, places=self._places)
 
     def _must_have(self, command: str, steps: object) -> None:
         if self._model is None:

@@ -14,7 +14,9 @@ from drivecomm.profiles import Place, Target
 from drivecomm.protocol import WORD_TYPES, WordFormat
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Model
+    from collections.abc import Mapping
+
+    from drivecomm.protocol import Model, ParameterInfo
     from drivecomm_modbus.options import ModbusOptions
 
 _ADDRESS = re.compile(r"([icd]?)(0x[0-9A-Fa-f]{1,6}|[0-9]{1,7})(?:\.(low|high|[0-9]|1[0-5]))?", re.ASCII)
@@ -35,13 +37,31 @@ def place_of(address: str, options: ModbusOptions) -> Place:
     return Place(found[1], start, found[3] or "")
 
 
-def target(parameter: str, model: Model | None, options: ModbusOptions, type: str = "") -> Target:
-    """Return what is to be read or written. type: instead of the model's. Raises ParameterAddressError."""
+def by_place(model: Model | None, options: ModbusOptions) -> Mapping[Place, ParameterInfo]:
+    """Return the parameters of a model by where they are: the same register may be written as 8448 and as 0x2100."""
+    infos = [] if model is None else model.parameters.values()
+    found: dict[Place, ParameterInfo] = {}
+    for info in infos:
+        found.setdefault(place_of(info.address, options), info)
+    return found
+
+
+def target(
+    parameter: str,
+    model: Model | None,
+    options: ModbusOptions,
+    type: str = "",
+    *,
+    places: Mapping[Place, ParameterInfo] | None = None,
+) -> Target:
+    """Return what is to be read or written. Raises ParameterAddressError.
+
+    type: instead of the model's. places: the model's parameters `by_place`, for who asks often.
+    """
     info = model.find(parameter) if model is not None else None
     place = place_of(info.address if info else parameter, options)
-    if info is None and model is not None:
-        # The same register may be written in another way: 8448 is 0x2100.
-        info = next((each for each in model.parameters.values() if place_of(each.address, options) == place), None)
+    if info is None:
+        info = (by_place(model, options) if places is None else places).get(place)
     kind = type or (info.type if info else "")
     if kind and kind not in WORD_TYPES:
         raise UsageError(f"{kind!r} is no type of a Modbus parameter; types are {', '.join(WORD_TYPES)}")

@@ -4,6 +4,7 @@ from itertools import islice
 
 import pytest
 
+import drivecomm_modbus.parameters as modbus_parameters
 from drivecomm.models import load_model, model_names
 from drivecomm.protocol import installed, resolve_options
 
@@ -86,3 +87,16 @@ def test_an_array_of_a_danfoss_drive_may_have_more_elements_than_the_plain_addre
     for code in (None, 3):
         found = space_of("danfoss-fc").elements("3-10", code)
         assert (found.runs[0][0], found.runs[0][-1], found.beyond) == ("3-10[1]", "3-10[254]", "3-10[255]")
+
+
+def test_no_address_of_a_modbus_drive_is_looked_for_in_the_whole_model(monkeypatch):
+    looked, place_of = [], modbus_parameters.place_of
+    monkeypatch.setattr(modbus_parameters, "place_of", lambda *given: looked.append(given) or place_of(*given))
+    known = load_model("drivecomm_modbus", "modbus", "danfoss-fc")
+    plugin = installed["modbus"]
+    operations = plugin.operations(1, resolve_options(plugin, known, {})[1], known)
+    assert operations.address_of("0x3F02") == "16130"
+    looked.clear()
+    for address in range(1, 1001):
+        operations.address_of(str(address))
+    assert len(looked) == 1000
