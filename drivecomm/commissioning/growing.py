@@ -11,7 +11,8 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivecomm.commissioning.exploring import chosen_course, course, read, without_elements
+from drivecomm.bus import read_parameter
+from drivecomm.commissioning.exploring import chosen_course, course, without_elements
 from drivecomm.errors import DamagedReplyError, NotSupported, RefusedError, UnexpectedReplyError, UsageError
 from drivecomm.models import parameter_at
 from drivecomm.protocol import Model, ParameterInfo, Reading, resolve_options
@@ -87,7 +88,7 @@ def asking(plugin: Protocol, model: Model | None, options: Mapping[str, Any]) ->
             f"{plugin.name} drives do not describe their parameters, so there are no options of describe; leave "
             f"{', '.join(options)} out"
         )
-    return read
+    return read_parameter
 
 
 def parameters_of(answers: Iterable[Answer], plugin: Protocol, base: Model | None, drive: str) -> list[ParameterInfo]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 from drivecomm import profiles
 from drivecomm.errors import CommandTooOldError, NotSupported
-from drivecomm.protocol import Ask
+from drivecomm.protocol import Ask, kept
 from drivecomm_uss.memory import profile
 from drivecomm_uss.messages import Request
 
@@ -19,16 +19,13 @@ if TYPE_CHECKING:
     from drivecomm_uss.messages import Reply
     from drivecomm_uss.options import UssOptions
 
-# A poll plan asks for the same parameters again and again; more of them than this are not kept in mind.
-_KEPT = 512
-
 
 class Conversation:
     """Speaks with one drive."""
 
     def __init__(self, address: int, options: UssOptions, memory: UssMemory) -> None:
         self.memory = memory
-        self.request = lru_cache(_KEPT, typed=True)(partial(Request, address=address))
+        self.request = kept(partial(Request, address=address))
         self._options = options
 
     def ask(self, *, acts: bool = False, attempts: int | None = None, **task: Any) -> Exchange[Reply]:

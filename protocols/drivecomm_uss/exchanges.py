@@ -15,7 +15,7 @@ from drivecomm.errors import (
     ValueRefusedError,
 )
 from drivecomm.profiles import ONLY, Commander
-from drivecomm.protocol import Ask, Capabilities, DriveStatus, Stop, Tell, exact
+from drivecomm.protocol import Ask, Capabilities, DriveStatus, Stop, Tell, exact, needs_answer
 from drivecomm_uss.conversation import Conversation, UssCarrier
 from drivecomm_uss.memory import UssMemory, profile
 from drivecomm_uss.messages import Request
@@ -46,7 +46,7 @@ class UssOperations:
     """
 
     def __init__(self, address: int, options: UssOptions, model: Model | None, memory: UssMemory | None = None) -> None:
-        self._broadcast = address == BROADCAST
+        self.answers = address != BROADCAST
         self._options = options
         self._model = model
         self._memory = memory or UssMemory()
@@ -71,13 +71,14 @@ class UssOperations:
             broadcast=options.broadcast,
         )
 
+    @needs_answer
     def read(
         self, parameter: str, *, type: str = "", index: int | None = None, parameter_set: int = 1
     ) -> Exchange[Reading]:
         """Read a parameter. type: U16, I16, U32, I32 or Float. index: of an array. parameter_set: of a NORD drive."""
-        self._must_answer("read")
         return self._read(self._target(parameter, type=type, index=index, parameter_set=parameter_set))
 
+    @needs_answer
     def write(
         self,
         parameter: str,
@@ -92,7 +93,6 @@ class UssOperations:
 
         type, index, parameter_set: as of `read`. EEPROM cells wear: never store in a cycle.
         """
-        self._must_answer("write")
         wanted = self._target(parameter, type=type, index=index, parameter_set=parameter_set)
         kept = self._options.eeprom_tasks
         if store and kept == "none":
@@ -107,14 +107,16 @@ class UssOperations:
         wanted = self._target(parameter, index=index, parameter_set=parameter_set)
         return wanted.address if parameter_set == 1 else f"P{parameter_set}:{wanted.address}"
 
+    @needs_answer
     def status(self) -> Exchange[DriveStatus]:
         """Read status word and actual value; where a telegram off time is on, what was commanded is repeated."""
-        self._must_answer("status", words=1)
+        self._must_have_words("status", 1)
         return self._status()
 
+    @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
         """Start the motor; the reference is the one that was set, or the one the drive shows."""
-        self._must_answer("start", words=1)
+        self._must_have_words("start", 1)
         if reverse and self._options.reverse_bit < 0:
             raise NotSupported("no bit of this series' control word reverses")
         bit = self._options.reverse_bit if reverse else self._options.right_bit
@@ -123,21 +125,24 @@ class UssOperations:
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop with OFF1 (ramp), OFF2 (coast) or OFF3 (quick)."""
         self._must_have_words("stop", 1)
-        return self._tell_all(how) if self._broadcast else self._commander().stop(how)
+        return self._commander().stop(how) if self.answers else self._tell_all(how)
 
+    @needs_answer
     def reset(self) -> Exchange[None]:
         """Acknowledge a fault by one edge; a drive without one is left alone."""
-        self._must_answer("reset", words=1)
+        self._must_have_words("reset", 1)
         return self._commander().reset()
 
+    @needs_answer
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
         """Set the main setpoint, -200 % to 199.99 %, to the nearest step of 0.0061 %."""
-        self._must_answer("set_reference", words=2)
+        self._must_have_words("set_reference", 2)
         return self._set_reference(_steps(exact(percent, "reference")))
 
+    @needs_answer
     def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
         """Set the main setpoint as a frequency, by the frequency of 100 % that the options give."""
-        self._must_answer("set_reference", words=2)
+        self._must_have_words("set_reference", 2)
         if self._options.hertz is None:
             raise NotSupported(
                 "the telegram carries a percentage; give the frequency of 100 % (P2000), such as "
@@ -146,19 +151,20 @@ class UssOperations:
             )
         return self._set_reference(_steps(exact(hz, "reference") * 100 / self._options.hertz))
 
+    @needs_answer
     def probe(self) -> Exchange[None]:
         """Ask once for a telegram back that the drive does not evaluate; where it knows none, for nothing (AK 0)."""
-        self._must_answer("probe")
         return self._look_in_mirror() if self._options.mirror else _nothing(self._talk.ask(attempts=1))
 
+    @needs_answer
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read those parameters of the model that say what the drive is."""
-        self._must_answer("identify")
         return self._identify()
 
+    @needs_answer
     def control_word(self, word: int) -> Exchange[None]:
         """Send this control word once, with the reference that is set."""
-        self._must_answer("control_word", words=1)
+        self._must_have_words("control_word", 1)
         if type(word) is not int or word not in range(0x10000):
             raise ValueRefusedError(f"control word {word!r} does not exist; they are 0 to 65535")
         return _nothing(self._talk.command(word, attempts=1, urgent=not profile().lets_run(word)))
@@ -287,16 +293,11 @@ class UssOperations:
     def _target(self, parameter: str, **given: Any) -> Target:
         return target(parameter, self._model, self._options, **given)
 
-    def _must_answer(self, verb: str, *, words: int = 0) -> None:
-        if self._broadcast:
-            raise NotSupported(f"{verb} needs an answer, and nobody answers a broadcast")
-        self._must_have_words(verb, words)
-
     def _must_have_words(self, verb: str, least: int) -> None:
         options = self._options
         if options.pzd_words < least:
             raise NotSupported(f"{verb} needs {least} process data words, and this drive has {options.pzd_words}")
-        if self._broadcast and (not options.broadcast or options.pkw_words not in (0, 4, VARIABLE)):
+        if not self.answers and (not options.broadcast or options.pkw_words not in (0, 4, VARIABLE)):
             raise NotSupported("these drives do not obey a broadcast; stop them one by one")
 
 

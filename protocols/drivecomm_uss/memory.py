@@ -45,10 +45,10 @@ class UssMemory:
 
         A reply does not yet show the reaction to the command of its request (NORD p. 37).
         """
-        word, seen = self.word or self.idle, {profiles.ONLY: status}
+        word = self.word or self.idle
         if not word:
             return
-        runs = profile().lets_run(word)
+        runs, seen = profile().lets_run(word), {profiles.ONLY: status}
         if runs and profile().says("fault", seen):
             self.command(0)
         elif profile().says("running", seen) is runs:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError
 from drivecomm.profiles import ProfileMachine
-from drivecomm.protocol import Framed, LineSettings, Motor, VirtualReply
+from drivecomm.protocol import Framed, LineSettings, Motor, Refusal, VirtualReply
 from drivecomm_uss.memory import profile
 from drivecomm_uss.messages import Reply, Request
 from drivecomm_uss.parameters import PAGE, RANGES, Target, float_bits, number_of, target
@@ -18,6 +18,8 @@ from drivecomm_uss.tasks import TASKS
 from drivecomm_uss.telegrams import UssCodec
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from drivecomm.protocol import Damaged, Model, ParameterInfo
     from drivecomm_uss.options import UssOptions
     from drivecomm_uss.tasks import Task
@@ -56,6 +58,15 @@ class VirtualUssDrive:
         }
         self._ram = dict(self._eeprom)
         self._poked: set[int] = set()
+        motor = self.motor
+        self._measured: dict[str, Callable[[], float]] = {
+            "output_hz": lambda: abs(motor.output_hz),
+            "current": lambda: motor.current_a,
+            "voltage": lambda: motor.voltage_v,
+            "dc_link": lambda: motor.dc_link_v,
+            "status_word": self._status_word,
+            "fault": lambda: motor.fault,
+        }
         self._ram_set("address", address)
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
@@ -160,7 +171,7 @@ class VirtualUssDrive:
         place = {name: getattr(message, name) for name in ("pnu", "page", "index", "parameter_set")}
         try:
             return {**place, **self._task(message)}
-        except _Refusal as refusal:
+        except Refusal as refusal:
             return {**place, "ak": 7, "error": refusal.code}
 
     def _task(self, message: Request) -> dict[str, Any]:
@@ -168,19 +179,19 @@ class VirtualUssDrive:
         number = (message.pnu or 0) + PAGE * (message.page or 0)
         info = self._infos.get(number)
         if info is None:
-            raise _Refusal(NO_NUMBER)
+            raise Refusal(NO_NUMBER)
         if ak == 9:
             return {"ak": 6, "value": len(self._places(info))}
         task = TASKS["request"][ak]
         if not (ak in (1, 6) or task.bits) or (task.stored and self._options.eeprom_tasks == "none"):
-            raise _Refusal(NO_TASK)
+            raise Refusal(NO_TASK)
         if task.array and "elements" not in info.extra and self._options.ind != "page":
-            raise _Refusal(NO_ARRAY)
+            raise Refusal(NO_ARRAY)
         if index not in self._places(info):
-            raise _Refusal(NO_INDEX)
+            raise Refusal(NO_INDEX)
         wanted = _as_target(info)
         if wanted.double and self._options.pkw_words == 3:
-            raise _Refusal(NO_ROOM)
+            raise Refusal(NO_ROOM)
         if task.bits:
             self._write(info, (number, index), task, message.value or 0)
         value = self._held(number, index)
@@ -189,29 +200,22 @@ class VirtualUssDrive:
 
     def _write(self, info: ParameterInfo, place: tuple[int, int], task: Task, value: int) -> None:
         if _as_target(info).double is not (task.bits == 32):
-            raise _Refusal(WRONG_TYPE)
+            raise Refusal(WRONG_TYPE)
         if info.access == "r":
-            raise _Refusal(READ_ONLY)
+            raise Refusal(READ_ONLY)
         if info.access == "rw*" and self.motor.running:
-            raise _Refusal(WHILE_RUNNING)
+            raise Refusal(WHILE_RUNNING)
         number = number_of(value, info.type)
         if number is None or not info.allows(number * info.factor):
-            raise _Refusal(LIMIT)
+            raise Refusal(LIMIT)
         self._ram[place] = value
         if self._options.eeprom_tasks == ("11-14" if task.stored else "2-8"):
             self._eeprom[place] = value
 
     def _held(self, number: int, index: int) -> int:
-        info, motor = self._infos[number], self.motor
-        measured = {
-            "output_hz": abs(motor.output_hz),
-            "current": motor.current_a,
-            "voltage": motor.voltage_v,
-            "dc_link": motor.dc_link_v,
-            "status_word": self._status_word(),
-            "fault": motor.fault,
-        }.get(str(info.extra.get("role", "")))
-        return self._ram[number, index] if measured is None or number in self._poked else _raw(info, measured)
+        info = self._infos[number]
+        measure = self._measured.get(str(info.extra.get("role", "")))
+        return self._ram[number, index] if measure is None or number in self._poked else _raw(info, measure())
 
     def _places(self, info: ParameterInfo) -> range:
         base = self._options.index_base
@@ -246,11 +250,3 @@ def _raw(info: ParameterInfo, value: Any) -> int:
     """Return the unsigned number that is nearest to a physical value."""
     number = float(value) / float(info.factor)
     return float_bits(number) or 0 if info.type == "Float" else round(number) % len(RANGES[info.type])
-
-
-class _Refusal(Exception):  # noqa: N818 - an answer of the drive, not an error of the program
-    """The drive refuses with AK 7 and this error number."""
-
-    def __init__(self, code: int) -> None:
-        self.code = code
-        super().__init__(f"error {code}")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import drivecomm
-from drivecomm.bus import carry_out
+from drivecomm.bus import carry_out, read_parameter
 from drivecomm.commissioning import asking, way_to_grow
 from drivecomm.commissioning.exploring import (
     Forgetful,
@@ -20,7 +20,6 @@ from drivecomm.commissioning.exploring import (
     exploring,
     forecasting,
     logbook_path,
-    read,
 )
 from drivecomm.commissioning.exploring.exploring import PAUSES_S
 from drivecomm.commissioning.parameter_sets import (
@@ -114,7 +113,7 @@ class Scripted:
     def on(self, *rest):
         plugin = installed["danfoss-fc"]
         way = course(plugin, load_model(plugin.package, "danfoss-fc", "vlt6000"), known=[], within=rest)
-        answers = carry_out(self, exploring(way, read, Forgetful(), lambda _step: None))
+        answers = carry_out(self, exploring(way, read_parameter, Forgetful(), lambda _step: None))
         return [answer.address for answer in answers if answer.told is not None]
 
 
@@ -338,7 +337,7 @@ def test_awaited(vabus):
         async with drivecomm.open_bus_async(vabus.port) as bus:
             drive = taken_for(bus, "vabus", "agile")
             way = way_to_grow(installed["vabus"], drive.model, ["29", "31"])
-            answers = await explore_async(drive, way, read)
+            answers = await explore_async(drive, way, read_parameter)
             return await back_up_everything_async(drive, within=["29"]), answers
 
     saved, answers = asyncio.run(found())

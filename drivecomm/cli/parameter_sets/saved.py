@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drivecomm.bus import carry_out
 from drivecomm.cli.exploring import kept_answers
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Drive, Model
@@ -17,12 +18,12 @@ from drivecomm.commissioning import addresses_in
 from drivecomm.commissioning.parameter_sets import (
     WRITABLE,
     back_up,
-    back_up_everything,
     compare as compared,
     factory_set,
     must_be_free,
     percent,
     read_set,
+    reading_everything,
     share_of,
     subject,
     way_through,
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from drivecomm import bus
-    from drivecomm.commissioning.parameter_sets import Comparison, Difference, Entry, ParameterSet, Part
+    from drivecomm.commissioning.parameter_sets import Comparison, Difference, Entry, ParameterSet, Part, Subject
     from drivecomm.protocol import DriveConfig, Model as KnownModel
 
 
@@ -79,21 +80,25 @@ def backup(
     with drive_of_set(line, drive, model) as one:
         of = subject(one)
         if everything:
-            _save_everything(one, file, within, line)
+            found = _save_everything(one, of, file, within, line)
         else:
             parts: tuple[Part, ...] = ("settings", "communication", "measured") if measured else WRITABLE
             with progress_bar("reading", shown=not line.json) as progress:
-                write_set(file, back_up(one, parts, progress=progress))
-    _show_saved(read_set(file), of.model, file, name, as_json=line.json)
+                found = back_up(one, parts, progress=progress)
+            write_set(file, found)
+    _show_saved(found, of.model, file, name, as_json=line.json)
     return 0
 
 
-def _save_everything(drive: bus.Drive, file: Path, within: list[str] | None, line: LineOptions) -> None:
-    chosen = None if within is None else addresses_in(within)
-    way = way_through(subject(drive), chosen)
+def _save_everything(
+    drive: bus.Drive, of: Subject, file: Path, within: list[str] | None, line: LineOptions
+) -> ParameterSet:
+    way = way_through(of, None if within is None else addresses_in(within))
     with kept_answers(file, drive, way, "values", line) as (logbook, progress):
-        write_set(file, back_up_everything(drive, logbook, within=chosen, progress=progress))
+        found = carry_out(drive, reading_everything(of, way, logbook, progress))
+        write_set(file, found)
         logbook.over()
+    return found
 
 
 def _show_saved(found: ParameterSet, model: KnownModel, file: Path, name: DriveConfig, *, as_json: bool) -> None:

@@ -5,7 +5,14 @@ from .course import (
     course as course,
     without_elements as without_elements,
 )
-from .exploring import Asks as Asks, Progress as Progress, Step as Step, exploring as exploring, read as read
+from .exploring import (
+    Asks as Asks,
+    Progress as Progress,
+    Step as Step,
+    exploring as exploring,
+    is_there as is_there,
+    unseen as unseen,
+)
 from .faces import explore as explore, explore_async as explore_async
 from .forecast import Forecast as Forecast, forecasting as forecasting
 from .identity import identity_told as identity_told, lasting as lasting

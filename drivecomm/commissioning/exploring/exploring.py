@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from drivecomm.bus import ask_status, read_parameter, sleep_until
+from drivecomm.bus import ask_status, sleep_until
 from drivecomm.commissioning.exploring.answers import Answer
 from drivecomm.errors import (
     DamagedReplyError,
@@ -55,9 +55,8 @@ Asks: TypeAlias = "Callable[[str], Callable[[Any], Any]]"
 """Makes the step that asks for an address; what it results in is what the drive told."""
 
 
-def read(address: str) -> Callable[[Any], Any]:
-    """Ask for a value."""
-    return read_parameter(address)
+def unseen(_step: Step) -> None:
+    """Show nothing."""
 
 
 def exploring(way: Course, asks: Asks, logbook: Remembers, progress: Progress) -> Procedure[list[Answer]]:
@@ -171,15 +170,15 @@ class _Work:
         except (UnexpectedReplyError, DamagedReplyError) as error:
             return Answer(address=address, reason=in_one_line(error))
         except ReplyError as error:
-            if (yield from _is_there()):
+            if (yield from is_there()):
                 # Some drives are silent where others refuse.
                 return Answer(address=address, absent=True, reason=in_one_line(error))
             return None
         return Answer(address=address, told=told)
 
 
-def _is_there() -> Procedure[bool]:
-    """Whether the drive answers something else."""
+def is_there() -> Procedure[bool]:
+    """Whether the drive answers something else, so that its silence was about one parameter."""
     try:
         yield ask_status()
     except ReplyError:

@@ -1,6 +1,6 @@
 from .comparing import Comparison as Comparison, Difference as Difference, compare as compare
 from .effect import model_of as model_of
-from .everything import way_through as way_through
+from .everything import reading_everything as reading_everything, way_through as way_through
 from .faces import (
     back_up as back_up,
     back_up_async as back_up_async,
@@ -36,7 +36,7 @@ from .parameter_set import (
     in_order as in_order,
     same as same,
 )
-from .reading_out import part_of as part_of, subject as subject
+from .reading_out import Subject as Subject, part_of as part_of, subject as subject
 from .restore_plan import Plan as Plan, Planned as Planned, RestoreOptions as RestoreOptions
 from .restoring import Restored as Restored
 from .share import Share as Share, percent as percent, share_of as share_of

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.commissioning.exploring import course, exploring, identity_told, lasting, read
+from drivecomm.bus import read_parameter
+from drivecomm.commissioning.exploring import course, exploring, identity_told, lasting
 from drivecomm.commissioning.parameter_sets.parameter_set import Entry, Explored, ParameterSet, in_order
 from drivecomm.commissioning.parameter_sets.reading_out import entry_of, firmware_told, part_of
 from drivecomm.protocol import Reading
@@ -36,7 +37,7 @@ def reading_everything(of: Subject, way: Course, logbook: Remembers, progress: P
     """
     identity = yield from identity_told()
     logbook.begin(lasting(identity))
-    answers = yield from exploring(way, read, logbook, progress)
+    answers = yield from exploring(way, read_parameter, logbook, progress)
     firmware = yield from firmware_told(of, identity)
     return _set_of(of, identity, answers, firmware)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.bus import carry_out, carry_out_async
-from drivecomm.commissioning.exploring import Forgetful as RemembersNothing
+from drivecomm.commissioning.exploring import Forgetful as RemembersNothing, unseen
 from drivecomm.commissioning.parameter_sets.everything import reading_everything, way_through
 from drivecomm.commissioning.parameter_sets.journal import Forgetful
 from drivecomm.commissioning.parameter_sets.parameter_set import SETTINGS, WRITABLE
@@ -30,10 +30,6 @@ def _silent(_address: str, _done: int, _total: int) -> None:
     """Show nothing."""
 
 
-def _unseen(_step: exploring.Step) -> None:
-    """Show nothing."""
-
-
 def back_up(drive: Drive, parts: Collection[Part] = WRITABLE, *, progress: Progress = _silent) -> ParameterSet:
     """Read the parameters of a drive: all data sets and array elements of those that its model knows.
 
@@ -48,7 +44,7 @@ def back_up_everything(
     logbook: exploring.Remembers | None = None,
     *,
     within: Collection[str] | None = None,
-    progress: exploring.Progress = _unseen,
+    progress: exploring.Progress = unseen,
 ) -> ParameterSet:
     """Read all that a drive holds, address by address; what its model does not know is kept as it came.
 
@@ -99,7 +95,7 @@ async def back_up_everything_async(
     logbook: exploring.Remembers | None = None,
     *,
     within: Collection[str] | None = None,
-    progress: exploring.Progress = _unseen,
+    progress: exploring.Progress = unseen,
 ) -> ParameterSet:
     """Read all that a drive holds, as `back_up_everything` does."""
     of = subject(drive)

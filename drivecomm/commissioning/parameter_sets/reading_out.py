@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import ask_status, read_parameter
-from drivecomm.commissioning.exploring import identity_told, lasting
+from drivecomm.bus import read_parameter
+from drivecomm.commissioning.exploring import identity_told, is_there, lasting
 from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet, in_order
 from drivecomm.errors import DriveError, ReplyError, UnexpectedReplyError, UsageError, in_one_line
 from drivecomm.models import quantities
@@ -101,12 +101,8 @@ def _reading(address: str, options: Mapping[str, Any]) -> Procedure[Reading]:
 
 def _must_be_there(error: ReplyError) -> Procedure[None]:
     """Raise the error unless the drive answers something else: then it is about the parameter."""
-    try:
-        yield ask_status()
-    except ReplyError:
+    if not (yield from is_there()):
         raise error from None
-    except DriveError:
-        return
 
 
 def entry_of(address: str, info: ParameterInfo, reading: Reading, part: Part, common: str) -> Entry:
