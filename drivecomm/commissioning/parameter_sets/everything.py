@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from drivecomm.bus import read_parameter
 from drivecomm.commissioning.exploring import course, exploring, identity_told, lasting
 from drivecomm.commissioning.parameter_sets.parameter_set import Entry, Explored, ParameterSet, in_order
-from drivecomm.commissioning.parameter_sets.reading_out import entry_of, firmware_told, part_of
+from drivecomm.commissioning.parameter_sets.reading_out import entry_of, firmware_told, values_known
 from drivecomm.protocol import Reading
 
 if TYPE_CHECKING:
@@ -44,10 +44,7 @@ def reading_everything(of: Subject, way: Course, logbook: Remembers, progress: P
 
 def _known(of: Subject) -> Mapping[str, tuple[ParameterInfo, Part]]:
     return {
-        address: (info, part)
-        for info in of.model.parameters.values()
-        if (part := part_of(info)) is not None and "r" in info.access
-        for address in of.addresses_of(info)
+        address: (info, part) for address, info, part in values_known(of.model, of.addresses_of) if "r" in info.access
     }
 
 
@@ -56,9 +53,8 @@ def _set_of(of: Subject, identity: Mapping[str, str], answers: list[Answer], fir
     entries: dict[str, Entry] = {}
     not_read = {
         address: "it can only be written"
-        for info in of.model.parameters.values()
-        if part_of(info) is not None and "r" not in info.access
-        for address in of.addresses_of(info)
+        for address, info, _ in values_known(of.model, of.addresses_of)
+        if "r" not in info.access
     }
     times = []
     for answer in answers:

@@ -13,7 +13,7 @@ from drivecomm.models import quantities
 from drivecomm.protocol import installed, resolve_options
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
     from datetime import datetime
 
     from drivecomm.bus import AsyncDrive, Drive, Procedure
@@ -50,12 +50,7 @@ def _read(
     of: Subject, parts: Collection[Part], options: Mapping[str, Any], identity: Mapping[str, str], progress: Progress
 ) -> Procedure[ParameterSet]:
     common = of.common_names()
-    wanted = [
-        (address, info, part)
-        for info in of.model.parameters.values()
-        if (part := part_of(info)) in parts and part is not None
-        for address in of.addresses_of(info)
-    ]
+    wanted = [each for each in values_known(of.model, of.addresses_of) if each[2] in parts]
     entries: dict[str, Entry] = {}
     not_read: dict[str, str] = {}
     time: datetime | None = None
@@ -173,6 +168,16 @@ def subject(drive: Drive | AsyncDrive) -> Subject:
     plugin = installed[protocol]
     _, options = resolve_options(plugin, drive.model, {})
     return Subject(drive.name, plugin, drive.model, options, drive.capabilities)
+
+
+def values_known(
+    model: Model, addresses_of: Callable[[ParameterInfo], Iterable[str]]
+) -> Iterator[tuple[str, ParameterInfo, Part]]:
+    """Yield the values that a model knows and that are no commands: address, parameter, part of a set."""
+    for info in model.parameters.values():
+        if (part := part_of(info)) is not None:
+            for address in addresses_of(info):
+                yield address, info, part
 
 
 def part_of(info: ParameterInfo) -> Part | None:

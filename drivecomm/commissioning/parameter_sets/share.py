@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from drivecomm.commissioning.parameter_sets.reading_out import part_of
+from drivecomm.commissioning.parameter_sets.reading_out import values_known
 from drivecomm.protocol import installed, resolve_options
 
 if TYPE_CHECKING:
@@ -34,11 +34,7 @@ def share_of(known: ParameterSet, model: Model) -> Share:
     """Return how much a set holds of what a model knows; model: that which the set was read with."""
     plugin = installed[known.protocol]
     _, options = resolve_options(plugin, model, {})
-    addresses = [
-        address
-        for info in model.parameters.values()
-        if part_of(info) is not None and "r" in info.access
-        for address in plugin.element_addresses(info, options)
-    ]
+    values = values_known(model, lambda info: plugin.element_addresses(info, options))
+    addresses = [address for address, info, _ in values if "r" in info.access]
     held = sum(address in known.entries for address in addresses)
     return Share(model=model.name, held=held, of=len(addresses))
